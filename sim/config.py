@@ -38,8 +38,8 @@ class Sampling(NamedTuple):
 
 
 SAMPLINGS: dict[SamplingName, Sampling] = {
-    "accurate": Sampling(8.0, 50_000, 1300.0, 3),
-    "fast": Sampling(8.0, 50_000, 850.0, 2),
+    "accurate": Sampling(12.0, 50_000, 1300.0, 3),
+    "fast": Sampling(12.0, 50_000, 850.0, 2),
     "linear": Sampling(0.5, 10_000, 0.0, 2),
 }
 Positive = Annotated[float, Field(gt=0)]

@@ -8,7 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.sim.compensation.range_kernels import cell_range, spread_most
+from eventsweep.sim.compensation.layer_search_kernels import Seen
+from eventsweep.sim.compensation.range_kernels import cell_depths, cell_range, spread_most
+from eventsweep.sim.rendering.base import Frame
+from eventsweep.sim.rendering.box_kernels import box_mean
 
 Image = NDArray[np.float32]
 
@@ -27,32 +30,49 @@ class Reach(NamedTuple):
     slope: Image
 
 
+class Depths(NamedTuple):
+    """Bounds of the inverse depth, 1/m, that comes within reach of each pixel.
+
+    Attributes:
+        nearest: (H + 2 B, W + 2 B) greatest inverse depth.
+        farthest: (H + 2 B, W + 2 B) least.
+    """
+
+    nearest: Image
+    farthest: Image
+
+
 class FineFrame:
     """What one camera sees at one time, between its pixels as well.
 
-    The light has `grid` nodes per pixel and axis (`sim.rendering.base.Frame`), the least z-depth of
-    each pixel is inf where there is no surface, and until the next frame no pixel moves further
-    than `reach_px`.
+    Made of a frame with samples (`sim.rendering.base.Frame`), `grid` of them per pixel and axis;
+    until the next frame no pixel moves further than `reach_px`.
     """
 
-    def __init__(self, light: Image, nearest_depth_m: Image, grid: int, reach_px: float) -> None:
-        height, width = nearest_depth_m.shape
-        self.light, self.grid, self.shape = light, grid, (height, width)
-        self.border_px = ((light.shape[1] - 1) // grid + 1 - width) // 2
-        self.rho = 1 / nearest_depth_m
+    def __init__(self, frame: Frame, grid: int, reach_px: float) -> None:
+        assert frame.samples is not None
+        self.pixels, self.samples, self.grid = frame.intensity, frame.samples, grid
+        self.shape = frame.intensity.shape
+        self.border_px = (self.samples.light.shape[1] // grid - self.shape[1]) // 2
+        self.rho = 1 / frame.nearest_depth_m
         self._reach_px = reach_px
 
     @cached_property
-    def pixels(self) -> Image:
-        """(H, W) light of the pixels themselves."""
-        return self.light[:: self.grid, :: self.grid][self._inner].copy()
+    def light(self) -> Image:
+        """(S (H + 2 B - 1) + 1, S (W + 2 B - 1) + 1) what a pixel would see in every place.
+
+        There are S places per pixel and axis; that of the sensor's first pixel lies B pixels from
+        the corner.
+        """
+        rows, columns = self.samples.light.shape
+        light = np.empty((rows - self.grid + 1, columns - self.grid + 1), np.float32)
+        box_mean(self.samples.light, self.grid, light)
+        return light
 
     @cached_property
     def reach(self) -> Reach:
         """How bright, how dark and how steep it is around each pixel."""
-        height, width = self.shape
-        wide = height + 2 * self.border_px, width + 2 * self.border_px
-        low, high, slope = (np.empty(wide, np.float32) for _ in range(3))
+        low, high, slope = (np.empty(self._wide, np.float32) for _ in range(3))
         cell_range(self.light, self.grid, low, high, slope)
         np.negative(low, out=low)
         # A place lies in the cell of its lower corner, and takes light from two nodes further.
@@ -61,6 +81,29 @@ class FineFrame:
         spread_most(high, around + 1, around)
         spread_most(slope, 1, 1)
         return Reach(-low[self._inner], high[self._inner].copy(), slope)
+
+    def seen(self, body: NDArray[np.uint16]) -> Seen:
+        """The same as compiled code takes it, where (H + 2 B, W + 2 B) pixels show these bodies."""
+        return Seen(*self.samples, self.light, *self._cells, body)
+
+    @cached_property
+    def depths(self) -> Depths:
+        """Which inverse depths come within reach of each pixel, with the border."""
+        nearest, farthest = self._cells[0].copy(), -self._cells[1]
+        around = int(np.ceil(self._reach_px)) + 1
+        spread_most(nearest, around, around)
+        spread_most(farthest, around, around)
+        return Depths(nearest, -farthest)
+
+    @cached_property
+    def _cells(self) -> tuple[Image, Image]:
+        nearest, farthest = (np.empty(self._wide, np.float32) for _ in range(2))
+        cell_depths(self.samples.inverse_depth_per_m, self.grid, nearest, farthest)
+        return nearest, farthest
+
+    @property
+    def _wide(self) -> tuple[int, int]:
+        return self.shape[0] + 2 * self.border_px, self.shape[1] + 2 * self.border_px
 
     @property
     def _inner(self) -> tuple[slice, slice]:

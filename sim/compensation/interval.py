@@ -19,7 +19,11 @@ from numpy.typing import NDArray
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import TERMS, Camera
 from eventsweep.sim.compensation.fine_frame import FineFrame, Image
+from eventsweep.sim.compensation.layer_kernels import fill_layered_depths, fill_layered_picture
+from eventsweep.sim.compensation.layer_search_kernels import find_layers
 from eventsweep.sim.compensation.path_kernels import fill_picture, fill_places, longest_way
+from eventsweep.sim.compensation.range_kernels import spread_most
+from eventsweep.sim.rendering.lens import widened_camera
 from eventsweep.sim.rendering.moving_bodies import BodyPixels
 
 Pose = NDArray[np.float64]
@@ -30,6 +34,9 @@ _TERMS = 5
 # Called with one tuple for many arguments, which type checkers do not follow.
 _longest_way: Any = longest_way
 _fill_places: Any = fill_places
+_find_layers: Any = find_layers
+_fill_layered_picture: Any = fill_layered_picture
+_fill_layered_depths: Any = fill_layered_depths
 
 
 @dataclass(frozen=True)
@@ -40,8 +47,8 @@ class Interval:
         before_us, after_us: times of the two frames, µs.
         ways: (K, 4, 4, 4) transforms of camera coordinates, of what stands still first, then of
             bodies that move by themselves; see `sim.compensation.path_kernels.TO_FIRST_MIDDLE`.
-        body_before, body_after: (H, W) whose surface each pixel of each frame shows, index of
-            `ways`.
+        body_before, body_after: (H + 2 B, W + 2 B) whose surface each pixel of each frame shows,
+            with its border, index of `ways`.
     """
 
     before_us: int
@@ -79,8 +86,11 @@ def interval_between(
     shape: tuple[int, int],
     bodies: tuple[BodyPixels, BodyPixels] | None = None,
     moved: Moved | None = None,
+    border_px: int = 0,
 ) -> Interval:
-    """Describes how one camera's view (H, W) changes between two times, µs.
+    """Describes how one camera's view changes between two times, µs.
+
+    `shape` is that of fine frames' pixels with their border, (H + 2 B, W + 2 B).
 
     The (4, 4) camera poses are those at the first frame, half-way in time and at the second. Where
     bodies move by themselves, `bodies` are their pixels in both frames, `moved` how their geoms go.
@@ -95,7 +105,7 @@ def interval_between(
         own = [moved(*span) for span in spans_us] if len(geoms) else []
         ways += [_ways(*T_world_cam, *(of_all[geom] for of_all in own)) for geom in geoms]
         for image, seen in zip(shown, bodies, strict=True):
-            columns, rows = seen.pixels_px.T
+            columns, rows = (seen.pixels_px + border_px).T
             image[rows, columns] = np.searchsorted(geoms, seen.geoms) + 1
     return Interval(*span_us, np.array(ways), *shown)
 
@@ -125,12 +135,40 @@ class Passage:
     after: FineFrame
     interval: Interval
 
-    @property
+    @cached_property
     def geometry(self) -> tuple[Any, ...]:
         """What `path_of` needs beside the pixel."""
         bearing, terms = lens_of(self.camera)
-        bodies = self.interval.body_before, self.interval.body_after
+        (height, width), border = self.before.shape, self.before.border_px
+        inner = slice(border, border + height), slice(border, border + width)
+        shown = self.interval.body_before, self.interval.body_after
+        bodies = (np.ascontiguousarray(body[inner]) for body in shown)
         return bearing, self.before.rho, self.after.rho, *bodies, self.interval.ways, terms
+
+    @cached_property
+    def layers(self) -> tuple[Any, ...]:
+        """Where one path is not enough: `Layers`, both frames as `Seen`, grid and border."""
+        interval, grid, border = self.interval, self.before.grid, self.before.border_px
+        seen = self.before.seen(interval.body_before), self.after.seen(interval.body_after)
+        wide = lens_of(widened_camera(self.camera, border)).bearing
+        a, b = self.before.depths, self.after.depths
+        spread = np.maximum(a.nearest, b.nearest) - np.minimum(a.farthest, b.farthest)
+        terms = lens_of(self.camera).terms
+        layers = _find_layers(
+            *seen, grid, border, wide, terms, interval.ways, spread, self._mixed()
+        )
+        return layers, *seen, grid, border
+
+    def _mixed(self) -> NDArray[np.bool_]:
+        """(H + 2 B, W + 2 B) whether several bodies come within reach of a pixel."""
+        shown = np.stack([self.interval.body_before, self.interval.body_after])
+        if not shown.any():
+            return np.zeros(shown.shape[1:], np.bool_)
+        most, least = shown.max(0).astype(np.float32), -shown.min(0).astype(np.float32)
+        for image in (most, least):
+            spread_most(image, self.before.border_px, self.before.border_px)
+        several: NDArray[np.bool_] = most != -least
+        return several
 
     def times_us(self, most_px: float) -> list[int]:
         """Rising times, µs, up to the second frame's, with no pixel moving further in between."""
@@ -153,6 +191,17 @@ class Passage:
         _fill_places(x, y, self.interval.share(t_us), *self.geometry, places)
         return places
 
+    def layered_depths(
+        self,
+        x: NDArray[np.uint16],
+        y: NDArray[np.uint16],
+        t_us: NDArray[np.int64],
+        depth_m: NDArray[np.float32],
+    ) -> None:
+        """Puts the nearest depth into (N,) `depth_m` where pixels see several surfaces."""
+        share, own = self.interval.share(t_us), (*lens_of(self.camera), self.interval.ways)
+        _fill_layered_depths(*self.layers, *own, x, y, share, depth_m)
+
     @cached_property
     def _paths(self) -> tuple[float, NDArray[np.float32]]:
         height, width = self.before.shape
@@ -165,4 +214,7 @@ class Passage:
         share = float(self.interval.share(np.array(t_us)))
         light = self.before.light, self.after.light
         fill_picture(*light, paths, self.before.grid, self.before.border_px, share, picture)
+        _fill_layered_picture(
+            *self.layers, *lens_of(self.camera), self.interval.ways, share, picture
+        )
         return picture

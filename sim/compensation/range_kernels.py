@@ -49,6 +49,37 @@ def cell_range(
             slope[i, j] = grid * np.sqrt(steep[j])
 
 
+@numba.njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
+def cell_depths(
+    inverse_depth: NDArray[np.float32],
+    grid: int,
+    nearest: NDArray[np.float32],
+    farthest: NDArray[np.float32],
+) -> None:
+    """Fills the greatest and the least inverse depth of each pixel's samples.
+
+    Args:
+        inverse_depth: (G H, G W), 1/m.
+        grid: G, samples per pixel and axis.
+        nearest: out, (H, W).
+        farthest: out, (H, W).
+    """
+    height, width = nearest.shape
+    most, least = np.empty((2, grid * width), np.float32)
+    for i in range(height):
+        for j in range(grid * width):
+            most[j] = least[j] = inverse_depth[grid * i, j]
+        for q in range(grid * i + 1, grid * (i + 1)):
+            for j in range(grid * width):
+                most[j] = max(most[j], inverse_depth[q, j])
+                least[j] = min(least[j], inverse_depth[q, j])
+        for j in range(width):
+            near, far = most[grid * j], least[grid * j]
+            for m in range(grid * j + 1, grid * (j + 1)):
+                near, far = max(near, most[m]), min(far, least[m])
+            nearest[i, j], farthest[i, j] = near, far
+
+
 @numba.njit(cache=True, nogil=True)
 def spread_most(values: NDArray[np.float32], before: int, behind: int) -> None:
     """Replaces each value by the greatest of its neighbourhood, in place; edges repeat.

@@ -22,8 +22,9 @@ from eventsweep.sim.compensation.interval import Interval, interval_between
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.motion import Motion
 from eventsweep.sim.rendering.adaptive_sampling import RigFrame, adaptive_frames
-from eventsweep.sim.rendering.base import Drawing, Renderer
+from eventsweep.sim.rendering.base import Drawing, Renderer, Samples
 from eventsweep.sim.rendering.drawing import MUJOCO
+from eventsweep.sim.rendering.lens import border_of, widened
 from eventsweep.sim.rendering.moving_bodies import MovingBodies
 from eventsweep.sim.sampling import border_px
 from eventsweep.sim.scene import Scene
@@ -31,6 +32,8 @@ from eventsweep.sim.scene import Scene
 # Chunks in which surfaces are drawn in one order; a new one costs a frame.
 _ORDERED_ALIKE = 8
 _LARGE_PX = 500_000
+# What bodies that move by themselves cover and uncover is taken from frames so close together.
+_BODIES_PX = 8.0
 TruthImages = dict[str, NDArray[Any]]
 
 
@@ -44,8 +47,7 @@ class RenderedFrame(NamedTuple):
         depth_m: per camera, (H, W) float32 nearest depth; none unless light is carried by it, or
             events are to have depth.
         truth: per camera, all ground truth by name; none unless this is one of its times.
-        light: per camera, light on a fine grid, see `sim.rendering.base.Frame`; none of plain
-            frames.
+        samples: per camera, see `sim.rendering.base.Frame`; none of plain frames.
         intervals: per camera, the way from the frame before; none of plain or first frames.
     """
 
@@ -54,7 +56,7 @@ class RenderedFrame(NamedTuple):
     intensity: tuple[NDArray[np.float32], ...]
     depth_m: tuple[NDArray[np.float32], ...]
     truth: tuple[TruthImages, ...]
-    light: tuple[NDArray[np.float32], ...] = ()
+    samples: tuple[Samples, ...] = ()
     intervals: tuple[Interval, ...] = ()
 
 
@@ -155,7 +157,10 @@ class ChunkRenderer:
         self._config = _capped(job)
         self._last: RigFrame | None = None
         self._ordered_for = -1
-        self._bodies = MovingBodies(renderer) if job.scene.animate is not None else None
+        self._drawn = widened(job.rig, border_px(job.config) or 0)
+        self._bodies = None
+        if job.scene.animate is not None:
+            self._bodies = MovingBodies(renderer, border_px=border_px(job.config))
 
     def frames(self, chunk: int, *, begins: bool) -> Iterator[RenderedFrame]:
         """What the cameras see after the chunk's beginning up to its end.
@@ -199,20 +204,21 @@ class ChunkRenderer:
             tuple(frame.intensity for frame in frames),
             tuple(frame.nearest_depth_m for frame in frames) if with_depth else (),
             self._truth(rig_frame) if rig_frame.t_us in job.truth_us else (),
-            tuple(frame.light for frame in frames if frame.light is not None),
+            tuple(frame.samples for frame in frames if frame.samples is not None),
             self._intervals(before, rig_frame) if before is not None and job.fine else (),
         )
 
     def _intervals(self, before: RigFrame, after: RigFrame) -> tuple[Interval, ...]:
         middle = self._motion.T_world_body(0.5e-6 * (before.t_us + after.t_us))
         rig, intervals = self.job.rig, []
-        for k, (camera, T) in enumerate(zip(rig.cameras, rig.T_body_cam, strict=True)):
+        for k, (camera, T) in enumerate(zip(self._drawn.cameras, rig.T_body_cam, strict=True)):
             poses = before.T_world_body @ T, middle @ T, after.T_world_body @ T
             shape = camera.height_px, camera.width_px
             bodies = (before.bodies[k], after.bodies[k]) if self._bodies else None
             moved = self._bodies.moved if self._bodies else None
             span_us = before.t_us, after.t_us
-            intervals.append(interval_between(span_us, poses, shape, bodies, moved))
+            border = border_of(rig.cameras[k], camera)
+            intervals.append(interval_between(span_us, poses, shape, bodies, moved, border))
         return tuple(intervals)
 
     def _truth(self, rig_frame: RigFrame) -> tuple[TruthImages, ...]:
@@ -271,8 +277,9 @@ def _capped(job: RenderJob) -> SimConfig:
     if job.scene.animate is None:
         return job.config
     # An animation's interval is for frames half a pixel apart.
-    own_us = round(job.scene.animate.max_interval_us * job.config.spacing_px / 0.5)
+    spacing_px = min(job.config.spacing_px, _BODIES_PX)
+    own_us = round(job.scene.animate.max_interval_us * spacing_px / 0.5)
     longest_us = min(job.config.longest_interval_us, own_us)
     shortest_us = min(job.config.min_frame_interval_us, longest_us)
     intervals = {"max_frame_interval_us": longest_us, "min_frame_interval_us": shortest_us}
-    return job.config.model_copy(update=intervals)
+    return job.config.model_copy(update=intervals | {"max_displacement_px": spacing_px})

@@ -14,6 +14,7 @@ from eventsweep.sim.compensation.interval import Passage, lens_of
 from eventsweep.sim.ground_truth import event_depth_m
 from eventsweep.sim.parallel.checkpoint import State
 from eventsweep.sim.parallel.render_job import RenderedFrame, RenderJob
+from eventsweep.sim.rendering.base import Frame
 from eventsweep.sim.sensor.sensor import Sensor, part_of
 
 
@@ -87,9 +88,9 @@ class Cameras:
             sensor.restore(part_of(state, str(k)))
 
     def _fine_frames(self, frame: RenderedFrame) -> tuple[FineFrame, ...]:
-        pairs = zip(frame.light, frame.depth_m, strict=False)
+        seen = zip(frame.intensity, frame.depth_m, frame.samples, strict=False)
         grid, reach_px = self._job.supersample, self._job.config.spacing_px
-        return tuple(FineFrame(*pair, grid, reach_px) for pair in pairs)
+        return tuple(FineFrame(Frame(*each), grid, reach_px) for each in seen)
 
     def _passages(self, fine: tuple[FineFrame, ...], frame: RenderedFrame) -> tuple[Passage, ...]:
         parts = self._job.rig.cameras, self._fine, fine, frame.intervals
@@ -107,5 +108,8 @@ class Cameras:
         if self._job.event_depth:
             span_us, depths_m = (before.t_us, frame.t_us), (before.depth_m[k], frame.depth_m[k])
             places = passage.places(events.x, events.y, events.t_us) if passage else None
-            extra["depth_m"] = event_depth_m(*depths_m, span_us, events, places)
+            depth_m = event_depth_m(*depths_m, span_us, events, places)
+            if passage:
+                passage.layered_depths(events.x, events.y, events.t_us, depth_m)
+            extra["depth_m"] = depth_m
         return Packet(events, extra)

@@ -15,6 +15,7 @@ import pickle
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
+from itertools import chain
 from multiprocessing import reduction
 from multiprocessing.connection import Connection
 from typing import Any
@@ -24,14 +25,12 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.processes import end_with_parent
-from eventsweep.sim.compensation.fine_frame import FineFrame
 from eventsweep.sim.graphics import worker_devices
 from eventsweep.sim.graphics.choice import DEVICE
 from eventsweep.sim.parallel.checkpoint import Stopped
 from eventsweep.sim.parallel.render_job import ChunkRenderer, RenderedFrame, RenderJob
 from eventsweep.sim.rendering import lens
-from eventsweep.sim.rendering.base import Renderer
-from eventsweep.sim.rendering.fine_light import light_shape
+from eventsweep.sim.rendering.base import Renderer, Samples
 from eventsweep.sim.sampling import border_px
 
 _BYTES_PER_WORKER = 192 << 20
@@ -75,17 +74,17 @@ def _attach(duplicate: Any) -> int:
 
 
 def _shapes(job: RenderJob) -> list[tuple[int, int]]:
-    """Of a frame's images: all cameras' intensity or light, then depth where it is needed."""
+    """Of a frame's images: all cameras' intensity, depth where needed, then both of samples."""
     shapes = [(camera.height_px, camera.width_px) for camera in job.rig.cameras]
     if job.fine:
-        return light_shapes(job) + shapes
+        return 2 * shapes + 2 * samples_shapes(job)
     return 2 * shapes if job.event_depth else shapes
 
 
-def light_shapes(job: RenderJob) -> list[tuple[int, int]]:
-    """Rows and columns of the light of each camera's fine frames."""
-    wide = lens.widened(job.rig, border_px(job.config) or 0)
-    return [light_shape(camera, job.supersample) for camera in wide.cameras]
+def samples_shapes(job: RenderJob) -> list[tuple[int, int]]:
+    """Rows and columns of the samples of each camera's fine frames."""
+    wide, n = lens.widened(job.rig, border_px(job.config) or 0), job.supersample
+    return [(n * camera.height_px, n * camera.width_px) for camera in wide.cameras]
 
 
 def slot_bytes(job: RenderJob) -> int:
@@ -173,13 +172,10 @@ class _RenderWorker:
 
     def _frame(self, sent: RenderedFrame, images: Images) -> RenderedFrame:
         cameras = len(self._job.rig)
-        first, depth_m = images[:cameras], images[cameras:]
-        if not self._job.fine:
-            return sent._replace(intensity=first, depth_m=depth_m)
-        n = self._job.supersample
-        fine = [FineFrame(*pair, n, 0) for pair in zip(first, depth_m, strict=True)]
-        intensity = tuple(frame.pixels for frame in fine)
-        return sent._replace(intensity=intensity, depth_m=depth_m, light=first)
+        parts = [images[k : k + cameras] for k in range(0, len(images), cameras)]
+        samples = tuple(Samples(*pair) for pair in zip(*parts[2:], strict=True))
+        depth_m = parts[1] if len(parts) > 1 else ()
+        return sent._replace(intensity=parts[0], depth_m=depth_m, samples=samples)
 
     def _receive(self) -> _Sent:
         try:
@@ -227,10 +223,10 @@ def _send(frame: RenderedFrame, pipe: Connection, slots: _Slots, free: list[int]
     while not free or pipe.poll():
         free.append(pipe.recv())
     slot = free.pop()
-    images = (frame.light or frame.intensity) + frame.depth_m
+    images = (*frame.intensity, *frame.depth_m, *chain(*zip(*frame.samples, strict=True)))
     for view, image in zip(slots.images(slot), images, strict=True):
         view[:] = image
-    pipe.send((slot, frame._replace(intensity=(), depth_m=(), light=())))
+    pipe.send((slot, frame._replace(intensity=(), depth_m=(), samples=())))
 
 
 def _check_sendable(job: RenderJob) -> None:

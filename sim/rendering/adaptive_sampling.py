@@ -47,7 +47,7 @@ class RigFrame(NamedTuple):
 
     def without_light(self) -> RigFrame:
         """What is needed to foresee motion from here: a fine frame's light is large."""
-        return self._replace(frames=tuple(frame._replace(light=None) for frame in self.frames))
+        return self._replace(frames=tuple(frame._replace(samples=None) for frame in self.frames))
 
 
 def truth_times_us(duration_us: int, interval_us: int, more_us: Sequence[int] = ()) -> list[int]:

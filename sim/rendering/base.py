@@ -23,6 +23,18 @@ if TYPE_CHECKING:
 Pose = NDArray[np.float64]
 
 
+class Samples(NamedTuple):
+    """The samples of a fine frame: S per pixel and axis, and B pixels beyond the sensor's edge.
+
+    Attributes:
+        light: (S (H + 2 B), S (W + 2 B)) float32, linear.
+        inverse_depth_per_m: of the same shape, float32, 1/z; 0 where there is no surface.
+    """
+
+    light: NDArray[np.float32]
+    inverse_depth_per_m: NDArray[np.float32]
+
+
 class Frame(NamedTuple):
     """One supersampled picture.
 
@@ -30,14 +42,12 @@ class Frame(NamedTuple):
         intensity: (H, W) float32, linear, 0 to 1; may exceed 1 where light is drawn as floats.
         nearest_depth_m: (H, W) float32, the least z-depth of each pixel's samples; inf where no
             sample meets a surface.
-        light: of a fine frame, (S (H + 2 B - 1) + 1, S (W + 2 B - 1) + 1) float32: what a pixel
-            would see in every place of a grid of S places per pixel; that of the sensor's first
-            pixel lies B pixels from the corner.
+        samples: of a fine frame, what its pixels are means of, and more around them.
     """
 
     intensity: NDArray[np.float32]
     nearest_depth_m: NDArray[np.float32]
-    light: NDArray[np.float32] | None = None
+    samples: Samples | None = None
 
 
 class Views(Protocol):
@@ -69,12 +79,22 @@ class Renderer(Views, AbstractContextManager[Any], Protocol):
         """All geoms by id: their names, and which move by themselves."""
 
     def depth(
-        self, camera: int, T_world_body: Pose, view: Camera | None = None
+        self,
+        camera: int,
+        T_world_body: Pose,
+        view: Camera | None = None,
+        *,
+        border: bool = False,
     ) -> NDArray[np.float32]:
-        """Z-depth (H, W) at pixels' centres, m, of a camera or another view from its place."""
+        """Z-depth (H, W) at pixels' centres, m, of a camera or another view from its place.
 
-    def segmentation(self, camera: int, T_world_body: Pose) -> NDArray[np.int32]:
-        """Geom id (H, W) at pixels' centres; -1 where there is none."""
+        With `border`, (H + 2 B, W + 2 B) of a fine frame.
+        """
+
+    def segmentation(
+        self, camera: int, T_world_body: Pose, *, border: bool = False
+    ) -> NDArray[np.int32]:
+        """Geom id (H, W) at pixels' centres, -1 where there is none; with a fine frame's border."""
 
     def T_world_geoms(self, t_s: float) -> Pose:
         """(G, 4, 4) poses of all geoms at a time; only asked for where bodies move."""

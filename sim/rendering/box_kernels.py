@@ -39,27 +39,70 @@ def box_mean(samples: NDArray[np.float32], supersample: int, light: NDArray[np.f
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
-def box_nearest(
-    window_depth: NDArray[np.float32], supersample: int, nearest: NDArray[np.float32]
-) -> None:
-    """Fills `nearest` (H, W), top row first, with the largest window depth of each pixel's samples.
+def inverse_depth(samples: NDArray[np.float32], near_m: float, far_m: float) -> None:
+    """Turns window depth, 1 at the near plane and 0 at the far one, into inverse depth, in place.
 
     Args:
-        window_depth: (S H, S W) window depth of the samples, 1 near and 0 far, bottom row first.
-        supersample: S, samples per pixel and axis.
-        nearest: out, (H, W).
+        samples: in and out, (Hs, Ws); 0 stays 0, for no surface.
+        near_m: where the near plane lies.
+        far_m: where the far plane lies.
     """
-    height, width = nearest.shape
-    row = np.empty(supersample * width, np.float32)
-    for i in range(height):
-        first = (height - 1 - i) * supersample
+    scale, least = np.float32(1 / near_m - 1 / far_m), np.float32(1 / far_m)
+    for i in range(len(samples)):
+        row = samples[i]
         for j in range(len(row)):
-            row[j] = window_depth[first, j]
-        for q in range(1, supersample):
+            row[j] = row[j] * scale + least if row[j] > 0 else np.float32(0)
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
+def nearest_of_pixels(
+    inverse_depth_per_m: NDArray[np.float32],
+    supersample: int,
+    border: int,
+    depth_m: NDArray[np.float32],
+) -> None:
+    """Fills `depth_m` (H, W) with the least depth of each pixel's samples; inf without a surface.
+
+    Args:
+        inverse_depth_per_m: (S (H + 2 B), S (W + 2 B)).
+        supersample: S, samples per pixel and axis.
+        border: B, pixels around the sensor.
+        depth_m: out.
+    """
+    height, width = depth_m.shape
+    row = np.empty(inverse_depth_per_m.shape[1], np.float32)
+    for i in range(height):
+        first = supersample * (i + border)
+        for j in range(len(row)):
+            row[j] = inverse_depth_per_m[first, j]
+        for q in range(first + 1, first + supersample):
             for j in range(len(row)):
-                row[j] = max(row[j], window_depth[first + q, j])
+                row[j] = max(row[j], inverse_depth_per_m[q, j])
         for j in range(width):
-            near = row[j * supersample]
-            for q in range(1, supersample):
-                near = max(near, row[j * supersample + q])
-            nearest[i, j] = near
+            near = np.float32(0)
+            for m in range(supersample * (j + border), supersample * (j + border + 1)):
+                near = max(near, row[m])
+            depth_m[i, j] = np.float32(1) / near if near > 0 else np.float32(np.inf)
+
+
+@numba.njit(cache=True, nogil=True)
+def pixel_means(
+    light: NDArray[np.float32], supersample: int, border: int, intensity: NDArray[np.float32]
+) -> None:
+    """Fills `intensity` (H, W) with the mean light of each pixel's samples.
+
+    Args:
+        light: (S (H + 2 B), S (W + 2 B)).
+        supersample: S, samples per pixel and axis.
+        border: B, pixels around the sensor.
+        intensity: out.
+    """
+    height, width = intensity.shape
+    share = np.float32(1.0 / (supersample * supersample))
+    for i in range(height):
+        for j in range(width):
+            total = np.float32(0)
+            for q in range(supersample * (i + border), supersample * (i + border + 1)):
+                for m in range(supersample * (j + border), supersample * (j + border + 1)):
+                    total += light[q, m]
+            intensity[i, j] = total * share

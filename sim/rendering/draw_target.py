@@ -7,6 +7,7 @@ light as 32-bit numbers, at the same cost.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -82,18 +83,19 @@ class DrawTarget:
         self._objects.free()
 
 
-def sharpen_textures(context: Any) -> None:
+def sharpen_textures(context: Any, stride: int = 1) -> None:
     """Takes textures one step finer than a sample is wide, in the current graphics context.
 
     The mean over a pixel's samples removes what that leaves too sharp; the blur that it takes away
     costs 5 % of the events (page `simulator`). For the same reason the nearest size of a texture
-    does, where software would spend a fifth of its time on the mean of two.
+    does, where software would spend a fifth of its time on the mean of two. In a picture's samples
+    all but every `stride`-th are missing.
     """
     gl = opengl()
-    targets = gl.GL_TEXTURE_2D, gl.GL_TEXTURE_CUBE_MAP
+    targets, bias = (gl.GL_TEXTURE_2D, gl.GL_TEXTURE_CUBE_MAP), _LOD_BIAS - math.log2(stride)
     textures = context.texture[: context.ntexture]
     for kind, texture in zip(context.textureType, textures, strict=False):
         target = targets[int(bool(kind))]
         gl.glBindTexture(target, int(texture))
-        gl.glTexParameterf(target, gl.GL_TEXTURE_LOD_BIAS, _LOD_BIAS)
+        gl.glTexParameterf(target, gl.GL_TEXTURE_LOD_BIAS, bias)
         gl.glTexParameteri(target, gl.GL_TEXTURE_MIN_FILTER, gl.GL_LINEAR_MIPMAP_NEAREST)

@@ -1,28 +1,47 @@
-"""From the samples that were drawn to the light of fine frames: what there is to do, and by a CPU.
+"""From what was drawn to the samples of fine frames: what there is to do, and by a CPU.
 
 `sim.rendering.light_shader` is the other way, a GPU's.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.sim.rendering import box_kernels, pixel_kernels
+from eventsweep.sim.rendering import pixel_kernels
+from eventsweep.sim.rendering.base import Samples
 from eventsweep.sim.rendering.draw_target import DrawTarget
-from eventsweep.sim.rendering.lens import LensMap
+from eventsweep.sim.rendering.lens import LensMap, border_of
 
 Image = NDArray[np.float32]
 
 
-def light_shape(drawn: Camera, supersample: int) -> tuple[int, int]:
-    """Rows and columns of the light of what is drawn: of boxes of S x S samples."""
-    n = supersample
-    return n * (drawn.height_px - 1) + 1, n * (drawn.width_px - 1) + 1
+class Picture(NamedTuple):
+    """One picture that is drawn: every k-th row of a view's samples.
+
+    Attributes:
+        camera: the pinhole camera that is drawn.
+        samples: per pixel, along a row and along a column.
+        first_row: the first of the view's rows that is in it.
+    """
+
+    camera: Camera
+    samples: tuple[int, int]
+    first_row: int
+
+
+def pictures_per_view(supersample: int) -> int:
+    """How many pictures make the samples of a view: rows of each lie beside those of the others.
+
+    A vertical edge passes a sample in all rows of a regular grid at the same time. In k pictures,
+    each k-th of a sample to the side, it passes one after the other, k S of them in a pixel.
+    """
+    return 2 if supersample % 2 == 0 else 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +58,30 @@ class FineView:
     supersample: int
 
     @property
-    def source(self) -> tuple[Camera, int]:
-        """The pinhole camera that is drawn, and its samples per pixel and axis."""
-        return (self.lens.source, 1) if self.lens else (self.drawn, self.supersample)
+    def stride(self) -> int:
+        """Between the rows of one picture, in rows of the view."""
+        return 1 if self.lens else pictures_per_view(self.supersample)
+
+    def pictures(self) -> Iterator[Picture]:
+        """All that is drawn for it."""
+        if self.lens:
+            yield Picture(self.lens.source, (1, 1), 0)
+            return
+        n, k = self.supersample, self.stride
+        for row in range(k):
+            # From the middle of this picture's samples to where they shall lie, px.
+            right, down = ((row + 0.5) / k - 0.5) / n, (row + 0.5 - 0.5 * k) / n
+            cx_px, cy_px = self.drawn.cx_px - right, self.drawn.cy_px - down
+            camera = replace(self.drawn, cx_px=cx_px, cy_px=cy_px)
+            yield Picture(camera, (n, n // k), row)
 
     @property
-    def source_shape(self) -> tuple[int, int]:
-        """Rows and columns of what is drawn."""
-        camera, samples = self.source
-        return samples * camera.height_px, samples * camera.width_px
+    def picture_shape(self) -> tuple[int, int]:
+        """Rows and columns of each picture."""
+        if self.lens:
+            return self.lens.source.height_px, self.lens.source.width_px
+        n = self.supersample
+        return n // self.stride * self.drawn.height_px, n * self.drawn.width_px
 
     @property
     def samples_shape(self) -> tuple[int, int]:
@@ -55,14 +89,9 @@ class FineView:
         return self.supersample * self.drawn.height_px, self.supersample * self.drawn.width_px
 
     @property
-    def light_shape(self) -> tuple[int, int]:
-        """Rows and columns of boxes of S x S samples."""
-        return light_shape(self.drawn, self.supersample)
-
-    @property
     def border_px(self) -> int:
         """How far `drawn` reaches beyond the sensor."""
-        return (self.drawn.width_px - self.sensor.width_px) // 2
+        return border_of(self.sensor, self.drawn)
 
     @property
     def inner(self) -> tuple[slice, slice]:
@@ -72,14 +101,14 @@ class FineView:
 
 
 class FineLight(Protocol):
-    """Turns what was drawn last into light."""
+    """Turns what was drawn last into samples."""
 
     @property
     def by(self) -> str:
         """How, for a sequence's manifest; empty where that is as ever."""
 
-    def light(self, view: FineView) -> tuple[Image, Image]:
-        """The light on the grid, and the nearest window depth (H, W) in the sensor's pixels."""
+    def take(self, view: FineView, picture: Picture, samples: Samples) -> None:
+        """Fills the samples that are in a picture: light, and window depth, 1 near and 0 far."""
 
     def free(self) -> None:
         """Frees its part of the graphics context, which must be current."""
@@ -94,33 +123,28 @@ class KernelLight:
     def __init__(self, target: DrawTarget, by: str = "") -> None:
         self.by = by
         self._target = target
-        self._memory = [np.empty(0, np.float32)] * 2
+        self._memory = np.empty(0, np.float32)
 
-    def light(self, view: FineView) -> tuple[Image, Image]:
+    def take(self, view: FineView, picture: Picture, samples: Samples) -> None:
         """See `FineLight`."""
-        n, full_scale = view.supersample, self._target.full_scale
-        rgb, window_depth = self._target.read(*view.source_shape)
-        nearest = np.empty((view.drawn.height_px, view.drawn.width_px), np.float32)
-        samples = self._scratch(0, view.samples_shape)
-        if view.lens is None:
-            pixel_kernels.luma(rgb, full_scale, samples, True)
-            box_kernels.box_nearest(window_depth, n, nearest)
-        else:
-            luma = self._scratch(1, view.source_shape)
+        full_scale, k = self._target.full_scale, view.stride
+        rgb, window_depth = self._target.read(*view.picture_shape)
+        if view.lens is not None:
+            luma = self._scratch(view.picture_shape)
             pixel_kernels.luma(rgb, full_scale, luma)
-            pixel_kernels.resampled(
-                luma, window_depth, view.lens.position, view.lens.step, n, samples, nearest
-            )
-        light = np.empty(view.light_shape, np.float32)
-        box_kernels.box_mean(samples, n, light)
-        return light, nearest[view.inner]
+            lens, n = view.lens, view.supersample
+            pixel_kernels.resampled(luma, window_depth, lens.position, lens.step, n, *samples)
+            return
+        light, depth = (part[picture.first_row :: k] for part in samples)
+        pixel_kernels.luma(rgb, full_scale, light, True)
+        depth[:] = window_depth[::-1]
 
-    def _scratch(self, which: int, shape: tuple[int, int]) -> Image:
+    def _scratch(self, shape: tuple[int, int]) -> Image:
         """Memory for the time of a frame: to get it anew costs as much as to fill it."""
         size = shape[0] * shape[1]
-        if self._memory[which].size < size:
-            self._memory[which] = np.empty(size, np.float32)
-        return self._memory[which][:size].reshape(shape)
+        if self._memory.size < size:
+            self._memory = np.empty(size, np.float32)
+        return self._memory[:size].reshape(shape)
 
     def free(self) -> None:
         """Nothing to free."""

@@ -134,12 +134,18 @@ def lens_of(rig: Rig, k: int, supersample: int) -> LensMap | None:
 
 def widened(rig: Rig, border_px: int) -> Rig:
     """The rig with sensors that reach `border_px` further on all sides, or as far as lenses do."""
-    cameras = tuple(_widened(camera, border_px) for camera in rig.cameras)
+    cameras = tuple(widened_camera(camera, border_px) for camera in rig.cameras)
     return replace(rig, cameras=cameras)
 
 
+def border_of(camera: Camera, drawn: Camera) -> int:
+    """How far a camera of `widened` reaches beyond the original, px."""
+    return (drawn.width_px - camera.width_px) // 2
+
+
 @lru_cache(maxsize=16)
-def _widened(camera: Camera, border_px: int) -> Camera:
+def widened_camera(camera: Camera, border_px: int) -> Camera:
+    """The camera with a sensor that reaches so much further, or as far as its lens does."""
     wide = replace(
         camera,
         width_px=camera.width_px + 2 * border_px,
@@ -149,7 +155,7 @@ def _widened(camera: Camera, border_px: int) -> Camera:
     )
     if border_px == 0 or camera.model == "pinhole" or not np.isnan(wide.bearing_table()).any():
         return wide
-    return _widened(camera, border_px - 1)
+    return widened_camera(camera, border_px - 1)
 
 
 def buffer_size(rig: Rig, lenses: tuple[LensMap | None, ...], supersample: int) -> tuple[int, int]:

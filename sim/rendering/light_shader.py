@@ -1,8 +1,7 @@
-"""The light of fine frames, worked out where a GPU has the samples: one float picture comes back.
+"""The samples of fine frames, worked out where a GPU has them: two float pictures come back.
 
-The same arithmetic as `pixel_kernels` and `box_kernels` do, operation by operation, in passes over
-the picture: samples to luma (through a lens: bilinear, where its table says), sums of S samples
-down, sums of S to the right; and the nearest depth in every pixel. `precise` keeps a compiler from
+The same arithmetic as `pixel_kernels` does, operation by operation, in passes over the picture:
+luma and depth of all samples, through a lens where its table says. `precise` keeps a compiler from
 joining product and sum into one rounding, which would move what a lens sees by 1e-4 of a sample.
 """
 
@@ -16,30 +15,19 @@ from typing import NamedTuple
 import numpy as np
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.sim.rendering.base import Samples
 from eventsweep.sim.rendering.draw_target import DrawTarget
-from eventsweep.sim.rendering.fine_light import FineView, Image
+from eventsweep.sim.rendering.fine_light import FineView, Image, Picture
 from eventsweep.sim.rendering.gl_objects import GLObjects, opengl
-from eventsweep.sim.rendering.pixel_kernels import LUMA
+from eventsweep.sim.rendering.pixel_kernels import LUMA, SAME_SURFACE
 
 _HEADER = "#version 400 compatibility\n"
 _VERTEX = _HEADER + "void main() { gl_Position = gl_Vertex; }\n"
 # What a pass reads, by texture unit.
-_SAMPLERS = "picture", "position", "slope"
+_SAMPLERS = "picture", "depths", "position", "slope"
 # What MuJoCo may leave switched on that would keep a pass from writing its numbers.
 _SWITCHES = ("DEPTH_TEST", "STENCIL_TEST", "SCISSOR_TEST", "ALPHA_TEST", "BLEND", "CULL_FACE",
              "DITHER", "CLIP_PLANE0")  # fmt: skip
-
-_SUM = """
-uniform sampler2D picture;
-out float sum;
-void main() {
-    ivec2 at = ivec2(gl_FragCoord.xy);
-    precise float total = texelFetch(picture, at, 0).r;
-    for (int q = 1; q < %(S)d; ++q) total += texelFetch(picture, at + q * ivec2(%(along)s), 0).r;
-    precise float scaled = total * %(share)s;
-    sum = scaled;
-}
-"""
 
 _LUMA = """
 uniform sampler2D picture;
@@ -73,56 +61,45 @@ void main() {
 """
 )
 
-_LENS_SAMPLES = (
-    _LUMA
-    + _LENS
-    + """
+_DEPTHS = """
+uniform sampler2D picture;
+out float depth;
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    depth = texelFetch(picture, ivec2(at.x, %(last_row)d - at.y), 0).r;
+}
+"""
+
+# As `pixel_kernels.sample_of_one_surface`: `value` is the luma or the depth of a sample.
+_LENS_BODY = """
+uniform sampler2D depths;
+float far_or_near(ivec2 at) { return texelFetch(depths, at, 0).r; }
 out float light;
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy), pixel = at / %(S)d;
     vec2 found = place(pixel, at - %(S)d * pixel);
-    ivec2 corner = ivec2(found);
+    ivec2 corner = ivec2(found), right = corner + ivec2(1, 0);
+    ivec2 up = corner + ivec2(0, 1), both = corner + ivec2(1, 1);
     precise vec2 share = found - vec2(corner);
-    float low = luma(corner), high = luma(corner + ivec2(0, 1));
-    precise float below = low + share.x * (luma(corner + ivec2(1, 0)) - low);
-    precise float above = high + share.x * (luma(corner + ivec2(1, 1)) - high);
+    float d00 = far_or_near(corner), d01 = far_or_near(right);
+    float d10 = far_or_near(up), d11 = far_or_near(both);
+    float near = max(max(d00, d01), max(d10, d11)), far = min(min(d00, d01), min(d10, d11));
+    precise float apart = near - far, limit = %(same)s * near;
+    if (apart > limit) {
+        light = value(corner + ivec2(int(share.x >= 0.5), int(share.y >= 0.5)));
+        return;
+    }
+    float low = value(corner), high = value(up);
+    precise float below = low + share.x * (value(right) - low);
+    precise float above = high + share.x * (value(both) - high);
     precise float between = below + share.y * (above - below);
     light = between;
 }
 """
-)
-
-_NEAREST = """
-uniform sampler2D picture;
-out float nearest;
-void main() {
-    ivec2 corner = %(S)d * (ivec2(gl_FragCoord.xy) + %(border)d);
-    nearest = 0.0;
-    for (int k = 0; k < %(S)d; ++k) for (int m = 0; m < %(S)d; ++m) {
-        ivec2 at = ivec2(corner.x + m, %(last_row)d - corner.y - k);
-        nearest = max(nearest, texelFetch(picture, at, 0).r);
-    }
-}
-"""
-
-_LENS_NEAREST = (
+_LENS_SAMPLES = _LUMA + _LENS + "float value(ivec2 at) { return luma(at); }" + _LENS_BODY
+_LENS_DEPTHS = _LENS + (
     "uniform sampler2D picture;"
-    + _LENS
-    + """
-out float nearest;
-void main() {
-    ivec2 pixel = ivec2(gl_FragCoord.xy) + %(border)d;
-    nearest = 0.0;
-    for (int k = 0; k < %(S)d; ++k) for (int m = 0; m < %(S)d; ++m) {
-        ivec2 at = ivec2(place(pixel, ivec2(m, k)));
-        float below = max(texelFetch(picture, at, 0).r,
-                          texelFetch(picture, at + ivec2(1, 0), 0).r);
-        float above = max(texelFetch(picture, at + ivec2(0, 1), 0).r,
-                          texelFetch(picture, at + ivec2(1, 1), 0).r);
-        nearest = max(nearest, max(below, above));
-    }
-}
-"""
+    "float value(ivec2 at) { return texelFetch(picture, at, 0).r; }" + _LENS_BODY
 )
 
 
@@ -148,9 +125,7 @@ class _Passes(NamedTuple):
     """What one camera needs: programs, and the textures of its lens."""
 
     samples: int
-    down: int
-    right: int
-    nearest: int
+    depths: int
     lens: tuple[int, ...]
 
 
@@ -176,17 +151,16 @@ class ShaderLight:
         # Cameras that are alike share what they need.
         compiled = cache(self._compiled)
         rows, columns = np.max([view.samples_shape for view in views], axis=0).tolist()
-        self._pictures = self._picture(columns, rows), self._picture(columns, rows)
+        self._picture = self._made(columns, rows)
         self._passes = {view: self._passes_of(view, compiled) for view in views}
 
-    def _picture(self, width_px: int, height_px: int) -> _Picture:
+    def _made(self, width_px: int, height_px: int) -> _Picture:
         texture = self._objects.texture("GL_R32F", width_px, height_px)
         return _Picture(texture, self._objects.framebuffer(texture))
 
     def _passes_of(self, view: FineView, compiled: Callable[[str], int]) -> _Passes:
-        n, mapped = view.supersample, view.lens
-        named = self._constants(view)
-        samples, nearest = (_LENS_SAMPLES, _LENS_NEAREST) if mapped else (_SAMPLES, _NEAREST)
+        mapped, named = view.lens, self._constants(view)
+        samples, depths = (_LENS_SAMPLES, _LENS_DEPTHS) if mapped else (_SAMPLES, _DEPTHS)
         tables: tuple[int, ...] = ()
         if mapped is not None:
             height_px, width_px = mapped.position.shape[:2]
@@ -195,13 +169,7 @@ class ShaderLight:
                 self._objects.texture("GL_RG32F", width_px, height_px, mapped.position),
                 self._objects.texture("GL_RGBA32F", width_px, height_px, slope),
             )
-        return _Passes(
-            compiled(samples % named),
-            compiled(_SUM % {"S": n, "along": "0, 1", "share": _number(1 / (n * n))}),
-            compiled(_SUM % {"S": n, "along": "1, 0", "share": _number(1)}),
-            compiled(nearest % named),
-            tables,
-        )
+        return _Passes(compiled(samples % named), compiled(depths % named), tables)
 
     def _constants(self, view: FineView) -> dict[str, object]:
         """What differs between cameras, as a shader writes it."""
@@ -209,7 +177,7 @@ class ShaderLight:
         texel = "texelFetch(picture, at, 0).rgb"
         red, green, blue = (_number(weight / full_scale) for weight in LUMA)
         return {
-            "S": n, "border": view.border_px, "last_row": view.source_shape[0] - 1,
+            "S": n, "last_row": view.picture_shape[0] - 1, "same": _number(float(SAME_SURFACE)),
             "rgb": texel if self._target.floats else f"floor({texel} * 255.0 + 0.5)",
             "red": red, "green": green, "blue": blue,
             "offsets": ", ".join(_number((k + 0.5) / n - 0.5) for k in range(n)),
@@ -223,18 +191,15 @@ class ShaderLight:
         gl.glUseProgram(0)
         return program
 
-    def light(self, view: FineView) -> tuple[Image, Image]:
+    def take(self, view: FineView, picture: Picture, samples: Samples) -> None:
         """See `fine_light.FineLight`."""
-        passes, (first, second) = self._passes[view], self._pictures
-        rows, columns = view.samples_shape
-        light_rows, light_columns = view.light_shape
-        seen = view.sensor.height_px, view.sensor.width_px
+        passes, target, k = self._passes[view], self._target, view.stride
+        shape = view.samples_shape if view.lens else view.picture_shape
+        drawn = (passes.samples, target.colour), (passes.depths, target.depth)
         with self._flat():
-            self._draw(passes.samples, first, (rows, columns), self._target.colour, *passes.lens)
-            self._draw(passes.down, second, (light_rows, columns), first.texture)
-            self._draw(passes.right, first, (light_rows, light_columns), second.texture)
-            self._draw(passes.nearest, second, seen, self._target.depth, *passes.lens)
-            return self._read(first, view.light_shape), self._read(second, seen)
+            for (program, texture), part in zip(drawn, samples, strict=True):
+                self._draw(program, shape, texture, target.depth, *passes.lens)
+                part[picture.first_row :: k] = self._read(shape)
 
     @contextmanager
     def _flat(self) -> Iterator[None]:
@@ -250,11 +215,9 @@ class ShaderLight:
             gl.glPopAttrib()
             self._target.bind()
 
-    def _draw(
-        self, program: int, picture: _Picture, shape: tuple[int, int], *textures: int
-    ) -> None:
+    def _draw(self, program: int, shape: tuple[int, int], *textures: int) -> None:
         gl, (rows, columns) = self._gl, shape
-        gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, picture.framebuffer)
+        gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, self._picture.framebuffer)
         gl.glViewport(0, 0, columns, rows)
         gl.glUseProgram(program)
         for unit, texture in enumerate(textures):
@@ -262,9 +225,9 @@ class ShaderLight:
             gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
         gl.glRectf(-1, -1, 1, 1)
 
-    def _read(self, picture: _Picture, shape: tuple[int, int]) -> Image:
+    def _read(self, shape: tuple[int, int]) -> Image:
         gl, numbers = self._gl, np.empty(shape, np.float32)
-        gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, picture.framebuffer)
+        gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, self._picture.framebuffer)
         gl.glReadPixels(0, 0, shape[1], shape[0], gl.GL_RED, gl.GL_FLOAT, numbers)
         return numbers
 

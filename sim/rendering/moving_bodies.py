@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.geometry import se3
 from eventsweep.sim.rendering.base import Pose, Renderer, moving_ids
+from eventsweep.sim.rendering.lens import border_of, widened
 
 # Poses are asked for again within few steps, by every camera and both ways.
 _RECENT = 64
@@ -20,7 +21,7 @@ class BodyPixels(NamedTuple):
     """The pixels of one camera that show bodies which move by themselves.
 
     Attributes:
-        pixels_px: (N, 2) column and row.
+        pixels_px: (N, 2) column and row; those of a fine frame's border lie beyond the sensor.
         points_m: (N, 3) their surface points in the camera frame, m.
         geoms: (N,) geom ids.
     """
@@ -33,8 +34,10 @@ class BodyPixels(NamedTuple):
 class MovingBodies:
     """The geoms that a renderer moves; exact, because their poses are a function of time."""
 
-    def __init__(self, renderer: Renderer) -> None:
+    def __init__(self, renderer: Renderer, *, border_px: int | None = None) -> None:
         self._renderer, self.moves = renderer, moving_ids(renderer)
+        self._border = border_px is not None
+        self._drawn = widened(renderer.rig, border_px or 0)
         self._recent: dict[int, Pose] = {}
 
     def poses(self, t_us: int) -> Pose:
@@ -52,24 +55,27 @@ class MovingBodies:
     def seen(self, T_world_body: Pose) -> tuple[BodyPixels, ...]:
         """Per camera, the pixels whose centres show a moving body from `T_world_body` (4, 4).
 
-        `renderer.at` must have been called.
+        Those of fine frames' borders are among them where there are such. `renderer.at` must have
+        been called.
         """
         return tuple(self._seen(k, T_world_body) for k in range(len(self._renderer.rig)))
 
     def _seen(self, k: int, T_world_body: Pose) -> BodyPixels:
-        geoms = self._renderer.segmentation(k, T_world_body)
+        geoms = self._renderer.segmentation(k, T_world_body, border=self._border)
         # At the centre: a frame's nearest depth is off by too much where a face is seen edge on.
-        depth_m = self._renderer.depth(k, T_world_body).astype(np.float64)
+        depth_m = self._renderer.depth(k, T_world_body, border=self._border).astype(np.float64)
         # A direction without a ray has no bearing, and one without a surface no depth.
         known = np.isfinite(depth_m) & np.isfinite(self._bearings[k][..., 0])
         rows, columns = np.nonzero(self.moves[geoms] & known)
         rays = np.column_stack([self._bearings[k][rows, columns], np.ones(len(rows))])
         points_m = rays * depth_m[rows, columns, None]
-        return BodyPixels(np.stack([columns, rows], -1), points_m, geoms[rows, columns])
+        border = border_of(self._renderer.rig.cameras[k], self._drawn.cameras[k])
+        pixels_px = np.stack([columns, rows], -1) - border
+        return BodyPixels(pixels_px, points_m, geoms[rows, columns])
 
     @cached_property
     def _bearings(self) -> list[NDArray[np.float64]]:
-        return [camera.bearing_table() for camera in self._renderer.rig.cameras]
+        return [camera.bearing_table() for camera in self._drawn.cameras]
 
     def moved_px(
         self,

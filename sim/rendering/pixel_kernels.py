@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
+SAME_SURFACE = np.float32(0.02)
+"""Window depths of neighbouring samples of one surface differ by less than this share."""
 # Rec. 709 luma of linear RGB; the last bit makes white exactly 1.
 LUMA = (0.2126, 0.7152, 0.0722)
 
@@ -164,6 +166,38 @@ def resample(
             nearest[v, u] = near
 
 
+@numba.njit(cache=True, nogil=True, inline="always")
+def sample_of_one_surface(
+    luma: NDArray[np.float32],
+    window_depth: NDArray[np.float32],
+    position: NDArray[np.float32],
+    step: NDArray[np.float32],
+    u: int,
+    v: int,
+    du: np.float32,
+    dv: np.float32,
+) -> tuple[np.float32, np.float32]:
+    """Light and window depth of a source picture: bilinear, but never of two surfaces at once.
+
+    Where the four samples around the place lie on more than one surface, that of the nearest
+    sample. Arguments as in `sample_at`.
+    """
+    x = position[v, u, 0] + step[v, u, 0, 0] * du + step[v, u, 0, 1] * dv
+    y = position[v, u, 1] + step[v, u, 1, 0] * du + step[v, u, 1, 1] * dv
+    j, i, one, half = np.uint64(x), np.uint64(y), np.uint64(1), np.float32(0.5)
+    a, b = x - np.float32(j), y - np.float32(i)
+    d00, d01 = window_depth[i, j], window_depth[i, j + one]
+    d10, d11 = window_depth[i + one, j], window_depth[i + one, j + one]
+    near, far = max(max(d00, d01), max(d10, d11)), min(min(d00, d01), min(d10, d11))
+    if near - far > SAME_SURFACE * near:
+        p, q = i + np.uint64(b >= half), j + np.uint64(a >= half)
+        return luma[p, q], window_depth[p, q]
+    below = luma[i, j] + a * (luma[i, j + one] - luma[i, j])
+    above = luma[i + one, j] + a * (luma[i + one, j + one] - luma[i + one, j])
+    d_below, d_above = d00 + a * (d01 - d00), d10 + a * (d11 - d10)
+    return below + b * (above - below), d_below + b * (d_above - d_below)
+
+
 @numba.njit(cache=True, nogil=True)
 def resampled(
     luma: NDArray[np.float32],
@@ -171,10 +205,10 @@ def resampled(
     position: NDArray[np.float32],
     step: NDArray[np.float32],
     supersample: int,
-    samples: NDArray[np.float32],
-    nearest: NDArray[np.float32],
+    light: NDArray[np.float32],
+    depth: NDArray[np.float32],
 ) -> None:
-    """Fills the samples of a sensor behind a lens, bilinear, and each pixel's nearest depth.
+    """Fills the samples of a sensor behind a lens.
 
     Args:
         luma: (Hs, Ws) light of the source picture, bottom row first.
@@ -182,21 +216,20 @@ def resampled(
         position: `LensMap.position`.
         step: `LensMap.step`.
         supersample: S, samples per pixel and axis.
-        samples: out, (S H, S W), top row first.
-        nearest: out, (H, W), largest window depth of all source samples that took part.
+        light: out, (S H, S W), top row first.
+        depth: out, (S H, S W), window depth.
     """
-    height, width = nearest.shape
+    height, width = position.shape[:2]
     for v in range(height):
         for u in range(width):
-            near = np.float32(0.0)
             for k in range(supersample):
                 dv = np.float32((k + 0.5) / supersample - 0.5)
                 for m in range(supersample):
                     du = np.float32((m + 0.5) / supersample - 0.5)
-                    light, depth = sample_at(luma, window_depth, position, step, u, v, du, dv)
-                    samples[v * supersample + k, u * supersample + m] = light
-                    near = max(near, depth)
-            nearest[v, u] = near
+                    y, x = v * supersample + k, u * supersample + m
+                    light[y, x], depth[y, x] = sample_of_one_surface(
+                        luma, window_depth, position, step, u, v, du, dv
+                    )
 
 
 @numba.njit(cache=True, nogil=True)

@@ -19,8 +19,8 @@ from eventsweep.sim.geoms import DrawOrder, enclosing_geom, geom_table
 from eventsweep.sim.graphics import current_driver, import_mujoco, open_context
 from eventsweep.sim.mjcf import compiled
 from eventsweep.sim.motion.animation import Animation
-from eventsweep.sim.rendering import lens, pixel_kernels
-from eventsweep.sim.rendering.base import Frame, Pose
+from eventsweep.sim.rendering import box_kernels, lens, pixel_kernels
+from eventsweep.sim.rendering.base import Frame, Pose, Samples
 from eventsweep.sim.rendering.draw_target import Colours, DrawTarget, sharpen_textures
 from eventsweep.sim.rendering.fine_light import FineLight, FineView, KernelLight
 from eventsweep.sim.rendering.light_shader import NoShader, ShaderLight
@@ -212,44 +212,56 @@ class StereoRenderer:
 
     def _fine_frame(self, camera: int, T_world_body: Pose) -> Frame:
         view, n = self._views[camera], self.supersample
-        source, samples = view.source
-        self._render(source, camera, T_world_body, samples)
-        light, nearest = self._light.light(view)
-        depth_m = metric_depth(nearest, self._near_m, self._far_m)
-        return Frame(light[::n, ::n][view.inner].copy(), depth_m, light)
+        samples = Samples(*(np.empty(view.samples_shape, np.float32) for _ in Samples._fields))
+        for picture in view.pictures():
+            self._render(picture.camera, camera, T_world_body, *picture.samples)
+            self._light.take(view, picture, samples)
+        box_kernels.inverse_depth(samples.inverse_depth_per_m, self._near_m, self._far_m)
+        shape = view.sensor.height_px, view.sensor.width_px
+        intensity, depth_m = np.empty(shape, np.float32), np.empty(shape, np.float32)
+        box_kernels.nearest_of_pixels(samples.inverse_depth_per_m, n, view.border_px, depth_m)
+        box_kernels.pixel_means(samples.light, n, view.border_px, intensity)
+        return Frame(intensity, depth_m, samples)
 
     def depth(
-        self, camera: int, T_world_body: Pose, view: Camera | None = None
+        self,
+        camera: int,
+        T_world_body: Pose,
+        view: Camera | None = None,
+        *,
+        border: bool = False,
     ) -> NDArray[np.float32]:
         """Z-depth (H, W) at every pixel's centre, m; inf where there is no surface.
 
         With a pinhole `view`, that through it from the camera's place instead of through its own
-        lens.
+        lens; with `border`, (H + 2 B, W + 2 B) of a fine frame.
 
         Raises:
             InputError: a view with distortion.
         """
         if view is not None and view.model != "pinhole":
             raise InputError(f"a view with {view.model} distortion: use its `.undistorted()`")
-        mapped = self._lenses[camera]
+        mapped, seen = self._seen(camera, border)
         # The sky is drawn as a surface, but has no depth.
         with self._flags(SKYBOX=0, REFLECTION=0):
             if view is not None or mapped is None:
-                seen = view or self.rig.cameras[camera]
-                window_depth = self._view_depth(seen, camera, T_world_body)
+                window_depth = self._view_depth(view or seen, camera, T_world_body)
             else:
                 _, samples = self._draw(mapped.source, camera, T_world_body)
                 window_depth = np.empty(mapped.position.shape[:2], np.float32)
                 pixel_kernels.centre_depth(samples, mapped.position, window_depth)
         return metric_depth(window_depth, self._near_m, self._far_m)
 
-    def segmentation(self, camera: int, T_world_body: Pose) -> NDArray[np.int32]:
+    def segmentation(
+        self, camera: int, T_world_body: Pose, *, border: bool = False
+    ) -> NDArray[np.int32]:
         """Returns the geom id (H, W) at every pixel's centre; -1 where there is none.
 
-        Through a distorting lens, that of the render sample nearest to the centre.
+        Through a distorting lens, that of the render sample nearest to the centre. With `border`,
+        (H + 2 B, W + 2 B) of a fine frame.
         """
-        mapped = self._lenses[camera]
-        view = mapped.source if mapped else self.rig.cameras[camera]
+        mapped, seen = self._seen(camera, border)
+        view = mapped.source if mapped else seen
         with self._flags(SEGMENT=1, IDCOLOR=1, REFLECTION=0):
             rgb, _ = self._draw(view, camera, T_world_body)
         if self._target.floats:
@@ -264,6 +276,12 @@ class StereoRenderer:
         ids: NDArray[np.int32] = geom_id[segment]
         return lens.nearest_samples(mapped, ids) if mapped else ids[::-1]
 
+    def _seen(self, camera: int, border: bool) -> tuple[lens.LensMap | None, Camera]:
+        """A camera and its lens, with or without a fine frame's border."""
+        if border:
+            return self._views[camera].lens, self._views[camera].drawn
+        return self._lenses[camera], self.rig.cameras[camera]
+
     def _open(self, width_px: int, height_px: int, floats: bool, shader: bool | None) -> None:
         mj = self._mj
         self._data = mj.MjData(self.model)
@@ -276,7 +294,7 @@ class StereoRenderer:
         self._light = self._fine_light(shader)
         self._open_parts.callback(self._light.free)
         if self._fine:
-            sharpen_textures(self._context)
+            sharpen_textures(self._context, max(view.stride for view in self._views))
         mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._scene = mj.MjvScene(self.model, 2 * self.model.ngeom + 1000)
         for name in ("SHADOW", "REFLECTION", "HAZE", "FOG"):
@@ -343,16 +361,17 @@ class StereoRenderer:
         self, view: Camera, camera: int, T_world_body: Pose, supersample: int = 1
     ) -> tuple[Colours, NDArray[np.float32]]:
         """Colour and window depth (1 near, 0 far) at the samples, bottom row first."""
-        self._render(view, camera, T_world_body, supersample)
+        self._render(view, camera, T_world_body, supersample, supersample)
         return self._target.read(view.height_px * supersample, view.width_px * supersample)
 
-    def _render(self, view: Camera, camera: int, T_world_body: Pose, supersample: int) -> None:
+    def _render(self, view: Camera, camera: int, T_world_body: Pose, along: int, down: int) -> None:
+        """Draws a view with so many samples per pixel along a row and down a column."""
         self._gl.make_current()
         self._place(view, T_world_body @ self.rig.T_body_cam[camera])
         T_world_lamp = T_world_body if self._lamp_at is None else self._lamp_at
         for lamp in self._head_lamps:
             lamp.pos, lamp.dir = T_world_lamp[:3, 3], T_world_lamp[:3, 2]
-        rect = self._mj.MjrRect(0, 0, view.width_px * supersample, view.height_px * supersample)
+        rect = self._mj.MjrRect(0, 0, view.width_px * along, view.height_px * down)
         self._mj.mjr_render(rect, self._scene, self._context)
 
     def _place(self, camera: Camera, T_world_cam: Pose) -> None:

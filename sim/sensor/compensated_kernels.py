@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.sim.compensation.layer_kernels import NUMBERS, begin_layers, layered_light
+from eventsweep.sim.compensation.layer_search_kernels import MOST, Layers, Seen
 from eventsweep.sim.compensation.light_kernels import light_at
 from eventsweep.sim.compensation.path_kernels import paths_of_row, places_on
 from eventsweep.sim.sensor.esim_kernels import NEAR, level_of, number_of_falls, number_of_rises
@@ -255,10 +257,137 @@ def append_by_column(
         ends[x] += 1
 
 
+@numba.njit(cache=True, nogil=True)
+def crossings(
+    x: int, k: int, s: float, e: float, light_s: float, light_e: float, rises: bool,
+    reference: NDArray[np.float64], memory: NDArray[np.void],
+    rise_row: NDArray[np.float64], fall_row: NDArray[np.float64],
+    c_pos: float, c_neg: float, log_eps: float, step_us: int,
+    n: int, columns: NDArray[np.int64], found: NDArray[np.int64],
+) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
+    """Appends the events of one short step, whose logarithm of light is taken as straight.
+
+    Args:
+        x: the pixel's column.
+        k: its index.
+        s: when the step begins, 0 at the first frame.
+        e: when it ends.
+        light_s: light then.
+        light_e: light at its end.
+        rises: whether a threshold is reached upwards.
+        reference: and the rest as in `layered_events`.
+        memory: ...
+        rise_row: ...
+        fall_row: ...
+        c_pos: ...
+        c_neg: ...
+        log_eps: ...
+        step_us: ...
+        n: ...
+        columns: ...
+        found: ...
+    """
+    first, up, down = memory[k].first_log, memory[k].up, memory[k].down
+    log_s, log_e = math.log(light_s + log_eps), math.log(light_e + log_eps)
+    number = levels_passed(rises, log_e, first, up, down, c_pos, c_neg)
+    if n + number > len(columns):
+        columns, found = roomier(columns, 2 * (n + number)), roomier(found, 2 * (n + number))
+    for m in range(n, n + number):
+        up, down = up + rises, down + (not rises)
+        level = level_of(first, up, down, c_pos, c_neg)
+        when = between(level, log_s, log_e, s, e)
+        columns[m], found[m] = x, 2 * min(max(int(np.rint(when * step_us)), 1), step_us) + rises
+    memory[k].up, memory[k].down = up, down
+    reference[k] = level_of(first, up, down, c_pos, c_neg)
+    rise_row[x] = math.exp(reference[k] + c_pos - NEAR) - log_eps
+    fall_row[x] = math.exp(reference[k] - c_neg + NEAR) - log_eps
+    return n + number, columns, found
+
+
+@numba.njit(cache=True, nogil=True)
+def layered_events(
+    y: int, light_a: NDArray[np.float32], light_b: NDArray[np.float32],
+    layers: Layers, before: Seen, after: Seen, grid: int, border: int,
+    low: NDArray[np.float32], high: NDArray[np.float32],
+    bearing: NDArray[np.float32], ways: NDArray[np.float64], lens: NDArray[np.float64],
+    reference: NDArray[np.float64], memory: NDArray[np.void],
+    rise_row: NDArray[np.float64], fall_row: NDArray[np.float64],
+    c_pos: float, c_neg: float, log_eps: float, step_us: int,
+    numbers: NDArray[np.float64], n: int, columns: NDArray[np.int64], found: NDArray[np.int64],
+) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
+    """Appends the events of a row's pixels that see several surfaces.
+
+    A step goes as far as an edge of the greatest contrast within reach may go before it reaches a
+    threshold, at least 0.1 px.
+
+    Args:
+        y: row.
+        light_a: and up to `border` as in `events_between`.
+        light_b: ...
+        layers: ...
+        before: ...
+        after: ...
+        grid: ...
+        border: ...
+        low: (W,) least light within reach in both frames.
+        high: (W,) greatest.
+        bearing: and up to `memory` as in `events_between`.
+        ways: ...
+        lens: ...
+        reference: ...
+        memory: ...
+        rise_row: in and out, (W,) of `thresholds`.
+        fall_row: in and out, (W,) likewise.
+        c_pos: threshold C+.
+        c_neg: threshold C-.
+        log_eps: added to light before the logarithm.
+        step_us: time from the first frame to the second, µs.
+        numbers: memory for `begin_layers`.
+        n: events of the row so far.
+        columns: their columns, and room for more.
+        found: 2 x time after the first frame, µs, + polarity.
+
+    Returns:
+        How many events there are then, and where: `columns` and `found`, or roomier ones.
+    """
+    for x in range(len(low)):
+        slot = layers.slot[y, x]
+        if slot < 0:
+            continue
+        dark, bright = min(layers.dark[slot], low[x]), max(layers.bright[slot], high[x])
+        if bright < rise_row[x] and dark > fall_row[x]:
+            continue
+        i, j = grid * (y + border), grid * (x + border)
+        way_px = begin_layers(x, y, layers, slot, bearing, lens, ways, numbers)
+        per_px, rate = 1.0 / max(way_px, 1e-6), bright - dark + 1e-9
+        time, light = 0.0, float(light_a[i, j])
+        while time < 1.0:
+            room = min(rise_row[x] - light, light - fall_row[x])
+            then = time + per_px * min(max(room / rate, _LEAST_PX), _MOST_PX)
+            seen = float(light_b[i, j])
+            if then < 1.0 - 0.5 * _LEAST_PX * per_px:
+                seen, _ = layered_light(
+                    x, y, layers, slot, numbers, before, after, grid, border, then
+                )
+            else:
+                then = 1.0
+            if not (fall_row[x] < seen < rise_row[x]):
+                n, columns, found = crossings(
+                    x, y * len(low) + x, time, then, light, seen, bool(seen >= rise_row[x]),
+                    reference, memory, rise_row, fall_row, c_pos, c_neg, log_eps, step_us,
+                    n, columns, found,
+                )  # fmt: skip
+            time, light = then, seen
+    return n, columns, found
+
+
 @numba.njit(cache=True, nogil=True, fastmath=_FAST)
 def events_between(
     light_a: NDArray[np.float32],
     light_b: NDArray[np.float32],
+    layers: Layers,
+    before: Seen,
+    after: Seen,
     grid: int,
     border: int,
     low: NDArray[np.float32],
@@ -291,6 +420,9 @@ def events_between(
     Args:
         light_a: light on the grid of the first frame.
         light_b: light on the grid of the second.
+        layers: of the pixels that see several surfaces.
+        before: samples of the first frame.
+        after: of the second.
         grid: nodes per pixel and axis.
         border: pixels between the grid's first node and the sensor's.
         low: (H, W) least light within reach of a pixel in both frames.
@@ -323,13 +455,15 @@ def events_between(
     pixel, event = np.empty(_FIRST_ROOM, np.int64), np.empty(_FIRST_ROOM, np.int64)
     columns, found = np.empty(_FIRST_ROOM, np.int64), np.empty(_FIRST_ROOM, np.int64)
     ends, total = np.empty(width + 1, np.int64), 0
+    numbers = np.empty((MOST, NUMBERS))
     for y in range(height):
         first_pixel, left, n = y * width, 0, 0
         rise_row = rise_light[first_pixel : first_pixel + width]
         fall_row = fall_light[first_pixel : first_pixel + width]
         for x in range(width):
             chosen[left] = x
-            left += not (high[y, x] < rise_row[x] and low[y, x] > fall_row[x])
+            reaches = not (high[y, x] < rise_row[x] and low[y, x] > fall_row[x])
+            left += reaches and layers.slot[y, x] < 0
         paths_of_row(y, chosen[:left], bearing, rho_a, rho_b, body_a, body_b, ways, lens, row)
         begin_row(
             y, chosen[:left], light_a, light_b, grid, border, slope_a, slope_b,
@@ -363,6 +497,11 @@ def events_between(
                 row[_RISE, x] = math.exp(reference[k] + c_pos - NEAR) - log_eps
                 row[_FALL, x] = math.exp(reference[k] - c_neg + NEAR) - log_eps
             left = end_step(chosen[:left], row)
+        n, columns, found = layered_events(
+            y, light_a, light_b, layers, before, after, grid, border, low[y], high[y], bearing,
+            ways, lens, reference, memory, rise_row, fall_row, c_pos, c_neg, log_eps, step_us,
+            numbers, n, columns, found,
+        )  # fmt: skip
         if total + n > len(pixel):
             pixel, event = roomier(pixel, 2 * (total + n)), roomier(event, 2 * (total + n))
         append_by_column(columns[:n], found[:n], total, first_pixel, ends, pixel, event)

@@ -106,7 +106,7 @@ class EventSimulator:
         # Called with tuples for many arguments, which type checkers do not follow.
         follow: Any = compensated_kernels.events_between
         pixel, offset_us, p = follow(
-            before.light, after.light, before.grid, before.border_px,
+            before.light, after.light, *passage.layers,
             np.minimum(a.low, b.low), np.maximum(a.high, b.high), a.slope, b.slope,
             *passage.geometry, self._reference, self._memory, rise_light, fall_light, *thresholds,
             before_us, step_us, self._config.refractory_period_us,

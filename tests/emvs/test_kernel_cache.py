@@ -48,11 +48,15 @@ import numpy as np
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.sim.compensation.fine_frame import FineFrame
 from eventsweep.sim.compensation.interval import Passage, interval_between
-light = (0.5 + 0.4 * np.sin(np.arange(29 * 33).reshape(29, 33) / 7)).astype(np.float32)
-depth_m, poses = np.full((3, 5), 2, np.float32), [np.eye(4), np.eye(4), np.eye(4)]
+from eventsweep.sim.rendering.base import Frame, Samples
+light = (0.5 + 0.4 * np.sin(np.arange(30 * 34).reshape(30, 34) / 7)).astype(np.float32)
+poses, rho = [np.eye(4), np.eye(4), np.eye(4)], np.full((30, 34), 0.5, np.float32)
+rho[:, 14:18] = 2
 poses[1][0, 3], poses[2][0, 3] = 0.2, 0.5
-frames = [FineFrame(np.roll(light, k, 1), depth_m, 2, 4.0) for k in (0, 3)]
-passage = Passage(Camera(5, 3, 8, 8, 2, 1), *frames, interval_between((0, 9000), poses, (3, 5)))
+seen = light[12:18:2, 12:22:2], np.full((3, 5), 2, np.float32)
+frames = [FineFrame(Frame(*seen, Samples(np.roll(light, k, 1), rho)), 2, 4.0) for k in (0, 3)]
+passage = Passage(Camera(5, 3, 8, 8, 2, 1), *frames, interval_between((0, 9000), poses, (15, 17)))
+assert len(passage.layers[0].count)
 print([picture.tolist() for picture in passage.pictures([3000, 6000])])
 """
 ALIGNED = """
@@ -79,6 +83,7 @@ CALLERS = {
     "emvs/dsi/fusion_kernels.py": FOLD,
     "emvs/utils/vectors_kernels.py": VARIANCE,
     "sim/sensor/esim_kernels.py": PIXELS,
+    "sim/compensation/layer_kernels.py": CARRIED,
     "sim/compensation/light_kernels.py": CARRIED,
     "sim/compensation/path_kernels.py": CARRIED,
 }

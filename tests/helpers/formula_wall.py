@@ -11,7 +11,7 @@ import numpy as np
 from eventsweep.emvs.data.tables import Geom
 from eventsweep.emvs.geometry import se3
 from eventsweep.sim.motion.curves import HeadSway
-from eventsweep.sim.rendering.base import Frame
+from eventsweep.sim.rendering.base import Frame, Samples
 from eventsweep.sim.scene import Scene
 
 WALL_M, SPEED_M_S = 2.0, 2.0
@@ -49,29 +49,34 @@ class Wall(AbstractContextManager):
 
     def frame(self, camera, T_world_body):
         depth_m = self.depth(camera, T_world_body)
-        light = self._light(camera, T_world_body)
-        return Frame(self._seen(camera, T_world_body, *self._pixels(camera)), depth_m, light)
+        samples = self._samples(camera, T_world_body)
+        if samples is None:
+            return Frame(self._seen(camera, T_world_body, *self._pixels(camera)), depth_m)
+        n, b, (height, width) = self._grid, self._border_px, depth_m.shape
+        blocks = samples.light.reshape(height + 2 * b, n, width + 2 * b, n).mean((1, 3))
+        return Frame(blocks[b : b + height, b : b + width].copy(), depth_m, samples)
 
-    def depth(self, camera, T_world_body, view=None):
+    def depth(self, camera, T_world_body, view=None, *, border=False):
         seen = view or self.rig.cameras[camera]
         return np.full((seen.height_px, seen.width_px), WALL_M - T_world_body[2, 3], np.float32)
 
-    def segmentation(self, camera, T_world_body):
+    def segmentation(self, camera, T_world_body, *, border=False):
         return np.zeros(self._pixels(camera)[0].shape, np.int32)
 
     def _pixels(self, camera):
         seen = self.rig.cameras[camera]
         return np.meshgrid(np.arange(seen.width_px), np.arange(seen.height_px))
 
-    def _light(self, camera, T_world_body):
+    def _samples(self, camera, T_world_body):
         if self._border_px is None:
             return None
         seen, b, n = self.rig.cameras[camera], self._border_px, self._grid
         columns, rows = (
-            np.arange(n * (size + 2 * b - 1) + 1) / n - b
+            (np.arange(n * (size + 2 * b)) + 0.5) / n - b - 0.5
             for size in (seen.width_px, seen.height_px)
         )
-        return self._seen(camera, T_world_body, *np.meshgrid(columns, rows))
+        light = self._seen(camera, T_world_body, *np.meshgrid(columns, rows))
+        return Samples(light, np.full_like(light, 1 / (WALL_M - T_world_body[2, 3])))
 
     def _seen(self, camera, T_world_body, columns, rows):
         bearing = self.rig.cameras[camera].unproject(np.stack([columns, rows], -1).astype(float))

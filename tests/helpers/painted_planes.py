@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.sim.compensation.fine_frame import FineFrame
+from eventsweep.sim.rendering.base import Frame, Samples
 
 _WAVES = np.array(
     [[9.0, 2.0, 0.4], [-4.0, 7.0, 1.9], [13.0, -5.0, 0.8], [3.0, 11.0, 2.7], [6.0, 6.0, 5.1]]
@@ -77,10 +78,24 @@ def pixel_light(plane, camera, T_world_cam, t_s, border_px=0, grid=1):
 
 def fine_frame(plane, camera, T_world_cam, t_s, *, border_px, grid, reach_px):
     """The fine frame that a perfect renderer would draw."""
-    light = pixel_light(plane, camera, T_world_cam, t_s, border_px, grid)
-    own = rays_through(camera, np.arange(camera.width_px), np.arange(camera.height_px))
-    depth_m = seen(plane, T_world_cam, t_s, own)[1]
-    return FineFrame(light, depth_m.astype(np.float32), grid, reach_px)
+    columns, rows = (
+        (np.arange(grid * (size + 2 * border_px)) + 0.5) / grid - border_px - 0.5
+        for size in (camera.width_px, camera.height_px)
+    )
+    light, depth_m = seen(plane, T_world_cam, t_s, rays_through(camera, columns, rows))
+    return sampled_frame(light, 1 / depth_m, border_px, grid, reach_px)
+
+
+def sampled_frame(light, inverse_depth_per_m, border_px, grid, reach_px):
+    """The fine frame of some samples."""
+    samples = Samples(light.astype(np.float32), inverse_depth_per_m.astype(np.float32))
+    rows, columns = (size // grid for size in light.shape)
+    inner = slice(border_px, rows - border_px), slice(border_px, columns - border_px)
+    of_pixels = (part.reshape(rows, grid, columns, grid) for part in samples)
+    intensity, nearest = (next(of_pixels).mean((1, 3)), next(of_pixels).max((1, 3)))
+    with np.errstate(divide="ignore"):
+        depth_m = 1 / nearest[inner]
+    return FineFrame(Frame(intensity[inner].copy(), depth_m, samples), grid, reach_px)
 
 
 def pose(shift_m=(0.0, 0.0, 0.0), turn_deg=(0.0, 0.0, 0.0)):

@@ -82,11 +82,11 @@ def fine(rig_name: str, seconds: float, *, shader: bool) -> dict[str, Any]:
 
 
 def _apart(found: Frame, expected: Frame) -> tuple[float, float]:
-    assert found.light is not None
-    assert expected.light is not None
+    assert found.samples is not None
+    assert expected.samples is not None
     rho, true_rho = 1 / found.nearest_depth_m, 1 / expected.nearest_depth_m
     return (
-        float(np.abs(found.light - expected.light).max()),
+        float(np.abs(found.samples.light - expected.samples.light).max()),
         float((np.abs(rho - true_rho) / np.maximum(true_rho, 1e-9)).max()),
     )
 

@@ -12,17 +12,16 @@ from scipy.spatial.transform import Rotation
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.sim.compensation.fine_frame import FineFrame
 from eventsweep.sim.compensation.interval import Passage, interval_between, lens_of
 from eventsweep.sim.compensation.light_kernels import light_at
 from eventsweep.sim.compensation.path_kernels import carried, distorted
-from eventsweep.sim.compensation.range_kernels import cell_range, spread_most
+from eventsweep.sim.compensation.range_kernels import cell_depths, cell_range, spread_most
 from eventsweep.sim.config import SimConfig
-from eventsweep.sim.rendering.box_kernels import box_mean, box_nearest
+from eventsweep.sim.rendering.box_kernels import box_mean, nearest_of_pixels, pixel_means
 from eventsweep.sim.rendering.moving_bodies import BodyPixels
 from eventsweep.sim.sensor.esim import EventSimulator
 from eventsweep.sim.sensor.sensor import Sensor
-from painted_planes import Plane, fine_frame, pixel_light, pose
+from painted_planes import Plane, fine_frame, pixel_light, pose, sampled_frame
 
 WAVES = Plane(2.0)
 STRAIGHT = Camera(48, 36, 60.0, 62.0, 23.1, 17.4)
@@ -46,8 +45,8 @@ def passage(camera, plane=WAVES, poses=MOTION, bodies=None, moved=None):
         fine_frame(plane, camera, T, 1e-6 * t, border_px=BORDER, grid=GRID, reach_px=REACH)
         for T, t in zip((poses[0], poses[2]), SPAN_US, strict=True)
     ]
-    shape = camera.height_px, camera.width_px
-    return Passage(camera, *frames, interval_between(SPAN_US, poses, shape, bodies, moved))
+    shape = camera.height_px + 2 * BORDER, camera.width_px + 2 * BORDER
+    return Passage(camera, *frames, interval_between(SPAN_US, poses, shape, bodies, moved, BORDER))
 
 
 def parabola(poses, s):
@@ -89,7 +88,7 @@ def test_frames_themselves_are_the_ends():
 def test_a_body_is_carried_along_its_own_motion():
     drift = (0.0, 3.0)
     plane, still = Plane(1.5, drift), (pose(),) * 3
-    rows, columns = np.mgrid[:36, :48]
+    rows, columns = np.mgrid[-BORDER : 36 + BORDER, -BORDER : 48 + BORDER]
     pixels = np.stack([columns.ravel(), rows.ravel()], -1)
     body = BodyPixels(pixels, np.zeros((len(pixels), 3)), np.full(len(pixels), 3, np.int32))
 
@@ -141,11 +140,17 @@ def test_events_are_those_of_the_world(model):
 def test_events_integrate_to_the_change_of_light(seed, c_pos, c_neg, refractory_us):
     """Whatever the light: at the second frame every pixel is within one threshold of it."""
     rng = np.random.default_rng(seed)
-    shape = GRID * (12 + 2 * BORDER - 1) + 1, GRID * (16 + 2 * BORDER - 1) + 1
+    cells = 12 + 2 * BORDER, 16 + 2 * BORDER
+    shape = GRID * cells[0], GRID * cells[1]
     camera = Camera(16, 12, 20.0, 20.0, 7.5, 5.5)
-    depth_m = rng.choice([1.0, 2.0, np.inf], (12, 16)).astype(np.float32)
-    frames = [FineFrame(rng.random(shape, np.float32), depth_m, GRID, REACH) for _ in range(2)]
-    way = Passage(camera, *frames, interval_between(SPAN_US, MOTION, (12, 16)))
+    # Whole pixels at one depth, and such with an edge in them.
+    rho = np.repeat(np.repeat(rng.choice([1.0, 0.5, 0.0], cells), GRID, 0), GRID, 1)
+    rho = np.where(rng.random(shape) < 0.01, 0.8, rho)
+    frames = [
+        sampled_frame(rng.random(shape, np.float32), rho, BORDER, GRID, REACH) for _ in range(2)
+    ]
+    way = Passage(camera, *frames, interval_between(SPAN_US, MOTION, cells))
+    assert way.layers[0].number.size > 0
     config = SimConfig(
         contrast_threshold_pos=c_pos,
         contrast_threshold_neg=c_neg,
@@ -247,9 +252,15 @@ def test_boxes_are_means_of_samples(seed, n):
     np.testing.assert_allclose(light[::n, ::n], blocks.mean((1, 3)), rtol=1e-5)
     i, j = rng.integers(0, light.shape)
     assert light[i, j] == pytest.approx(samples[i : i + n, j : j + n].mean(), rel=1e-5)
-    nearest = np.empty((6, 7), np.float32)
-    box_nearest(samples, n, nearest)
-    np.testing.assert_array_equal(nearest, blocks.max((1, 3))[::-1])
+    depth_m, means = np.empty((4, 5), np.float32), np.empty((4, 5), np.float32)
+    nearest_of_pixels(samples, n, 1, depth_m)
+    np.testing.assert_array_equal(depth_m, 1 / blocks.max((1, 3))[1:-1, 1:-1])
+    pixel_means(samples, n, 1, means)
+    np.testing.assert_allclose(means, blocks.mean((1, 3))[1:-1, 1:-1], rtol=1e-5)
+    nearest, farthest = np.empty((6, 7), np.float32), np.empty((6, 7), np.float32)
+    cell_depths(samples, n, nearest, farthest)
+    np.testing.assert_array_equal(nearest, blocks.max((1, 3)))
+    np.testing.assert_array_equal(farthest, blocks.min((1, 3)))
 
 
 def test_places_follow_the_surface():

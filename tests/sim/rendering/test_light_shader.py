@@ -17,6 +17,7 @@ from eventsweep.sim.graphics import open_context
 from eventsweep.sim.graphics.choice import Driver
 from eventsweep.sim.motion.curves import look_at
 from eventsweep.sim.rendering import light_shader, renderer
+from eventsweep.sim.rendering.base import Samples
 from eventsweep.sim.rendering.gl_objects import GLObjects, opengl
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import RIGS
@@ -83,11 +84,14 @@ def check_alike(*arguments, **settings):
         drawn(*arguments, True, **settings), drawn(*arguments, False, **settings), strict=True
     )
     for (frame, *geometry), (expected, *same) in pairs:
-        assert frame.light.shape == expected.light.shape
-        assert frame.light.dtype == frame.nearest_depth_m.dtype == np.float32
-        full_scale = max(1.0, expected.light.max())
-        assert np.ptp(expected.light) > 0.1
-        assert np.abs(frame.light - expected.light).max() <= 1e-6 * full_scale
+        light, expected_light = frame.samples.light, expected.samples.light
+        assert light.shape == expected_light.shape
+        assert light.dtype == frame.nearest_depth_m.dtype == np.float32
+        full_scale = max(1.0, expected_light.max())
+        assert np.ptp(expected_light) > 0.1
+        assert np.abs(light - expected_light).max() <= 1e-6 * full_scale
+        rho, expected_rho = (f.samples.inverse_depth_per_m for f in (frame, expected))
+        np.testing.assert_array_equal(rho, expected_rho)
         assert np.abs(frame.intensity - expected.intensity).max() <= 1e-6 * full_scale
         np.testing.assert_array_equal(frame.nearest_depth_m, expected.nearest_depth_m)
         for ours, theirs in zip(geometry, same, strict=True):
@@ -129,8 +133,11 @@ def test_no_switch_keeps_numbers_from_the_picture_and_all_stay_as_they_are(tmp_p
     with opened(textured(tmp_path), border_px=2, shader=True) as fine:
         expected = fine.frame(0, POSE)
         fine.frame(0, OTHER)
-        view = fine._views[0]
-        fine._render(view.source[0], 0, POSE, view.source[1])
+        view, samples = fine._views[0], Samples(*map(np.empty_like, expected.samples))
+        for picture in view.pictures():
+            fine._render(picture.camera, 0, POSE, *picture.samples)
+            if picture.first_row == 0:
+                fine._light.take(view, picture, samples)
         switches = [getattr(gl, f"GL_{name}") for name in light_shader._SWITCHES]
         for switch in switches:
             gl.glEnable(switch)
@@ -139,11 +146,11 @@ def test_no_switch_keeps_numbers_from_the_picture_and_all_stay_as_they_are(tmp_p
         gl.glCullFace(gl.GL_FRONT_AND_BACK)
         gl.glBlendFunc(gl.GL_ZERO, gl.GL_ZERO)
         before = gl.glGetIntegerv(gl.GL_VIEWPORT).tolist()
-        light, _ = fine._light.light(view)
+        fine._light.take(view, picture, samples)
         assert all(gl.glIsEnabled(switch) for switch in switches)
         assert gl.glGetIntegerv(gl.GL_VIEWPORT).tolist() == before
         assert gl.glGetIntegerv(gl.GL_ATTRIB_STACK_DEPTH) == 0
-    np.testing.assert_array_equal(light, expected.light)
+    np.testing.assert_array_equal(samples.light, expected.samples.light)
 
 
 def opened(spec, rig=PINHOLES, **settings):
@@ -183,7 +190,7 @@ def test_a_gpu_that_cannot_says_so_and_leaves_light_to_the_kernels(on_a_gpu, mon
         np.testing.assert_array_equal(ours, theirs)
 
 
-@pytest.mark.parametrize("broken", ["_HEADER", "_SUM", "_LENS_NEAREST"])
+@pytest.mark.parametrize("broken", ["_HEADER", "_LENS_SAMPLES", "_LENS_DEPTHS"])
 def test_a_shader_that_was_asked_for_and_cannot_be_had_is_one_line(monkeypatch, broken):
     monkeypatch.setattr(light_shader, broken, "void main() { no }")
     with pytest.raises(InputError, match="shader=False") as caught:

@@ -1,0 +1,377 @@
+"""Which surfaces come over a pixel between two frames: compiled, from both frames' samples.
+
+What a pixel of one frame shows walks to where the other frame shows it, and every pixel on its way
+learns what comes: a range of inverse depth, and whose. Pixels that learn of one range are seen
+along one path (`path_kernels`); the others have layers (`layer_kernels`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.sim.compensation.path_kernels import TO_FIRST_END, TO_SECOND_START, carried
+
+MOST = 6
+"""Layers of one pixel; where there are more, neighbours in depth are one."""
+APART_PX = 0.25
+"""Surfaces whose parallax over the interval differs by less are one layer."""
+
+
+class Seen(NamedTuple):
+    """One frame, as its samples show it.
+
+    Attributes:
+        light: (S (H + 2 B), S (W + 2 B)) light of each sample.
+        rho: the same shape, inverse depth, 1/m; 0 where there is no surface.
+        boxes: `FineFrame.light`, the mean light of S x S samples from each sample on.
+        nearest: (H + 2 B, W + 2 B) greatest inverse depth of each pixel's samples.
+        farthest: (H + 2 B, W + 2 B) least.
+        body: (H + 2 B, W + 2 B) which way each pixel's surface goes.
+    """
+
+    light: NDArray[np.float32]
+    rho: NDArray[np.float32]
+    boxes: NDArray[np.float32]
+    nearest: NDArray[np.float32]
+    farthest: NDArray[np.float32]
+    body: NDArray[np.uint16]
+
+
+class Layers(NamedTuple):
+    """The layers of pixels that need them, each pixel's from front to back.
+
+    Attributes:
+        slot: (H, W) row of each pixel in what follows; -1 where one path is enough.
+        number: (N,) layers.
+        way: (N, MOST) which of `ways` a layer goes.
+        low: (N, MOST) least inverse depth half-way in time, 1/m.
+        high: (N, MOST) greatest.
+        dark: (N,) least light of all samples that come over the pixel.
+        bright: (N,) greatest.
+    """
+
+    slot: NDArray[np.int32]
+    number: NDArray[np.int64]
+    way: NDArray[np.int64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    dark: NDArray[np.float32]
+    bright: NDArray[np.float32]
+
+
+@numba.njit(cache=True, nogil=True)
+def add_range(
+    way: int, low: float, high: float, gap: float,
+    ways: NDArray[np.int64], lows: NDArray[np.float64], highs: NDArray[np.float64], count: int,
+) -> int:  # fmt: skip
+    """Puts a range of inverse depth into a list of them, joined with what is near; its length.
+
+    Args:
+        way: whose.
+        low: least inverse depth.
+        high: greatest.
+        gap: ranges of one way that are less apart are one.
+        ways: in and out, (MOST,) of the list.
+        lows: in and out, (MOST,).
+        highs: in and out, (MOST,).
+        count: its length.
+    """
+    k = 0
+    while k < count:
+        if ways[k] == way and low <= highs[k] + gap and high >= lows[k] - gap:
+            if low >= lows[k] and high <= highs[k]:
+                return count
+            # The joined range may touch another one: take it out, and look again.
+            low, high = min(low, lows[k]), max(high, highs[k])
+            count -= 1
+            ways[k], lows[k], highs[k] = ways[count], lows[count], highs[count]
+            k = 0
+        else:
+            k += 1
+    if count == len(ways):
+        nearest, least = -1, np.inf
+        for k in range(count):
+            apart = max(low - highs[k], lows[k] - high)
+            if ways[k] == way and apart < least:
+                nearest, least = k, apart
+        if nearest >= 0:
+            lows[nearest], highs[nearest] = min(low, lows[nearest]), max(high, highs[nearest])
+        return count
+    ways[count], lows[count], highs[count] = way, low, high
+    return count + 1
+
+
+@numba.njit(cache=True, nogil=True)
+def is_quiet(
+    spread: float, a: float, b: float, T: NDArray[np.float64], lens: NDArray[np.float64]
+) -> bool:
+    """Whether surfaces whose inverse depths differ by so much cannot come apart by `APART_PX`.
+
+    Args:
+        spread: of inverse depth, 1/m.
+        a: x/z of where they are seen.
+        b: y/z.
+        T: (4, 4) camera coordinates in one frame to those in the other.
+        lens: see `path_kernels.distorted`.
+    """
+    along = abs(T[0, 3]) + abs(T[2, 3]) * (abs(a) + 0.1)
+    across = abs(T[1, 3]) + abs(T[2, 3]) * (abs(b) + 0.1)
+    quiet: bool = spread * max(lens[0], lens[1]) * math.hypot(along, across) < APART_PX
+    return quiet
+
+
+@numba.njit(cache=True, nogil=True)
+def label_of(
+    rho: float, i: int, j: int, body: NDArray[np.uint16], frame_rho: NDArray[np.float32], n: int
+) -> int:
+    """Whose a sample of a cell is: that of the neighbour whose centre is at the nearest depth."""
+    best, least = int(body[i, j]), abs(frame_rho[n * i + n // 2, n * j + n // 2] - rho)
+    for p in range(max(i - 1, 0), min(i + 2, body.shape[0])):
+        for o in range(max(j - 1, 0), min(j + 2, body.shape[1])):
+            apart = abs(frame_rho[n * p + n // 2, n * o + n // 2] - rho)
+            if apart < least:
+                best, least = int(body[p, o]), apart
+    return best
+
+
+class Reached(NamedTuple):
+    """What comes over each pixel of the sensor.
+
+    Attributes:
+        number: (H, W) how many ranges of inverse depth it knows.
+        way: (H, W, MOST) whose they are.
+        low: (H, W, MOST) least inverse depth half-way in time, 1/m.
+        high: (H, W, MOST) greatest.
+        dark: (H, W) least light of all samples that come.
+        bright: (H, W) greatest.
+    """
+
+    number: NDArray[np.int64]
+    way: NDArray[np.int64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    dark: NDArray[np.float32]
+    bright: NDArray[np.float32]
+
+
+@numba.njit(cache=True, nogil=True)
+def ranges_of_pixel(
+    frame: Seen, i: int, j: int, n: int, gap: float, mixed: bool,
+    ways: NDArray[np.int64], lows: NDArray[np.float64], highs: NDArray[np.float64],
+) -> int:  # fmt: skip
+    """Fills in whose surfaces a pixel shows and at what inverse depths; how many ranges.
+
+    Args:
+        frame: its samples.
+        i: the pixel's row, with the border.
+        j: its column.
+        n: samples per pixel and axis.
+        gap: ranges of one way that are less apart are one, 1/m.
+        mixed: whether several bodies are around.
+        ways: out, (MOST,).
+        lows: out, (MOST,), 1/m.
+        highs: out, (MOST,).
+    """
+    least, most, own = frame.farthest[i, j], frame.nearest[i, j], int(frame.body[i, j])
+    if most - least <= gap:
+        return add_range(own, least, most, gap, ways, lows, highs, 0)
+    count = 0
+    for q in range(n * i, n * i + n):
+        for m in range(n * j, n * j + n):
+            rho = frame.rho[q, m]
+            whose = label_of(rho, i, j, frame.body, frame.rho, n) if mixed else own
+            count = add_range(whose, rho, rho, gap, ways, lows, highs, count)
+    return count
+
+
+@numba.njit(cache=True, nogil=True)
+def tell(
+    x: int, y: int, way: int, low: float, high: float, gap: float, dark: float, bright: float,
+    reached: Reached,
+) -> None:  # fmt: skip
+    """Adds a range to what one pixel knows; arguments as in `walk`."""
+    reached.dark[y, x] = min(reached.dark[y, x], dark)
+    reached.bright[y, x] = max(reached.bright[y, x], bright)
+    for k in range(reached.number[y, x]):
+        within = low >= reached.low[y, x, k] and high <= reached.high[y, x, k]
+        if within and reached.way[y, x, k] == way:
+            return
+    reached.number[y, x] = add_range(
+        way, low, high, gap, reached.way[y, x], reached.low[y, x], reached.high[y, x],
+        reached.number[y, x],
+    )  # fmt: skip
+
+
+@numba.njit(cache=True, nogil=True)
+def walk(
+    x: int, y: int, u: float, v: float, way: int, low: float, high: float, gap: float,
+    dark: float, bright: float, reached: Reached,
+) -> None:  # fmt: skip
+    """Tells all pixels from (x, y) to (u, v) of a range of inverse depth, and of its light.
+
+    Args:
+        x: column where it sets out.
+        y: row.
+        u: column where it ends.
+        v: row.
+        way: whose it is.
+        low: least inverse depth half-way in time, 1/m.
+        high: greatest.
+        gap: ranges of one way that are less apart are one.
+        dark: least light.
+        bright: greatest.
+        reached: in and out.
+    """
+    height, width = reached.number.shape
+    steps = int(max(abs(u - x), abs(v - y))) + 1
+    for s in range(steps + 1):
+        left = math.floor(x + (u - x) * s / steps)
+        top = math.floor(y + (v - y) * s / steps)
+        for i in range(max(top, 0), min(top + 2, height)):
+            for j in range(max(left, 0), min(left + 2, width)):
+                tell(j, i, way, low, high, gap, dark, bright, reached)
+
+
+@numba.njit(cache=True, nogil=True)
+def light_range(
+    light: NDArray[np.float32], i: int, j: int, n: int
+) -> tuple[np.float32, np.float32]:
+    """Least and greatest light of a pixel's samples."""
+    dark, bright = np.float32(np.inf), np.float32(-np.inf)
+    for q in range(n * i, n * i + n):
+        for m in range(n * j, n * j + n):
+            dark, bright = min(dark, light[q, m]), max(bright, light[q, m])
+    return dark, bright
+
+
+@numba.njit(cache=True, nogil=True)
+def reach_out(
+    frame: Seen,
+    n: int,
+    border: int,
+    bearing: NDArray[np.float32],
+    lens: NDArray[np.float64],
+    ways: NDArray[np.float64],
+    to_other: int,
+    spread: NDArray[np.float32],
+    mixed: NDArray[np.bool_],
+    reached: Reached,
+) -> None:
+    """Tells every pixel what surfaces of one frame come over it until the other frame.
+
+    Args:
+        frame: its samples.
+        n: samples per pixel and axis.
+        border: pixels beyond the sensor's edge.
+        bearing: (H + 2 B, W + 2 B, 2).
+        lens: see `path_kernels.distorted`; of the sensor.
+        ways: (K, 4, 4, 4) see `path_kernels.TO_FIRST_MIDDLE`.
+        to_other: which of a way leads to the other frame.
+        spread: (H + 2 B, W + 2 B) range of inverse depth within reach, 1/m.
+        mixed: (H + 2 B, W + 2 B) whether several bodies come within reach.
+        reached: in and out.
+    """
+    whose, low, high = np.empty(MOST, np.int64), np.empty(MOST), np.empty(MOST)
+    for i in range(spread.shape[0]):
+        for j in range(spread.shape[1]):
+            a, b = np.float64(bearing[i, j, 0]), np.float64(bearing[i, j, 1])
+            if not mixed[i, j] and is_quiet(spread[i, j], a, b, ways[0, to_other], lens):
+                continue
+            T, middle = ways[frame.body[i, j], to_other], frame.nearest[i, j]
+            # How far a step of inverse depth moves what lies here, px per 1/m.
+            step = 0.05 * middle + 1e-3
+            u, v = carried(T, a, b, middle, lens)
+            du, dv = carried(T, a, b, middle + step, lens)
+            gap = APART_PX * step / max(math.hypot(du - u, dv - v), 1e-9)
+            dark, bright = light_range(frame.light, i, j, n)
+            count = ranges_of_pixel(frame, i, j, n, gap, mixed[i, j], whose, low, high)
+            for k in range(count):
+                rho, T = 0.5 * (low[k] + high[k]), ways[whose[k], to_other]
+                u, v = carried(T, a, b, rho, lens)
+                half = 0.5 + 0.5 / (T[2, 0] * a + T[2, 1] * b + T[2, 2] + T[2, 3] * rho)
+                walk(
+                    j - border, i - border, u, v, whose[k], half * low[k], half * high[k], gap,
+                    dark, bright, reached,
+                )  # fmt: skip
+
+
+@numba.njit(cache=True, nogil=True)
+def sort_layers(
+    way: NDArray[np.int64], low: NDArray[np.float64], high: NDArray[np.float64], count: int
+) -> None:
+    """Orders a list of ranges from front to back, in place."""
+    for k in range(1, count):
+        m = k
+        while m > 0 and low[m] + high[m] > low[m - 1] + high[m - 1]:
+            way[m], way[m - 1] = way[m - 1], way[m]
+            low[m], low[m - 1] = low[m - 1], low[m]
+            high[m], high[m - 1] = high[m - 1], high[m]
+            m -= 1
+
+
+@numba.njit(cache=True, nogil=True)
+def chosen(reached: Reached) -> Layers:
+    """The layers of the pixels over which several surfaces come."""
+    height, width = reached.number.shape
+    slot, total = np.full((height, width), -1, np.int32), 0
+    for y in range(height):
+        for x in range(width):
+            if reached.number[y, x] > 1:
+                slot[y, x] = total
+                total += 1
+    layers = Layers(
+        slot, np.empty(total, np.int64), np.empty((total, MOST), np.int64),
+        np.empty((total, MOST)), np.empty((total, MOST)),
+        np.empty(total, np.float32), np.empty(total, np.float32),
+    )  # fmt: skip
+    for y in range(height):
+        for x in range(width):
+            k = slot[y, x]
+            if k >= 0:
+                layers.number[k], layers.way[k] = reached.number[y, x], reached.way[y, x]
+                layers.low[k], layers.high[k] = reached.low[y, x], reached.high[y, x]
+                layers.dark[k], layers.bright[k] = reached.dark[y, x], reached.bright[y, x]
+                sort_layers(layers.way[k], layers.low[k], layers.high[k], layers.number[k])
+    return layers
+
+
+@numba.njit(cache=True, nogil=True)
+def find_layers(
+    before: Seen,
+    after: Seen,
+    n: int,
+    border: int,
+    bearing: NDArray[np.float32],
+    lens: NDArray[np.float64],
+    ways: NDArray[np.float64],
+    spread: NDArray[np.float32],
+    mixed: NDArray[np.bool_],
+) -> Layers:
+    """The layers of all pixels that more than one surface comes to between two frames.
+
+    Args:
+        before: samples of the first frame.
+        after: of the second.
+        n: and the rest as in `reach_out`.
+        border: ...
+        bearing: ...
+        lens: ...
+        ways: ...
+        spread: ...
+        mixed: ...
+    """
+    height, width = before.body.shape[0] - 2 * border, before.body.shape[1] - 2 * border
+    shape, lists = (height, width), (height, width, MOST)
+    reached = Reached(
+        np.zeros(shape, np.int64), np.empty(lists, np.int64), np.empty(lists), np.empty(lists),
+        np.full(shape, np.inf, np.float32), np.full(shape, -np.inf, np.float32),
+    )  # fmt: skip
+    reach_out(before, n, border, bearing, lens, ways, TO_SECOND_START, spread, mixed, reached)
+    reach_out(after, n, border, bearing, lens, ways, TO_FIRST_END, spread, mixed, reached)
+    return chosen(reached)
