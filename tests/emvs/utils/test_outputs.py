@@ -182,6 +182,14 @@ def test_a_link_into_an_output_is_never_ours(tmp_path):
     assert (tmp_path / "precious").read_text() == "n"
 
 
+def test_a_pipe_is_not_replaced_by_a_file(tmp_path):
+    """Nor a device: for root, `/dev/null` is a name like any other."""
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="is a pipe, device"), atomic_path(tmp_path / "pipe"):
+        pytest.fail("it is opened for writing")
+    assert (tmp_path / "pipe").is_fifo()
+
+
 def test_nothing_is_written_through_a_link(tmp_path):
     """Neither a hard nor a symbolic one, of a file or of a folder on the way to it."""
     put(tmp_path, theirs__a="precious")
