@@ -20,7 +20,7 @@ from eventsweep.emvs.depth.inpainting import Dense, inpaint, write_dense
 from eventsweep.emvs.depth.point_cloud import back_project_map, without_outliers, write_ply
 from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.dsi.slices import Slices
-from eventsweep.emvs.errors import DAMAGED_NPY, InputError
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.parameters import FrozenModel, first_fault
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, opened_npz, parse_json, read_text
@@ -286,7 +286,9 @@ def _parse(index: Path, text: str) -> MapInfo:
     except (ValueError, AttributeError) as error:
         raise InputError(f"{index}: not the JSON of a map ({error}): {CURE}") from error
     if version != SCHEMA_VERSION:
-        raise InputError(f"{index}: schema version {version}, needs {SCHEMA_VERSION}: {CURE}")
+        raise InputError(
+            f"{index}: schema version {quoted(version)}, needs {SCHEMA_VERSION}: {CURE}"
+        )
     try:
         return MapInfo.model_validate_json(text)
     except ValidationError as error:

@@ -74,11 +74,12 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """Yields a file of the same name in a hidden folder; renames it to `path` at the end.
 
     Raises:
-        InputError: the folder of `path` cannot be written to, or its disk is full.
+        InputError: `path` is no plain file, its folder cannot be written to, or its disk is full.
     """
     path = Path(path)
-    if path.is_dir():
-        raise InputError(f"{path} is a folder, but the output is a file: choose another output")
+    if path.exists() and not path.is_file():
+        what = "a folder" if path.is_dir() else "a pipe, device or socket"
+        raise InputError(f"{path} is {what}, but the output is a file: choose another output")
     with made_parent(path), names_full_disk(path), work_folder(path) as work:
         yield work / path.name
         flush(work / path.name)

@@ -45,6 +45,8 @@ class Baseline(FrozenModel):
 def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> Baseline:
     """A result as a baseline; the history of the one that it replaces goes on.
 
+    Called again on the same day for the same reason, as after a kill, it adds nothing to it.
+
     Raises:
         InputError: no reason, failed jobs, or undefined numbers.
     """
@@ -64,7 +66,7 @@ def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> B
     return Baseline(
         name=measured.name,
         seeds=measured.seeds,
-        history=(*history, now),
+        history=history if now in history[-1:] else (*history, now),
         versions=dict(measured.versions),
         series=tuple(sorted(measured.series.values(), key=lambda numbers: numbers.key)),
     )

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args
 
 from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, ValidationError
 
-from eventsweep.emvs.errors import InputError, said
+from eventsweep.emvs.errors import InputError, quoted, said
 from eventsweep.emvs.parameters import first_fault
 from eventsweep.emvs.utils.files import atomic_path, write_text
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, file_in, parse_json, read_text
@@ -310,8 +310,8 @@ def read_json(
     if versions and stored not in versions:
         known = " and ".join(map(str, versions))
         raise InputError(
-            f"{name}: schema version {stored}, but this program reads {known}; {cure} with this "
-            "version"
+            f"{name}: schema version {quoted(stored)}, but this program reads {known}; {cure} with "
+            "this version"
         )
     try:
         return validate(content)

@@ -127,7 +127,10 @@ def draw(study: Study, curves: Sequence[RobustnessCurve], path: Path, samples: s
         figure = _figure(study, curves, samples)
         with atomic_path(path) as partial, partial.open("wb") as stream:
             # A file has no page around it; `eval.report.study_page` gives it the page's ground.
-            figure.savefig(stream, format=path.suffix[1:], dpi=130, facecolor="white")
+            undated = {"Date": None} if path.suffix == ".svg" else None
+            figure.savefig(
+                stream, format=path.suffix[1:], dpi=130, facecolor="white", metadata=undated
+            )
 
 
 def _figure(study: Study, curves: Sequence[RobustnessCurve], samples: str) -> Figure:

@@ -23,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, quoted, shown
 from eventsweep.emvs.parameters import FrozenModel, explain, refuse_code
 from eventsweep.eval.config import Settings, read_toml
 from eventsweep.eval.perturbations import amounts
@@ -137,7 +137,7 @@ class Suite(FrozenModel):
         for name, mapper in self.mappers.items():
             if mapper.get("device") == "auto":
                 raise ValueError(
-                    f"mappers.{name}.device is 'auto', which differs between machines: "
+                    f"mappers.{quoted(name)}.device is 'auto', which differs between machines: "
                     "choose cpu or cuda"
                 )
         for settings in self._settings():
@@ -229,4 +229,4 @@ def read(path: Path) -> Suite:
 def _refuse_unknown(where: str, names: tuple[str, ...], known: Mapping[str, Any]) -> None:
     for name in names:
         if name not in known:
-            raise ValueError(f"{where}: no {name!r}, there are {', '.join(known)}")
+            raise ValueError(f"{where}: no {shown(name)}, there are {quoted(*known)}")

@@ -180,8 +180,8 @@ def make_submission(folder: Path, asked: Asked, out: Path, *, force: bool) -> Su
         raise InputError(f"{folder}: no such folder; needs one with depth maps and {FACTS}")
     facts = read_facts(folder)
     (found,) = open_predictions([NamedFolder(folder)], asked.suite, asked.assignments())
-    with output_file(out, force=force, inputs=(folder,)) as path, TemporaryDirectory() as staging:
-        stage = Path(staging)
+    with output_file(out, force=force, inputs=(folder,)) as path:
+        stage = path.with_name("staged")  # a kill leaves it where the next call removes it
         for one in asked.assignments():
             files = timed_files(folder, found.description, one.place)
             _export(Prediction(found.name, files, found.description), one, stage)

@@ -95,7 +95,8 @@ def sequences(tmp_path_factory):
 
 
 def test_links_lead_somewhere():
-    texts = {page: BLOCK.sub("", page.read_text(encoding="utf-8")) for page in PAGES}
+    pages = {*PAGES, *ROOT.glob("*.md")}
+    texts = {page: BLOCK.sub("", page.read_text(encoding="utf-8")) for page in pages}
     links = [(page, target) for page, text in texts.items() for target in LINK.findall(text)]
     local = [(page, target) for page, target in links if not target.startswith("http")]
     assert len(local) > 200

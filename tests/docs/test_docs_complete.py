@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import pkgutil
 import re
 import runpy
 import shutil
@@ -38,11 +39,24 @@ COMMAND = re.compile(
     r"-m ((?:emvs|sim|scenes|eval)[\w.]*)|(docs/figures/\w+\.py)|tests/benchmarks (\w+)"
 )
 # A file of the checkout by its path, which may hold `*`.
-FILE = re.compile(r"\b(?:tests|docs/figures|\.ci)/[\w/*.-]*\w\.(?:py|sh|cpp|yml)\b")
+FILE = re.compile(
+    r"(?<![\w/.~-])(?:tests|docs|reports|\.ci|\.github|emvs|sim|scenes|eval|eventsweep)/"
+    r"[\w/*.-]*\w\.(?:py|sh|cpp|yml|md|xml|json|toml|png)\b"
+)
+TO_MAKE = re.compile(r"/(?:NAME|attic)\.")  # what a page tells its reader to write
+TARGET = re.compile(r"(?:`|^)make ([a-z][\w-]*)", re.MULTILINE)
+DOTTED = re.compile(r"`((?:emvs|sim|scenes|eval|eventsweep)(?:\.\w+)+)[`(]")
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SUPPORT.md", "SECURITY.md")),
+    *sorted(DOCS.rglob("*.md")),
+]  # fmt: skip
 MENTIONS = [
-    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "Makefile", "pyproject.toml")),
-    *sorted(DOCS.rglob("*.md")), *sorted(DOCS.rglob("*.py")),
-    *sorted(path for path in TOOLS.rglob("*") if path.suffix in (".py", ".sh")),
+    *PAGES, ROOT / "Makefile", ROOT / "pyproject.toml", *sorted(DOCS.rglob("*.py")),
+    *sorted((ROOT / ".github").rglob("*.yml")),
+    *sorted(
+        path for path in TOOLS.rglob("*")
+        if path.suffix in (".py", ".sh") and not path.name.startswith("test_")
+    ),
     *sorted(path for name in PACKAGES for path in (ROOT / name).rglob("*.py")),
 ]  # fmt: skip
 
@@ -158,9 +172,29 @@ def test_commands_and_files_that_are_named_exist():
     tools = re.findall(r"python tests/benchmarks (\w+)", text)
     assert len(tools) > 30
     assert {name for name in tools if name != "NAME"} - known_tools().keys() == set()
-    files = set(FILE.findall(text))
-    assert len(files) > 30
+    files = {name for name in FILE.findall(text) if not TO_MAKE.search(name)}
+    assert len(files) > 150
     assert [name for name in sorted(files) if not list(ROOT.glob(name))] == []
+    targets = set(TARGET.findall(text_of(*PAGES)))
+    assert len(targets) > 10
+    assert (
+        targets - set(re.findall(r"^([\w-]+):", text_of(ROOT / "Makefile"), re.MULTILINE)) == set()
+    )
+
+
+def test_modules_and_what_is_in_them_that_pages_name_exist():
+    names = set(DOTTED.findall(text_of(*PAGES))) - {"eventsweep.upsamplers"}  # entry points
+    assert len(names) > 100
+    assert [name for name in sorted(names) if not exists(name)] == []
+
+
+def exists(name):
+    """Whether a dotted name is that of a module, or of something in one."""
+    try:
+        pkgutil.resolve_name(f"eventsweep.{name.removeprefix('eventsweep.')}")
+    except (ImportError, AttributeError):
+        return False
+    return True
 
 
 def test_each_folder_of_tools_is_found_and_shows_its_parts_at_a_glance():

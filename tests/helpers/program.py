@@ -1,6 +1,6 @@
 """The commands of the program, those of groups too: `run`, `archive make`."""
 
-from eventsweep.eval.cli.main import VERBS, app
+from eventsweep.eval.cli.main import app
 
 
 def command(name):
@@ -17,4 +17,4 @@ def _expanded(verb):
     return [f"{verb} {name}" for name in app[verb] if not name.startswith("-")]
 
 
-COMMANDS = tuple(name for verb in VERBS for name in _expanded(verb))
+COMMANDS = tuple(name for verb in app if not verb.startswith("-") for name in _expanded(verb))

@@ -104,7 +104,7 @@ def _pictures(sources: Sequence[Source]) -> dict[str, MethodPictures]:
     for source in sources:
         if not any(one.part == "public" for one in source.entries):
             continue
-        with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
+        with suppress(OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError):
             place = inside(source.folder, PICTURES_FOLDER)
             index = parse_json(read_text(inside(place, METHODS_NAME), TABLE_BYTES))
             for method, about in index.items():

@@ -150,12 +150,18 @@ def test_files_that_dsec_lacks_are_named(sequence, tmp_path, gone, message):
         open_recording(folder).truth_times_us(0)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_dsecs_rectify_map_must_be_the_calibrations(sequence, tmp_path):
     folder = rewritten(sequence.path, tmp_path / "d", "dsec")
     with h5py.File(folder / "events/left/rectify_map.h5", "r+") as file:
         assert file["rectify_map"].shape == (64, 96, 2)
         file["rectify_map"][16, 32] += 2
     with pytest.raises(InputError, match=r"row 16, column 32 lies 2 px off"):
+        open_recording(folder)
+    with h5py.File(folder / "events/left/rectify_map.h5", "r+") as file:
+        signalling = np.array([0x7FA00000], np.uint32).view(np.float32)  # warns as it is converted
+        file["rectify_map"][16, 32] = np.repeat(signalling, 2)
+    with pytest.raises(InputError, match=r"row 16, column 32 lies nan px off"):
         open_recording(folder)
 
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from hypothesis import event, given, settings
+from hypothesis import event, example, given, settings
 from hypothesis import strategies as st
 
 from eventsweep.emvs.errors import InputError
@@ -180,6 +180,14 @@ def test_a_link_into_an_output_is_never_ours(tmp_path):
         check_output(out, force=True)
     assert remove_ours(out) == ["w000/events.npz"]
     assert (tmp_path / "precious").read_text() == "n"
+
+
+def test_a_pipe_is_not_replaced_by_a_file(tmp_path):
+    """Nor a device: for root, `/dev/null` is a name like any other."""
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="is a pipe, device"), atomic_path(tmp_path / "pipe"):
+        pytest.fail("it is opened for writing")
+    assert (tmp_path / "pipe").is_fifo()
 
 
 def test_nothing_is_written_through_a_link(tmp_path):
@@ -479,6 +487,10 @@ ANYTHING = given(
 
 
 @settings(max_examples=400, deadline=None)
+@example(
+    kinds={"out/in": "run"}, foreign=[], link=None, out="out/in", given_inputs=["out"],
+    verb="together", working="",
+)  # fmt: skip
 @ANYTHING
 def test_whatever_lies_where_nothing_of_others_is_lost(**drawn):
     check_nothing_is_lost(**drawn)
@@ -503,6 +515,8 @@ def check_nothing_is_lost(kinds, foreign, link, out, given_inputs, verb, working
         read = {
             path: what for one in inputs for path, what in contents(os.path.realpath(one)).items()
         }
+        if verb == "together":  # may add to what it reads, and lists that in a manifest of ours
+            read.pop(Path(os.path.realpath(root / out)) / NAME, None)
         before = contents(root)
         if (root / working).is_dir():
             os.chdir(root / working)

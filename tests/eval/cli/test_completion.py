@@ -85,6 +85,26 @@ def test_installing_twice_adds_one_line(home):
         assert len(lines) == 1
 
 
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_a_start_up_file_is_replaced_as_a_whole_and_keeps_what_it_says(
+    tmp_path, monkeypatch, shell
+):
+    """Written into, it would be cut by a kill or a full disk."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr(app, "generate_completion", lambda **_: "a script")
+    place, name = tmp_path / "dotfiles", tmp_path / f".{shell}rc"
+    place.write_text("of somebody")
+    place.chmod(0o640)
+    name.symlink_to(place)
+    with place.open() as before:  # holds the old file: its number is not given to another
+        assert main(["completion", shell, "--quiet"]) == 0
+        assert place.stat().st_ino != os.fstat(before.fileno()).st_ino
+        assert before.read() == "of somebody"
+    assert name.is_symlink()
+    assert place.stat().st_mode & 0o777 == 0o640
+    assert "of somebody" in place.read_text().splitlines()
+
+
 def test_the_script_can_be_printed_and_the_shell_is_found(home, monkeypatch, capsys):
     monkeypatch.setenv("HOME", str(home))
     assert main(["completion", "fish", "--print"]) == 0

@@ -11,7 +11,7 @@ from eventsweep.eval.cli.help import ALL, readable
 from eventsweep.eval.cli.main import app, main
 from program import COMMANDS, command
 
-EVERY = sorted({*COMMANDS, "cache"})
+EVERY = sorted(COMMANDS)
 MOST_FLAGS = 16
 
 

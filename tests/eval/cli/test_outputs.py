@@ -19,6 +19,7 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.cli.verbs.gate import GateFlags
 from eventsweep.eval.scoring.results import Results, write_results
 from eventsweep.sim.parallel.checkpoint import CheckpointFolder, checkpoint_path
+from places import ROOT
 from score_rows import score_row
 from small_pair import small_sequence
 
@@ -227,6 +228,24 @@ def test_the_gate_writes_over_nothing_but_its_own(tmp_path, capsys):
     own.write_text("### eventsweep gate: corrected")
     with pytest.raises(InputError, match="exists"):
         flags.check_files(force=False)
+
+
+KILLED = (
+    pytest.param((12, "map anew", "simulate", "submission"), marks=pytest.mark.slow),
+    (5, "convert"),
+)
+
+
+@pytest.mark.parametrize("kills", KILLED, ids=str)
+def test_after_a_kill_the_same_call_makes_the_same_and_nothing_is_lost(kills):
+    """As in `fuzz_kills`, in a process that has not yet any thread."""
+    count, *names = map(str, kills)
+    tool = ROOT / "tests" / "fuzz" / "fuzz_kills.py"
+    done = subprocess.run(
+        [sys.executable, str(tool), count, "0", *names],
+        check=False, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, f"{count} kills, 0 faults\n"), done.stderr[-999:]
 
 
 # Unfinished simulations

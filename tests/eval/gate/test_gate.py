@@ -452,6 +452,16 @@ def test_own_results_are_gated(held, tmp_path, monkeypatch, capsys):
     assert step.read_text().count("### ") == 2
 
 
+def test_an_update_that_is_repeated_adds_nothing(held, tmp_path):
+    """As after a kill between the file and the report."""
+    before = held.read_bytes()
+    again = ("--baseline", held, "--result", results(tmp_path / "again"), "--update", "--reason")
+    assert gate(*again, "first") == 0
+    assert held.read_bytes() == before
+    assert gate(*again, "second") == 0
+    assert [one.reason for one in read_baseline(held).history] == ["first", "second"]
+
+
 def test_results_of_another_sequence_are_red(held, tmp_path, capsys):
     other = results(tmp_path / "other", 0.2, sequence="t")
     for strict in ((), ("--strict",)):

@@ -152,10 +152,14 @@ def test_a_ranking_goes_on_from_its_own_data(written, tmp_path):
     assert main(["ranking", str(written), str(newer), "--out", str(again), "--quiet"]) == 0
 
 
-def test_damaged_pictures_are_left_out(tmp_path):
+@pytest.mark.parametrize("error_cm", [None, 10**999], ids=["missing", "too large"])
+def test_damaged_pictures_are_left_out(tmp_path, error_cm):
     folder = stored(tmp_path / "in", entry("v1", ERRORS), pictures=["Alg1/H", "Focus/H"])
     index = json.loads((folder / "pictures" / METHODS_NAME).read_text())
-    del index["Alg1/H"]["best"]["error_cm"]  # as an older version wrote it
+    if error_cm is None:
+        del index["Alg1/H"]["best"]["error_cm"]  # as an older version wrote it
+    else:
+        index["Alg1/H"]["best"]["error_cm"] = error_cm
     (folder / "pictures" / METHODS_NAME).write_text(json.dumps(index))
     assert main(["ranking", str(folder), "--out", str(tmp_path / "out"), "--quiet"]) == 0
     assert "data:image/webp" not in text_of(tmp_path / "out")

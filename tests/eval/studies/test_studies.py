@@ -61,6 +61,8 @@ def test_one_seed_has_no_band_and_is_drawn(tmp_path):
     found = [replace(one, amounts=study.amounts) for one in found]
     draw(study, found, tmp_path / "one.png", "a; 1 seed each")
     assert (tmp_path / "one.png").stat().st_size > 1000
+    draw(study, found, tmp_path / "one.svg", "a; 1 seed each")
+    assert "<dc:date>" not in (tmp_path / "one.svg").read_text()  # the same bytes in every run
 
 
 def test_a_method_breaks_where_it_passes_twice_its_first_value():

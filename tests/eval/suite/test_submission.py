@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import tarfile
+import tempfile
 
 import numpy as np
 import pytest
@@ -90,6 +91,22 @@ def test_it_is_the_same_bytes_each_time_and_the_same_numbers(place):
 
 class _Any:
     sha256, bytes = "", 1 << 20
+
+
+def test_what_a_kill_leaves_the_next_call_removes(place, monkeypatch):
+    temporary = place / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    before = {*place.iterdir()}
+    child = os.fork()
+    if child == 0:
+        monkeypatch.setattr("eventsweep.eval.suite.submission.pack", lambda *_: os._exit(9))
+        os._exit(make(place))
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
+    assert list(temporary.iterdir()) == []  # nobody would look there
+    assert {*place.iterdir()} > before
+    assert make(place) == 0
+    assert {*place.iterdir()} - before == {place / "guess.tar.zst"}
 
 
 def test_disparities_are_stored_as_depth(place):

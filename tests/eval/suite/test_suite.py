@@ -109,6 +109,7 @@ def test_names_find_suites_and_subsets(tmp_path):
         ("duration_s = 0.02 }]", "duration_s = 0.03 }]", "the case has 0.04 s"),
         ('cases = ["wall"]', 'cases = ["hall"]', "no 'hall', there are wall"),
         ('"default", "coarse"]', '"default", "fine"]', "no 'fine', there are default, coarse"),
+        ('"default", "coarse"]', f'"{"9" * 5000}"]', "no '999"),
         ("contrast_threshold_pos = 0.4", "contrast_threshold_pos = -1", "contrast_threshold_pos"),
         ('speed_case = "wall"', 'speed_case = "hall"', "no 'hall'"),
         ("planes = 10", 'device = "auto"', "mappers.coarse.device is 'auto'"),
@@ -128,6 +129,7 @@ def test_a_wrong_definition_is_one_line(tmp_path, old, new, words):
         read(toml(tmp_path, TINY.replace(old, new)))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 1000
 
 
 @pytest.mark.parametrize(
