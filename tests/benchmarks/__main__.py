@@ -31,7 +31,8 @@ def main() -> None:
             words = (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "").splitlines()
             sys.stderr.write(f"  {path.parent.name}/{path.stem:<20} {words[0] if words else ''}\n")
         sys.exit(2)
-    sys.path[:1] = [str(folder) for folder in (*FOLDERS, HERE.parent / "helpers")]
+    shared = HERE.parent / "helpers", HERE.parent / "reference"
+    sys.path[:1] = [str(folder) for folder in (*FOLDERS, *shared)]
     sys.argv[:2] = [str(known[name])]
     runpy.run_path(sys.argv[0], run_name="__main__")
 

@@ -1,30 +1,31 @@
 """How close simulated events come to those of the continuous world, per scene and way to simulate.
 
-The world is stood in for by the finest pictures that are practical: 16 x 16 samples per pixel,
-0.05 px apart. Each is a short clip of one camera; of sensors with many pixels, of their middle.
+Events are compared one to one. Each case is a short clip of one camera; of sensors with many
+pixels, of their middle. For scenes of the suite the truth is the finest pictures that are
+practical: 16 x 16 samples per pixel, 0.05 px apart. With `--rays` the cases are worlds of panels,
+and the truth is cast by rays, which shares no code with the simulator; `--seed N` draws other
+sizes, speeds and textures.
 
-Run: python tests/benchmarks fidelity --truth FOLDER [CASE ...] [--parts] [--page docs/simulator.md]
-[--picture docs/images/fidelity.png]. The truth is kept in FOLDER: it takes minutes per case.
+Run: python tests/benchmarks fidelity --truth FOLDER [CASE ...] [--parts | --rays [--seed N]]
+[--page docs/simulator.md] [--picture docs/images/fidelity.png]. The truth is kept in FOLDER: of a
+scene it takes minutes, of panels seconds.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
-import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep import scenes
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.data.sequence import Sequence as Recording
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.sim.config import SimConfig
@@ -34,12 +35,15 @@ from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import rig as rig_called
 from eventsweep.sim.scene import Scene
 from eventsweep.sim.sensor.esim import EventSimulator
-from eventsweep.sim.simulate import simulate
-from fidelity_picture import draw
+from fidelity_picture import AT_US, draw
 from markdown_blocks import show
+from one_to_one import TOLERANCE_US, Agreement, agreement
+from panel_cases import CASES as RAY_CASES
+from panel_cases import PanelCase, panel_case
+from panel_scene import panel_rig, panel_scene, simulated_events
+from ray_events import PixelEvents, ray_events
 
 FINEST_SAMPLES, FINEST_PX = 16, 0.05
-MATCH_US = 1000
 _MARK = "fidelity"
 
 
@@ -92,27 +96,11 @@ PARTS: dict[str, dict[str, Any]] = {
 }
 
 
-@dataclass(frozen=True)
-class Fidelity:
-    """How some events compare with the truth.
-
-    Attributes:
-        lost: share of the true number that is missing; negative where there are too many.
-        error_us: (N,) per true event, time to the nearest event of the same pixel and polarity, µs.
-    """
-
-    lost: float
-    error_us: NDArray[np.int64]
-
-    @property
-    def matched(self) -> float:
-        """Share of the true events with one within `MATCH_US`."""
-        return float(np.mean(self.error_us <= MATCH_US))
-
-    @property
-    def median_us(self) -> float:
-        """Median time error, µs."""
-        return float(np.median(self.error_us))
+# For the worlds of panels: what a pixel shows between two frames is what they are about.
+RAY_WAYS: dict[str, dict[str, Any]] = {
+    "accurate": {},
+    "frames 1 px apart": {"max_displacement_px": 1, **CLOSE},
+}
 
 
 def view_of(clip: Clip) -> tuple[Scene, Rig]:
@@ -160,96 +148,111 @@ def truth(clip: Clip, kept: Path) -> Events:
     return events
 
 
-def simulated(clip: Clip, settings: dict[str, Any]) -> tuple[Events, float]:
-    """The clip's events as the simulator makes them, and the processor time that they took, s."""
+def simulated(clip: Clip, settings: dict[str, Any]) -> Events:
+    """The clip's events as the simulator makes them."""
     scene, rig = view_of(clip)
     # The whole scene's motion, of which the clip is the beginning.
     clipped = replace(scene, motion=lambda _s, seed: scene.motion(scene.duration_s, seed))
     config = SimConfig(duration_s=1e-6 * clip.duration_us, **settings)
+    return cast(Events, simulated_events(clipped, rig, config))
+
+
+def ray_truth(case: PanelCase, kept: Path) -> PixelEvents:
+    """The events of a world of panels; from `kept` where they have been made before."""
+    if kept.exists():
+        stored = np.load(kept)
+        return PixelEvents(*(stored[name] for name in ("x", "y", "t", "p")))
+    events = ray_events(case.world, case.duration_s, log_eps=case.log_eps)
+    with atomic_path(kept) as partial, partial.open("wb") as file:
+        np.savez(file, x=events.x, y=events.y, t=events.t_us, p=events.p)
+    return events
+
+
+def simulated_panels(case: PanelCase, settings: dict[str, Any]) -> Events:
+    """The events of a world of panels as the simulator makes them."""
+    config = SimConfig(duration_s=case.duration_s, log_eps=case.log_eps, **settings)
     with tempfile.TemporaryDirectory() as folder:
-        began_s = time.process_time()
-        simulate(clipped, rig, config, 0, Path(folder) / "clip")
-        took_s = time.process_time() - began_s
-        recording = Recording.open(Path(folder) / "clip")
-        first_us, last_us = recording.event_span_us(0)
-        return recording.events(0, first_us, last_us + 1), took_s
+        scene = panel_scene(case.world, case.depth_range_m, Path(folder), hdr=case.hdr)
+        return cast(Events, simulated_events(scene, panel_rig(case.world.camera), config))
 
 
-def compared(found: Events, true: Events, width_px: int) -> Fidelity:
-    """Nearest events of the same pixel and polarity."""
-    span = 1 << 32
-
-    def keys(events: Events) -> NDArray[np.int64]:
-        place = 2 * (events.y.astype(np.int64) * width_px + events.x) + events.p
-        return np.sort(place * span + events.t_us)
-
-    wanted, have = keys(true), keys(found)
-    after = np.searchsorted(have, wanted)
-    error_us = np.full(len(wanted), span // 2)
-    for near in (after - 1, after):
-        other = have[np.clip(near, 0, len(have) - 1)]
-        same = other // span == wanted // span
-        error_us = np.where(same, np.minimum(error_us, np.abs(other - wanted)), error_us)
-    return Fidelity(1 - len(found) / len(true), error_us)
-
-
-def table(results: dict[str, dict[str, Fidelity]], counts: dict[str, int]) -> str:
-    """The results as Markdown."""
-    names = list(next(iter(results.values())))
-    head = "| Scene | true events | " + " | ".join(names) + " |"
+def table(results: dict[str, dict[str, Agreement]], against: str) -> str:
+    """The results as Markdown, a row per case and way."""
     lines = [
-        f"Events lost (−: too many), true events with one within {MATCH_US / 1000:g} ms, median "
-        f"time error, against {FINEST_SAMPLES} × {FINEST_SAMPLES} samples {FINEST_PX:g} px apart. "
-        "Written by `python tests/benchmarks fidelity`.",
+        f"Events compared one to one within {TOLERANCE_US / 1000:g} ms, against {against}; median "
+        "time error of those that agree. Written by `python tests/benchmarks fidelity`.",
         "",
-        head,
-        "|---|--:" + "|--:" * len(names) + "|",
+        "| Case | way | true events | count error | recall | precision | median |",
+        "|---|---|--:|--:|--:|--:|--:|",
     ]
     for case, ways in results.items():
-        cells = [
-            f"{100 * ways[way].lost:+.1f} %, {100 * ways[way].matched:.0f} %, "
-            f"{ways[way].median_us:.0f} µs".replace("-", "−")
-            for way in names
-        ]
-        count = f"{counts[case]:,}".replace(",", " ")
-        lines.append(f"| {case} | {count} | {' | '.join(cells)} |")
+        for number, (way, same) in enumerate(ways.items()):
+            count = f"{same.true:,}".replace(",", " ")
+            first = f"{case} | {way} | {count}" if number == 0 else f" | {way} | "
+            error = f"{100 * same.count_error:+.1f} %".replace("-", "−")
+            shares = f"{100 * same.recall:.1f} % | {100 * same.precision:.1f} %"
+            lines.append(f"| {first} | {error} | {shares} | {same.median_us:.0f} µs |")
     return "\n".join(lines) + "\n"
+
+
+def runs(given: argparse.Namespace) -> Iterator[tuple[str, str, Any, Any]]:
+    """Case, way, events and true events, one by one."""
+    for name in given.cases or (RAY_CASES if given.rays else CLIPS):
+        if given.rays:
+            case = panel_case(name, given.seed)
+            drawn = "" if given.seed is None else f", seed {given.seed}"
+            true: Any = ray_truth(case, given.truth / f"rays, {name}{drawn}.npz")
+            for way, settings in RAY_WAYS.items():
+                yield name, way, simulated_panels(case, settings), true
+            continue
+        true = truth(CLIPS[name], given.truth / f"{name}.npz")
+        for way, settings in (PARTS if given.parts else WAYS).items():
+            yield name, way, simulated(CLIPS[name], settings), true
+
+
+def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("cases", nargs="*", metavar="CASE")
+    parser.add_argument("--truth", type=Path, required=True, help="folder that keeps the truth")
+    kind = parser.add_mutually_exclusive_group()
+    kind.add_argument("--parts", action="store_true", help="what single settings are worth")
+    kind.add_argument("--rays", action="store_true", help="worlds of panels, by ray casting")
+    parser.add_argument("--seed", type=int, help="draw other panels")
+    parser.add_argument("--page", type=Path)
+    parser.add_argument("--picture", type=Path)
+    given = parser.parse_args(arguments)
+    if given.seed is not None and not given.rays:
+        parser.error("--seed draws panels: it needs --rays")
+    known = RAY_CASES if given.rays else CLIPS
+    unknown = set(given.cases) - set(known)
+    if unknown:
+        parser.error(f"no case {', '.join(sorted(unknown))}: choose of {', '.join(known)}")
+    return given
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compares all ways to simulate with the truth and prints, writes or draws what came out."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CLIPS)}")
-    parser.add_argument("--truth", type=Path, required=True, help="folder that keeps the truth")
-    parser.add_argument("--parts", action="store_true", help="what single settings are worth")
-    parser.add_argument("--page", type=Path)
-    parser.add_argument("--picture", type=Path)
-    given = parser.parse_args(arguments)
-    unknown = set(given.cases) - set(CLIPS)
-    if unknown:
-        parser.error(f"no case {', '.join(sorted(unknown))}: choose of {', '.join(CLIPS)}")
+    given = parsed(arguments)
     given.truth.mkdir(parents=True, exist_ok=True)
-    results: dict[str, dict[str, Fidelity]] = {}
-    counts: dict[str, int] = {}
-    for case in given.cases or CLIPS:
-        clip = CLIPS[case]
-        true = truth(clip, given.truth / f"{case}.npz")
-        width_px, results[case], counts[case] = view_of(clip)[1].cameras[0].width_px, {}, len(true)
-        for way, settings in (PARTS if given.parts else WAYS).items():
-            found, took_s = simulated(clip, settings)
-            results[case][way] = one = compared(found, true, width_px)
-            line = {
-                "case": case, "way": way, "true": len(true), "lost": round(one.lost, 4),
-                "matched": round(one.matched, 4), "median_us": one.median_us,
-                "processor_s": round(took_s, 2),
-            }  # fmt: skip
-            sys.stdout.write(json.dumps(line, ensure_ascii=False) + "\n")
-            sys.stdout.flush()
-    block = table(results, counts)
-    show(block, given.page, _MARK + "-parts" * given.parts)
+    results: dict[str, dict[str, Agreement]] = {}
+    curves: dict[str, dict[str, NDArray[np.float64]]] = {}
+    for case, way, found, true in runs(given):
+        same = agreement(found, true)
+        results.setdefault(case, {})[way] = same
+        if given.picture:
+            shares = [agreement(found, true, at_us).recall for at_us in AT_US]
+            curves.setdefault(case, {})[way] = np.array(shares)
+        sys.stderr.write(f"{case}, {way}: {same}\n")
+    against = (
+        "ray casting"
+        if given.rays
+        else (f"{FINEST_SAMPLES} × {FINEST_SAMPLES} samples {FINEST_PX:g} px apart")
+    )
+    mark = _MARK + "-parts" * given.parts + "-rays" * given.rays
+    show(table(results, against), given.page, mark)
     if given.picture:
-        draw({c: {w: f.error_us for w, f in ways.items()} for c, ways in results.items()},
-             given.picture)  # fmt: skip
+        draw(curves, given.picture)
     return 0
 
 

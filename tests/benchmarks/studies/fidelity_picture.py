@@ -1,4 +1,4 @@
-"""The picture of the fidelity study: how many true events have one near them, over how near."""
+"""The picture of the fidelity study: how many true events have a partner, over how near."""
 
 from __future__ import annotations
 
@@ -14,29 +14,28 @@ from eventsweep.emvs.utils.files import atomic_path
 # Okabe and Ito's colours, told apart by all; lines differ as well.
 _STYLES = (("#777777", ":"), ("#E69F00", "--"), ("#0072B2", "-"), ("#009E73", "-."))
 _NEAREST_US, _FURTHEST_US, _ACROSS = 10, 10_000, 4
+AT_US = np.geomspace(_NEAREST_US, _FURTHEST_US, 61)
 
 
-def draw(errors_us: Mapping[str, Mapping[str, NDArray[np.int64]]], path: Path) -> None:
+def draw(recalls: Mapping[str, Mapping[str, NDArray[np.float64]]], path: Path) -> None:
     """Draws one panel per scene with one curve per way to simulate, as a PNG.
 
     Args:
-        errors_us: by scene and way, the time errors of all true events, µs.
+        recalls: by scene and way, the share of true events with a partner within each of `AT_US`.
         path: the picture.
     """
-    rows = -(-len(errors_us) // _ACROSS)
+    rows = -(-len(recalls) // _ACROSS)
     figure = Figure(figsize=(2.9 * _ACROSS, 2.5 * rows + 0.4), layout="constrained", dpi=100)
     panels = np.atleast_1d(figure.subplots(rows, _ACROSS, sharex=True, sharey=True)).ravel()
-    at_us = np.geomspace(_NEAREST_US, _FURTHEST_US, 121)
-    for axes, (scene, ways) in zip(panels, errors_us.items(), strict=False):
-        for (way, error_us), (colour, style) in zip(ways.items(), _STYLES, strict=False):
-            share = np.searchsorted(np.sort(error_us), at_us, side="right") / len(error_us)
-            axes.plot(at_us, 100 * share, style, color=colour, label=way)
+    for axes, (scene, ways) in zip(panels, recalls.items(), strict=False):
+        for (way, recall), (colour, style) in zip(ways.items(), _STYLES, strict=False):
+            axes.plot(AT_US, 100 * recall, style, color=colour, label=way)
         axes.set(title=scene, xscale="log", ylim=(0, 100), xlim=(_NEAREST_US, _FURTHEST_US))
         axes.grid(alpha=0.3)
-    for axes in panels[len(errors_us) :]:
+    for axes in panels[len(recalls) :]:
         axes.set_axis_off()
     figure.supxlabel("time error (µs)")
-    figure.supylabel("true events with one so near (%)")
+    figure.supylabel("true events with a partner so near (%)")
     handles, names = panels[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper center", ncols=len(names))
     with atomic_path(path) as partial, partial.open("wb") as file:

@@ -1,0 +1,51 @@
+"""The ray caster, the simulator's independent truth, and the renderer show the same world."""
+
+import numpy as np
+import pytest
+
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from one_to_one import agreement
+from panel_cases import DAVIS, Draw, gliding, panel_case, wall
+from panel_scene import panel_rig, panel_scene, simulated_events
+from ray_events import ray_events
+from ray_world import RayCaster, RayWorld
+
+DRAW = Draw("test", None)
+
+
+@pytest.mark.parametrize("name", ["crossing body", "fisheye", "barrel lens", "bright window"])
+def test_the_pictures_are_the_renderers(name, tmp_path):
+    case = panel_case(name)
+    scene = panel_scene(case.world, case.depth_range_m, tmp_path, hdr=case.hdr)
+    caster, rig = RayCaster(case.world, 12), panel_rig(case.world.camera)
+    with StereoRenderer(
+        scene.spec(), rig, 8, scene.depth_range_m, floats=case.hdr, animate=scene.animate
+    ) as renderer:
+        for t_s in (0.0, case.duration_s):
+            renderer.at(t_s)
+            drawn = renderer.frame(0, case.world.T_world_cam(t_s)).intensity
+            cast = caster.picture(t_s)
+            assert cast.std() > 0.1 * cast.mean()
+            # Both are means of samples: a pixel with edges differs by where these lie.
+            assert np.median(np.abs(drawn - cast)) < 2e-3 * cast.max()
+            assert np.percentile(np.abs(drawn - cast), 90) < 0.02 * cast.max()
+
+
+def test_a_slide_before_a_textured_plane_gives_the_same_events(tmp_path):
+    world = RayWorld((wall(2.0, 1.0, DRAW.leaves(512, 1, 900)),), DAVIS, gliding((0.8, 0.2, 0)))
+    scene = panel_scene(world, (1.0, 4.0), tmp_path)
+    config = SimConfig(duration_s=0.04)
+    found = simulated_events(scene, panel_rig(DAVIS), config)
+    same = agreement(found, ray_events(world, 0.04, log_eps=config.log_eps))
+    assert same.true > 1000
+    assert same.recall >= 0.95
+    assert same.precision >= 0.95
+
+
+@pytest.mark.parametrize("name", ["fisheye", "barrel lens"])
+def test_a_lens_is_undone(name):
+    camera = panel_case(name).world.camera
+    uv_px = np.random.default_rng(0).uniform(0, 30, (50, 2))
+    points_m = np.concatenate([camera.rays(uv_px), np.ones((50, 1))], 1)
+    np.testing.assert_allclose(camera.positions(points_m), uv_px, atol=1e-6)
