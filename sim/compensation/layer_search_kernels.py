@@ -241,13 +241,13 @@ def walk(
 @numba.njit(cache=True, nogil=True)
 def light_range(
     light: NDArray[np.float32], i: int, j: int, n: int
-) -> tuple[np.float32, np.float32]:
+) -> tuple[float, float]:
     """Least and greatest light of a pixel's samples."""
     dark, bright = np.float32(np.inf), np.float32(-np.inf)
     for q in range(n * i, n * i + n):
         for m in range(n * j, n * j + n):
             dark, bright = min(dark, light[q, m]), max(bright, light[q, m])
-    return dark, bright
+    return float(dark), float(bright)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from eventsweep import scenes
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim import simulate
-from eventsweep.sim.compensation import fine_frame
+from eventsweep.sim.compensation import fine_frame, interval
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.motion import Motion
 from eventsweep.sim.parallel import checkpoint, render_job, sensors
@@ -53,7 +53,9 @@ STAGES: tuple[tuple[Any, str, str], ...] = (
     (light_shader.ShaderLight, "take", "light of samples and pixels"),
     (pixel_kernels, "luma", "light of samples and pixels"),
     (pixel_kernels, "resampled", "light of samples and pixels"),
-    (box_kernels, "box_mean", "light of samples and pixels"),
+    (fine_frame, "box_mean", "light of samples and pixels"),
+    (fine_frame, "cell_depths", "reach of light"),
+    (interval, "_find_layers", "find layers"),
     (box_kernels, "inverse_depth", "light of samples and pixels"),
     (box_kernels, "nearest_of_pixels", "light of samples and pixels"),
     (box_kernels, "pixel_means", "light of samples and pixels"),
