@@ -239,9 +239,7 @@ def walk(
 
 
 @numba.njit(cache=True, nogil=True)
-def light_range(
-    light: NDArray[np.float32], i: int, j: int, n: int
-) -> tuple[float, float]:
+def light_range(light: NDArray[np.float32], i: int, j: int, n: int) -> tuple[float, float]:
     """Least and greatest light of a pixel's samples."""
     dark, bright = np.float32(np.inf), np.float32(-np.inf)
     for q in range(n * i, n * i + n):

@@ -26,8 +26,9 @@ PIXEL = np.dtype(
 """A pixel's memory: last emitted event, first log intensity, rises and falls since."""
 
 
-TIE = 1e-9
-"""A level counts as reached from this close, ln intensity: less than float32 can tell apart."""
+TIE = 1e-7
+"""A level counts as reached from this close, ln intensity: float32 light is rounded by as much, and
+light that comes back to a grey, an uncovered wall, comes back to the level itself."""
 NEAR = 2 * TIE
 """Nobody further from a level than this can reach it, however sums are rounded."""
 

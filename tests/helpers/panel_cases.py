@@ -230,7 +230,7 @@ CASES: dict[str, Callable[[Draw], PanelCase]] = {
     "crossing body": _crossing,
     "near occluder": _near,
     "leaves": _leaves,
-    "rotation, 300 deg/s": _rotation,
+    "rotation at 300 deg per s": _rotation,
     "fisheye": _lens(FISHEYE),
     "barrel lens": _lens(BARREL),
     "dim": _dim,

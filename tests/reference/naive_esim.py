@@ -12,7 +12,7 @@ from math import floor
 
 import numpy as np
 
-TIE = Fraction(1, 10**9)
+TIE = Fraction(1, 10**7)
 """A level counts as reached from this close."""
 
 
