@@ -1,4 +1,4 @@
-"""Looks around in a scene before it is simulated: how near things are, and what is wrong."""
+"""Looks around in a scene before it is simulated: depth, light, and what is wrong."""
 
 from __future__ import annotations
 
@@ -22,6 +22,9 @@ _LOOKS = 9
 _EDGE = 0.1
 _FEW_EDGES = 0.002
 _SIZE_STEPS = 2
+# A step of 8 bits, in log intensity, as a share of the contrast threshold; and the share of pixels
+# that may be darker than that, or brighter than 1, where light has 8 bits.
+_COARSE, _FEW_PIXELS = 0.25, 0.05
 
 
 class _Seen(NamedTuple):
@@ -31,11 +34,13 @@ class _Seen(NamedTuple):
         depths_m: nearest and farthest of each picture, of all surfaces.
         still_m: the same of surfaces that stay where they are: what a map is of.
         edges: share of pixels on edges, of each picture.
+        beyond_8_bits: share of pixels too dark or too bright for 8 bits, of each picture.
     """
 
     depths_m: list[float]
     still_m: list[float]
     edges: list[float]
+    beyond_8_bits: list[float]
 
 
 def not_drawn(model: Any) -> str:
@@ -54,6 +59,8 @@ def survey(
     scene: Scene, rig: Rig, config: SimConfig, seed: int, notice: Callable[[str], None]
 ) -> Scene:
     """Returns the scene with the depth range that its cameras see; warns of what looks wrong.
+
+    Its light is drawn in floats where it is too dark or too bright for 8 bits, and a line says so.
 
     Args:
         scene: with clipping planes.
@@ -74,14 +81,21 @@ def survey(
     _tell(scene, min(seen.depths_m), float(np.mean(seen.edges)), notice)
     known_m = range_of(seen.still_m) or range_of(seen.depths_m)
     assert known_m is not None
+    beyond = float(np.mean(seen.beyond_8_bits))
+    if beyond > _FEW_PIXELS and not scene.hdr and config.light.renderer == "auto":
+        notice(
+            f"{scene.name}: {100 * beyond:.0f} % of the view is too dark or too bright for 8 bits, "
+            "so light is drawn in floats"
+        )
+        scene = replace(scene, hdr=True)
     return replace(scene, depth_range_m=known_m)
 
 
 def _looked(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> _Seen:
     duration_s = config.duration_s or scene.duration_s
     motion = replayed(scene, config)[0].motion(duration_s, seed)
-    seen = _Seen([], [], [])
-    with MUJOCO.open(scene, rig, 1, floats=False, border_px=None) as renderer:
+    seen = _Seen([], [], [], [])
+    with MUJOCO.open(scene, rig, 1, floats=True, border_px=None) as renderer:
         moves = moving_ids(renderer) & (scene.animate is not None)
         for t_s in np.linspace(0, duration_s, _LOOKS).tolist():
             renderer.at(t_s)
@@ -92,6 +106,7 @@ def _looked(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> _Seen:
                 seen.depths_m.extend(ends_m(frame.nearest_depth_m))
                 seen.still_m.extend(ends_m(renderer.depth(k, T_world_body)[still]))
                 seen.edges.append(_edge_share(frame, config.log_eps))
+                seen.beyond_8_bits.append(_beyond_8_bits(frame, config))
     return seen
 
 
@@ -113,6 +128,14 @@ def _edge_share(frame: Frame, log_eps: float) -> float:
     log = np.log(frame.intensity + log_eps)
     across, down = np.abs(np.diff(log, axis=1)), np.abs(np.diff(log, axis=0))
     return float(np.mean(across > _EDGE) + np.mean(down > _EDGE))
+
+
+def _beyond_8_bits(frame: Frame, config: SimConfig) -> float:
+    """Share of pixels with a surface whose contrast 8 bits cannot tell, or whose light they cut."""
+    threshold = min(config.contrast_threshold_pos, config.contrast_threshold_neg)
+    step = np.log1p(1 / (255 * (frame.intensity + config.log_eps)))
+    seen = np.isfinite(frame.nearest_depth_m)
+    return float(np.mean(seen & ((step > _COARSE * threshold) | (frame.intensity > 1))))
 
 
 def _tell(scene: Scene, near_m: float, edges: float, notice: Callable[[str], None]) -> None:

@@ -150,3 +150,20 @@ def test_a_rig_that_sees_nothing_is_refused(path):
     looking_up = replace(up, T_body_cam=tuple(turned @ T for T in up.T_body_cam))
     with pytest.raises(InputError, match="no camera of rig davis346 sees a surface"):
         scene_of(path, config, looking_up, 0, print)
+
+
+@pytest.mark.parametrize(("brightness", "floats"), [("0.02", True), ("0.5", False), ("2", True)])
+def test_a_look_around_decides_how_light_is_drawn(tmp_path, brightness, floats):
+    wall = tmp_path / "wall.xml"
+    wall.write_text(
+        f'<mujoco><visual><headlight ambient="{brightness} {brightness} {brightness}" '
+        'diffuse="0 0 0" specular="0 0 0"/></visual><asset><texture name="t" type="2d" '
+        'builtin="checker" rgb1=".9 .9 .9" rgb2=".4 .4 .4" width="64" height="64"/><material '
+        'name="m" texture="t" texrepeat="9 9"/></asset><worldbody><geom type="plane" size="9 9 1" '
+        'material="m"/><camera name="c" pos="0 0 2" xyaxes="0 -1 0 .9 0 .4" resolution="64 48"/>'
+        "</worldbody></mujoco>"
+    )
+    said = []
+    scene, _, config = made(wall, rig=None, said=said, motion="shake")
+    assert config.light.floats(scene.hdr) is floats
+    assert any("drawn in floats" in line for line in said) is floats
