@@ -478,7 +478,7 @@ ANYTHING = given(
 )
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 @ANYTHING
 def test_whatever_lies_where_nothing_of_others_is_lost(**drawn):
     check_nothing_is_lost(**drawn)
@@ -503,6 +503,8 @@ def check_nothing_is_lost(kinds, foreign, link, out, given_inputs, verb, working
         read = {
             path: what for one in inputs for path, what in contents(os.path.realpath(one)).items()
         }
+        if verb == "together":  # our list of the folder's files grows with it
+            read.pop(Path(os.path.realpath(root / out), NAME), None)
         before = contents(root)
         if (root / working).is_dir():
             os.chdir(root / working)
@@ -548,7 +550,7 @@ def attempt(out, verb, inputs):
 
 def replaced_whole(out):
     with atomic_dir(out, force=True) as folder:
-        write_run(folder)
+        write_map(folder)
         put(folder, a="new")
 
 
