@@ -16,6 +16,7 @@ from eventsweep.sim.config import SimConfig
 from eventsweep.sim.scene import Scene
 from eventsweep.sim.simulate import simulate
 from places import ROOT
+from twin_checks import smaller
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -78,14 +79,17 @@ def performed(arguments: list[str]) -> int:
 
 @pytest.fixture(scope="module")
 def sequences(tmp_path_factory):
-    """Simulates as asked, by command or from Python; what another page has simulated is copied."""
+    """Simulates as asked, by command or from Python; what another page has simulated is copied.
+
+    Sensors have a quarter of their pixels: what is asked is whether the code of a page runs.
+    """
     made: dict[tuple[str, ...], Path] = {}
 
     def shared(scene: Scene, rig: Rig, config: SimConfig, seed: int, out: Path, **how: Any) -> None:
         key = scene.name, str(rig.to_json()), config.model_dump_json(), str(seed)
         if key not in made:
             made[key] = tmp_path_factory.mktemp("simulated") / "sequence"
-            simulate(scene, rig, config, seed, made[key], **how)
+            simulate(scene, smaller(rig, 2), config, seed, made[key], **how)
         shutil.copytree(made[key], out)
 
     with pytest.MonkeyPatch.context() as patch:

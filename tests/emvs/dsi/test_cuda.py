@@ -28,13 +28,15 @@ def run(*command, **variables):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["votes", "fold", pytest.param("maps", marks=pytest.mark.slow)])
-def test_in_the_simulator(name, request):
+@pytest.mark.parametrize(
+    "names", [("votes", "fold"), pytest.param(("maps",), marks=pytest.mark.slow)], ids="-".join
+)
+def test_in_the_simulator(names, request):
     # Without this interval a Python thread that waits for others keeps them from running.
     start = "import sys, pytest; sys.setswitchinterval(1e-5); sys.exit(pytest.main(sys.argv[1:]))"
     slow = ["--run-slow"] if request.config.getoption("--run-slow") else []
-    asked = ("-p", "no:cacheprovider", *slow, str(TESTS / f"cuda_{name}.py"))
-    found = run("-c", start, *asked, **SIMULATED)
+    files = [str(TESTS / f"cuda_{name}.py") for name in names]
+    found = run("-c", start, "-p", "no:cacheprovider", *slow, *files, **SIMULATED)
     assert found.returncode == 0, found.stdout[-5000:]
     assert re.search(r"^\.+", found.stdout, re.MULTILINE), found.stdout
 

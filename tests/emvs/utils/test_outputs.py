@@ -486,7 +486,7 @@ ANYTHING = given(
 )
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 @example(
     kinds={"out/in": "run"}, foreign=[], link=None, out="out/in", given_inputs=["out"],
     verb="together", working="",
@@ -562,7 +562,7 @@ def attempt(out, verb, inputs):
 
 def replaced_whole(out):
     with atomic_dir(out, force=True) as folder:
-        write_run(folder)
+        write_map(folder)
         put(folder, a="new")
 
 

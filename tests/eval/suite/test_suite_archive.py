@@ -26,7 +26,7 @@ from eventsweep.eval.suite.archive import SequenceArchive, hidden_seed, read_sec
 from eventsweep.eval.suite.definition import read as read_definition
 from eventsweep.eval.suite.results import read_suite
 from eventsweep.eval.suite.series import of_suite
-from places import ROOT
+from places import HELPERS, ROOT
 from small_suite import WHOLE, case, suite_text
 
 SUITE = suite_text(
@@ -73,27 +73,40 @@ def same(first, second):
     np.testing.assert_array_equal([*first.values()], [*second.values()])
 
 
+# Arguments are those of `eventsweep`.
+WITHOUT_PICTURES = """
+import sys
+from blank_pictures import blank_pictures
+from eventsweep.eval.cli.main import main
+if __name__ == "__main__":
+    with blank_pictures():
+        sys.exit(main(sys.argv[1:]))
+"""
+
+
 def test_mapping_an_archive_needs_no_graphics_and_gives_the_same_numbers(made, tmp_path):
     """An empty cache, in a process in which nothing could be drawn."""
     file, _, frozen, drawn = made
     arguments = ["--archive", str(frozen), "--out", str(tmp_path / "out"), *NUMBERS]
-    arguments += ["--seeds", "0"]
+    arguments += ["--seeds", "0", "--case", "wall"]
     environment = {
         **os.environ,
         "MUJOCO_GL": "none at all",
         "EVENTSWEEP_CACHE": str(tmp_path / "c"),
     }
-    environment["PYTHONPATH"] = str(ROOT)
-    program = [sys.executable, "-m", "eventsweep", "suite", str(file), *arguments]
+    environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), str(HELPERS)])
+    (tmp_path / "program.py").write_text(WITHOUT_PICTURES)
+    program = [sys.executable, str(tmp_path / "program.py"), "suite", str(file), *arguments]
     subprocess.run(program, env=environment, check=True)
-    first = {key: value for key, value in values(drawn).items() if key[1] == 0}
+    first = {key: value for key, value in values(drawn).items() if key[:2] == ("wall", 0)}
+    assert first
     same(values(tmp_path / "out"), first)
     result = read_suite(tmp_path / "out")
     assert {job.name.split("/")[0] for job in result.jobs} == {"unpack", "map", "score"}
     assert result.archive.version == read(frozen).version
     assert read_suite(drawn).archive is None
     assert [one.facts.scene for one in result.samples] == [
-        one.facts.scene for one in read_suite(drawn).samples if one.seed == 0
+        one.facts.scene for one in read_suite(drawn).samples if (one.case, one.seed) == ("wall", 0)
     ]
 
 
