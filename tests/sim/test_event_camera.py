@@ -104,7 +104,7 @@ def test_rarer_calls_send_as_many_events(model):
     for every in (1, 5):
         with EventCamera(model, "left", config=config()) as camera:
             counts.append(sum(len(one) for one in ridden(model, camera, every=every)))
-    assert counts[0] == pytest.approx(counts[1], rel=0.03)
+    assert counts[0] == pytest.approx(counts[1], rel=0.06)
 
 
 def test_a_call_that_does_not_go_on_is_refused(model):
@@ -174,7 +174,7 @@ def test_a_free_camera_in_a_world_that_stands_still(model, tmp_path):
             data.time, data.mocap_pos[0] = 0.004 * k, (0, 0.01 * k, 1)
             sent.append(len(camera.step(data)))
     assert sent[0] == 0
-    assert min(sent[1:]) > 50
+    assert min(sent[1:]) > 40
 
 
 @pytest.mark.slow

@@ -35,7 +35,7 @@ def test_samples_go_by_the_angle_of_a_pixel(name, accurate, fast):
     for sampling, expected in (("accurate", accurate), ("fast", fast), ("linear", 2)):
         filled = with_sampling(SimConfig(sampling=sampling), rig(name))
         assert filled.supersample == expected
-        assert filled.max_displacement_px == (0.5 if sampling == "linear" else 8.0)
+        assert filled.max_displacement_px == (0.5 if sampling == "linear" else 12.0)
     assert with_sampling(SimConfig(supersample=5), rig(name)).supersample == 5
 
 
@@ -77,13 +77,13 @@ def test_plain_frames_are_pixels_of_fine_ones():
         depth_m = fine.depth(0, body)
     np.testing.assert_allclose(found.intensity, expected.intensity, atol=2e-3)
     assert np.mean(found.nearest_depth_m == expected.nearest_depth_m) > 0.99
-    assert found.light.shape == (4 * (120 + 10 - 1) + 1, 4 * (160 + 10 - 1) + 1)
+    assert found.samples.light.shape == (4 * (120 + 10), 4 * (160 + 10))
     assert depth_m.shape == (120, 160)
-    assert expected.light is None
+    assert expected.samples is None
 
 
 def test_frames_reach_as_far_beyond_the_sensor_as_light_is_carried():
-    assert border_px(SimConfig()) == 10
+    assert border_px(SimConfig()) == 14
     assert border_px(SimConfig(max_displacement_px=2.5)) == 5
     assert border_px(SimConfig(sampling="linear")) is None
 
