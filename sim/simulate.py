@@ -353,7 +353,7 @@ def check_memory(job: RenderJob, workers: int) -> None:
     sizes = [camera.width_px * camera.height_px for camera in job.rig.cameras]
     drawing = _PROCESS_BYTES + _SAMPLE_BYTES * max(sizes) * job.supersample**2
     shared = slot_bytes(job) * slot_count(job) if workers > 1 else 0
-    # Of fine frames the sensors keep one, work on one and wait for one; of two they have boxes, too.
+    # Of fine frames the sensors keep one, work on one and wait for one; two have boxes as well.
     kept = 4 * slot_bytes(job) if job.fine else 0
     needed = _PIXEL_BYTES * sum(sizes) + kept + workers * (drawing + shared)
     free = available_bytes()
