@@ -1,9 +1,9 @@
 """Checks by mapping: do rays meet more sharply under an alternative? Then something is wrong.
 
 Three windows are mapped as given, and again under every alternative (`trials`). The best one is
-named only if it explains: no other one does as well, its amount is an optimum within its search,
-and after it the camera gains nothing by turning otherwise (`TrialWindows.free_turn_gains`). Else
-the poses do not fit the events, and no cause is named.
+named only if it explains: its amount is an optimum within its search, after it no other alternative
+gains much, and nor does the camera by turning otherwise (`TrialWindows.free_turn_gains`). Else two
+causes are sought together. Where none explain, or others do as well, no cause is named.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eventsweep.emvs.check.alternatives import (
+    MARGIN,
     Alternative,
     Amount,
     amounts_of_one,
@@ -35,6 +36,9 @@ _LEFT, _UNFIT = 0.02, 0.05
 _LIKELY, _CANDIDATES = 0.5, 4  # what may be the cause: its share of the best gain, and how many
 _CLEAR = 2  # margins: what a first cure leaves over looks like a small second fault
 _RIVAL = 0.75  # of the gain: another cause that explains as well
+# Of two causes: how many second ones are looked at closely, and what may be left after both, which
+# is less than after one, since two cures have more freedom to fit by chance.
+_SECONDS, _LEFT_OF_TWO = 3, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +49,7 @@ class Diagnosis:
         trials: of all alternatives.
         best: the sharpest one that explains, or the sharpest if none does; camera 0 alone does not
             contradict it.
-        explains: whether nothing that poses can mend is left after the cures.
+        explains: whether nothing is left after the cures, and no other ones do about as well.
         free_gain: mean gain in log sharpness, after these cures, where the camera may turn freely.
         rivals: other causes that explain about as much.
         second: what is still wrong after the best cure; None where nothing is.
@@ -57,6 +61,21 @@ class Diagnosis:
     free_gain: float
     rivals: tuple[Trial, ...] = ()
     second: Trial | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """By the gain; two causes are looked for only where something is wrong."""
+        return "wrong" if self.second else self.best.verdict
+
+    @property
+    def causes(self) -> tuple[Trial, ...]:
+        """The best and the second."""
+        return (self.best,) if self.second is None else (self.best, self.second)
+
+    @property
+    def gain(self) -> float:
+        """Share by which the map becomes sharper with all causes cured."""
+        return float(np.expm1(sum(trial.gain for trial in self.causes)))
 
 
 def check_by_mapping(
@@ -86,7 +105,8 @@ def check_by_mapping(
         diagnosis = _diagnosis(CameraTrials(windows, cameras), alternatives, shown, progress)
         names_text = " and ".join(names[k] for k in cameras)
         findings.append(_finding(f"mapping-{cameras[-1]}", names_text, diagnosis))
-        if findings[-1].verdict == "wrong" and not diagnosis.best.alternative.of_pair:
+        of_pair = all(trial.alternative.of_pair for trial in diagnosis.causes)
+        if findings[-1].verdict == "wrong" and not of_pair:
             break
     return findings
 
@@ -100,16 +120,55 @@ def _diagnosis(
     if best.verdict != "wrong":
         free_gain = trials.free_turn_gain()
         return Diagnosis(tried, best, free_gain <= _UNFIT, free_gain)
-    explaining = [trial for trial in _likely(trials, tried, best) if _explains(trials, trial)]
-    best = next((trial for trial in explaining if trial.verdict == "wrong"), best)
-    rivals = tuple(trial for trial in explaining if _is_rival(trial, best))
-    cured = trials.after(best)
-    second = _second(cured, best, alternatives, progress) if best.is_inside else None
-    cured = cured.after(second) if second else cured
-    left = cured.free_turn_gain()
-    # Which of several causes it is, and another one besides, is more than these windows tell.
-    explains = best.is_inside and left <= trials.margin(_LEFT) and not (rivals and second)
-    return Diagnosis(tried, best, explains, left, rivals, second)
+    likely = _likely(trials, tried, best)
+    explaining = [trial for trial in likely if _explains(trials, trial)]
+    one = next((trial for trial in explaining if trial.verdict == "wrong"), None)
+    second = one and _second(trials, one, alternatives, progress)
+    if one is None or second:
+        known = [(one, second)] if one and second else []
+        return _of_two(trials, tried, likely or [best], known, alternatives, progress)
+    rivals = tuple(trial for trial in explaining if _is_rival(trial, one))
+    free_gain = trials.after(one).free_turn_gain()
+    return Diagnosis(tried, one, not _is_ambiguous(one, rivals), free_gain, rivals)
+
+
+def _of_two(
+    trials: CameraTrials, tried: tuple[Trial, ...], likely: list[Trial],
+    known: list[tuple[Trial, Trial]], alternatives: Sequence[Alternative | Amount],
+    progress: Progress,
+) -> Diagnosis:  # fmt: skip
+    """Two causes together: the sharpest single one may be neither, so both gains decide."""
+    alone = trials.sharpest_alone(tried)
+    others = [t for t in (alone, *likely[1:]) if t and t.alternative != likely[0].alternative]
+    tried_first = {first.alternative for first, _ in known}
+    twos = known + [
+        (first, second)
+        for first in (likely[0], *others[:1])
+        if first.is_inside and first.alternative not in tried_first
+        if (second := _second(trials, first, alternatives, progress))
+    ]
+    if not twos:
+        return Diagnosis(tried, likely[0], False, trials.after(likely[0]).free_turn_gain())
+    first, second = max(twos, key=_gain_of)
+    free_gain = trials.after(first).after(second).free_turn_gain()
+    rivals = tuple(a for a, b in twos if _are_rivals((a, b), (first, second)))
+    explains = second.is_inside and free_gain <= trials.margin(_LEFT_OF_TWO) and not rivals
+    return Diagnosis(tried, first, explains, free_gain, rivals, second)
+
+
+def _gain_of(causes: tuple[Trial, ...]) -> float:
+    return sum(trial.gain for trial in causes)
+
+
+def _are_rivals(others: tuple[Trial, ...], best: tuple[Trial, ...]) -> bool:
+    """Whether two other causes gain about as much together."""
+    kinds, own = ({_kind(trial.alternative) for trial in causes} for causes in (others, best))
+    return kinds != own and _gain_of(others) > _gain_of(best) - MARGIN
+
+
+def _is_ambiguous(best: Trial, rivals: Sequence[Trial]) -> bool:
+    """Whether not even the place is clear: between the cameras, or with the poses and the lens."""
+    return len({trial.alternative.of_pair for trial in (best, *rivals)}) > 1
 
 
 def _likely(trials: CameraTrials, tried: Sequence[Trial], best: Trial) -> list[Trial]:
@@ -130,13 +189,14 @@ def _is_rival(trial: Trial, best: Trial) -> bool:
 
 
 def _second(
-    cured: CameraTrials, best: Trial, alternatives: Sequence[Alternative | Amount],
+    trials: CameraTrials, first: Trial, alternatives: Sequence[Alternative | Amount],
     progress: Progress,
 ) -> Trial | None:  # fmt: skip
-    """What is still wrong after the best cure; None where nothing is: then it explains all."""
-    others = [other for other in alternatives if _may_be_second(other, best.alternative)]
+    """What is still wrong after a first cure; None where nothing is: then it explains all."""
+    others = [other for other in alternatives if _may_be_second(other, first.alternative)]
+    cured = trials.after(first)
     shown = _shown(others, progress, "after the best cure")
-    second = cured.best(cured.trials(shown))
+    second = cured.best(cured.trials(shown, most=_SECONDS))
     return second if second.verdict == "wrong" and second.gain > _CLEAR * second.margin else None
 
 
@@ -178,19 +238,18 @@ _MEANING = "depth is where rays meet, and they meet less sharply than they could
 
 
 def _finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
-    best, gain = diagnosis.best, float(np.expm1(diagnosis.best.gain))
-    if best.verdict == "good" and diagnosis.explains:
+    verdict, gain = diagnosis.verdict, diagnosis.gain
+    if verdict == "good" and diagnosis.explains:
         words = f"{cameras}: none of {len(diagnosis.trials)} alternatives makes the map sharper"
         return Finding(name, "good", gain, "", words, series=_series(diagnosis.trials))
-    if best.verdict == "doubtful" or diagnosis.explains:
+    if verdict == "doubtful" or diagnosis.explains:
         return _named_finding(name, cameras, diagnosis)
-    who = "the cameras do not fit each other" if best.alternative.of_pair else (
+    who = "the cameras do not fit each other" if diagnosis.best.alternative.of_pair else (
         "poses do not fit these events"
     )  # fmt: skip
-    # Bodies that move by themselves look the same, as long as no alternative helps.
-    verdict: Verdict = "wrong" if best.verdict == "wrong" else "doubtful"
     return Finding(
-        name, verdict, gain, "",
+        # Bodies that move by themselves look the same, as long as no alternative helps.
+        name, "wrong" if verdict == "wrong" else "doubtful", gain, "",
         f"{cameras}: {who}, and no single cause was found: {_remainder(diagnosis)}", _MEANING,
         "check by hand how the poses are stored (handedness, degrees or radians, order of "
         "Euler angles, direction) and that clocks and calibration belong to this recording",
@@ -201,35 +260,36 @@ def _finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
 def _remainder(diagnosis: Diagnosis) -> str:
     """What is left unexplained, in words."""
     best, free = diagnosis.best, f"{np.expm1(diagnosis.free_gain):.1%}"
-    if best.verdict != "wrong":
+    if diagnosis.verdict != "wrong":
         return (
             f"sharper by {free} where the camera may turn freely; or most events are of bodies "
             "that move"
         )
-    sharper = f"sharper by {np.expm1(best.gain):.1%} with {_amount_words(best)}"
+    sharper = f"sharper by {diagnosis.gain:.1%} with {_words(diagnosis.causes, ' and ')}"
     if not best.is_inside:
         return f"{sharper}, which is the end of what was tried"
-    if diagnosis.rivals and diagnosis.second:
-        return f"{sharper} or others, and then with {_amount_words(diagnosis.second)}"
+    if diagnosis.rivals:
+        return f"{sharper}, but about as much with {_words(diagnosis.rivals, ' or ')}"
     return f"{sharper}, and then by {free} more where the camera may turn freely"
 
 
 def _named_finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
-    best, second, gain = diagnosis.best, diagnosis.second, float(np.expm1(diagnosis.best.gain))
-    either = [best, *diagnosis.rivals]
-    words = " or ".join(map(_amount_words, either))
-    cure = "; or ".join(map(_cure, either))
+    best, either = diagnosis.best, [diagnosis.best, *diagnosis.rivals]
+    words, cure = _words(either, " or "), "; or ".join(map(_cure, either))
     suspect = " or ".join(trial.alternative.name for trial in either)
-    if second is not None:
-        words += f", and {np.expm1(second.gain):.1%} more with {_amount_words(second)}"
-        cure = f"{cure}; and {_cure(second)}; then check again"
-        suspect = f"{suspect} and {second.alternative.name}"
+    if diagnosis.second is not None:
+        words = _words(diagnosis.causes, " and ")
+        cure = f"{cure}; and {_cure(diagnosis.second)}; then check again"
+        suspect = f"{suspect} and {diagnosis.second.alternative.name}"
+    gains = sum(trial.gains for trial in diagnosis.causes)
     words = (
-        f"{cameras}: correcting this makes the map {gain:.1%} sharper: {words}; "
-        f"windows {', '.join(f'{np.expm1(g):+.1%}' for g in best.gains)}"
+        f"{cameras}: correcting this makes the map {diagnosis.gain:.1%} sharper: {words}; "
+        f"windows {', '.join(f'{np.expm1(g):+.1%}' for g in np.atleast_1d(gains))}"
     )
     series = _series(diagnosis.trials) if best.amount is None else _curve(best)
-    return Finding(name, best.verdict, gain, "", words, _MEANING, cure, suspect, series)
+    return Finding(
+        name, diagnosis.verdict, diagnosis.gain, "", words, _MEANING, cure, suspect, series
+    )
 
 
 def _unit(trial: Trial) -> str:
@@ -239,6 +299,10 @@ def _unit(trial: Trial) -> str:
 def _amount_words(trial: Trial) -> str:
     by = "" if trial.amount is None else f" by {trial.amount:.3g} {_unit(trial)}"
     return f"{trial.alternative.name}{by}"
+
+
+def _words(trials: Sequence[Trial], between: str) -> str:
+    return between.join(map(_amount_words, trials))
 
 
 def _cure(trial: Trial) -> str:

@@ -106,10 +106,18 @@ class CameraTrials:
         """Mean over the windows of what is gained where the camera may turn freely."""
         return float(self._coarse.free_turn_gains(self._cure, self._cameras).mean())
 
-    def trials(self, alternatives: Iterable[Alternative | Amount]) -> list[Trial]:
-        """The outcomes: of all on coarse volumes, and of those that may matter on fine ones."""
+    def trials(
+        self, alternatives: Iterable[Alternative | Amount], most: int | None = None
+    ) -> list[Trial]:
+        """The outcomes: of all on coarse volumes, and of those that may matter on fine ones.
+
+        Args:
+            alternatives: what to try.
+            most: how many to try on fine volumes, those that gain most; None for no such limit.
+        """
         coarse = [self._coarse_trial(alternative) for alternative in alternatives]
-        least = max(_PROMISING, _CLOSER * max(trial.gain for trial in coarse))
+        gains = sorted((trial.gain for trial in coarse), reverse=True)[:most]
+        least = max(_PROMISING, _CLOSER * gains[0], gains[-1])
         return [self._closer(trial) if trial.gain >= least else trial for trial in coarse]
 
     def trial(self, alternative: Alternative | Amount) -> Trial:
@@ -120,6 +128,23 @@ class CameraTrials:
         """The trial with the largest gain among those that do not contradict camera 0 alone."""
         in_order = sorted(trials, key=lambda t: (t.verdict == "wrong", t.gain), reverse=True)
         return next(trial for trial in in_order if self.agrees(trial))
+
+    def sharpest_alone(self, trials: Sequence[Trial]) -> Trial | None:
+        """The convention of the poses under which camera 0 alone is sharpest, on fine volumes.
+
+        What is wrong between the cameras hides it in the pair. None if it gains little, or if there
+        is no second camera.
+        """
+        if len(self._cameras) == 1:
+            return None
+        of_poses = [
+            t.alternative
+            for t in trials
+            if isinstance(t.alternative, Alternative) and not t.alternative.of_pair
+        ]
+        base = self._coarse.log_sharpness(lambda recording: recording, (0,))
+        gains = [(self._coarse.log_sharpness(a.change, (0,)) - base).mean() for a in of_poses]
+        return self.trial(of_poses[int(np.argmax(gains))]) if max(gains) > MARGIN else None
 
     def agrees(self, trial: Trial) -> bool:
         """Whether camera 0 alone is no less sharp under other poses."""

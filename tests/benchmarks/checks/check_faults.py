@@ -34,11 +34,13 @@ from check_cases import (
     HELD_OUT,
     UNSPOILT,
     Base,
+    Fault,
     FileFault,
     Planter,
     exported,
 )
-from check_unseen import UNKNOWN, UNSEEN
+from check_opened import OPENED, UNKNOWN
+from check_unseen import UNSEEN, UNSEEN_BASES
 from eventsweep.emvs.check.findings import Report
 from eventsweep.emvs.check.recording import check, check_path
 from eventsweep.emvs.data.recording import Recording
@@ -79,15 +81,19 @@ def cases(*, development: bool) -> list[Case]:
     bases = DEVELOPMENT if development else HELD_OUT
     every = list(_unspoilt(bases))
     stereo = [one for one in bases if one.scene not in _HARD]
-    turn = 0
-    for fault in FAULTS if development else (*FAULTS, *UNSEEN):
-        for _ in range(1 if development else fault.cases):
-            base, turn = stereo[turn % len(stereo)], turn + 1
-            every.append(Case(base, fault.kind, fault.named, fault.plant))
-    for one in FILE_FAULTS:
-        base, turn = stereo[turn % len(stereo)], turn + 1
-        every.append(Case(base, one.kind, one.named, file_fault=one))
+    faults = FAULTS if development else (*FAULTS, *OPENED)
+    planted = [one for one in faults for _ in range(1 if development else one.cases)]
+    every += [_planted(one, stereo, k) for k, one in enumerate(planted)]
+    for k, one in enumerate(FILE_FAULTS, len(planted)):
+        every.append(Case(stereo[k % len(stereo)], one.kind, one.named, file_fault=one))
+    if not development:
+        planted = [one for one in UNSEEN for _ in range(one.cases)]
+        every += [_planted(one, UNSEEN_BASES, k) for k, one in enumerate(planted)]
     return every
+
+
+def _planted(fault: Fault, bases: Sequence[Base], k: int) -> Case:
+    return Case(bases[k % len(bases)], fault.kind, fault.named, fault.plant)
 
 
 # Scenes on which faults are not planted: bodies that move by themselves, mirrors, empty walls,
@@ -159,7 +165,8 @@ def code_version() -> str:
     """A hash of the code whose verdicts these are, without its comments and docstrings."""
     folder = Path(str(eventsweep.emvs.check.__file__)).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py"))]
-    files += [Path(__file__).with_name(f"check_{what}.py") for what in ("cases", "unseen")]
+    here = Path(__file__)
+    files += [here.with_name(f"check_{what}.py") for what in ("cases", "opened", "unseen")]
     code = "".join(ast.dump(_Bare().visit(ast.parse(file.read_text()))) for file in files)
     return hashlib.sha256(code.encode()).hexdigest()[:16]
 
@@ -192,23 +199,20 @@ def outcome(found: dict[str, Any]) -> str:
 
 def table(every: Sequence[dict[str, Any]]) -> str:
     """The confusion table as Markdown."""
+    unseen = {fault.kind for fault in UNSEEN}
     faults = [one for one in every if one["named"]]
     right = [one for one in every if not one["named"]]
-    count = Counter(map(outcome, faults))
     accused = sum(bool(one["suspects"]) for one in right)
     doubted = sum(bool(one["doubtful"]) and not one["suspects"] for one in right)
     lines = [
-        f"Of {len(faults)} recordings with a planted fault, {count['named']} "
-        f"({count['named'] / len(faults):.1%}) are named first and rightly, {count['unknown']} are "
-        f"called wrong without a cause, {count['wrong cure']} "
-        f"({count['wrong cure'] / len(faults):.1%}) get a wrong cure, {count['unnoticed']} are not "
-        f"noticed. Of {len(right)} unspoilt ones {accused} ({accused / len(right):.1%}) are "
-        f"accused; {doubted} more have a doubtful finding.",
+        _summary("known kinds", [one for one in faults if one["kind"] not in unseen]),
+        _summary("kinds that were not tried before", [o for o in faults if o["kind"] in unseen]),
+        f"Of {len(right)} unspoilt ones {accused} ({accused / len(right):.1%}) are accused; "
+        f"{doubted} more have a doubtful finding.",
         "",
         "| Planted | cases | named | unknown | wrong cure | unnoticed | called instead |",
         "|---|--:|--:|--:|--:|--:|---|",
     ]
-    unseen = {fault.kind for fault in UNSEEN}
     for kind in dict.fromkeys(one["kind"] for one in faults):
         of_kind = [one for one in faults if one["kind"] == kind]
         lines.append(_line(kind + " *" * (kind in unseen), of_kind))
@@ -220,6 +224,17 @@ def table(every: Sequence[dict[str, Any]]) -> str:
         f"{max(seconds):.0f} s at most.", "",
     ]  # fmt: skip
     return "\n".join(lines)
+
+
+def _summary(kinds: str, faults: Sequence[dict[str, Any]]) -> str:
+    count, all_of = Counter(map(outcome, faults)), max(1, len(faults))
+    return (
+        f"Of {len(faults)} recordings with a planted fault of {kinds}, {count['named']} "
+        f"({count['named'] / all_of:.1%}) are named first and rightly, {count['unknown']} are "
+        f"called wrong without a cause, {count['wrong cure']} "
+        f"({count['wrong cure'] / all_of:.1%}) get a wrong cure, {count['unnoticed']} are not "
+        "noticed."
+    )
 
 
 def _line(kind: str, found: Sequence[dict[str, Any]]) -> str:
@@ -241,7 +256,7 @@ def main() -> None:
     first, step = map(int, flags.part.split("/"))
     code, every = code_version(), []
     bases = DEVELOPMENT if flags.development else HELD_OUT
-    own = set(bases[first::step])
+    own = set((*bases, *UNSEEN_BASES)[first::step])
     chosen = [case for case in cases(development=flags.development) if case.base in own]
     for k, case in enumerate(chosen, 1):
         found = verdict(case, flags.out, code)
