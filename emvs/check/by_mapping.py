@@ -152,7 +152,8 @@ def _of_two(
     first, second = max(twos, key=_gain_of)
     free_gain = trials.after(first).after(second).free_turn_gain()
     rivals = tuple(a for a, b in twos if _are_rivals((a, b), (first, second)))
-    explains = second.is_inside and free_gain <= trials.margin(_LEFT_OF_TWO) and not rivals
+    are_causes = first.is_cause and second.is_cause
+    explains = are_causes and free_gain <= trials.margin(_LEFT_OF_TWO) and not rivals
     return Diagnosis(tried, first, explains, free_gain, rivals, second)
 
 
@@ -179,7 +180,7 @@ def _likely(trials: CameraTrials, tried: Sequence[Trial], best: Trial) -> list[T
 
 
 def _explains(trials: CameraTrials, trial: Trial) -> bool:
-    return trial.is_inside and trials.after(trial).free_turn_gain() <= trials.margin(_LEFT)
+    return trial.is_cause and trials.after(trial).free_turn_gain() <= trials.margin(_LEFT)
 
 
 def _is_rival(trial: Trial, best: Trial) -> bool:
@@ -270,6 +271,8 @@ def _remainder(diagnosis: Diagnosis) -> str:
         return f"{sharper}, which is the end of what was tried"
     if diagnosis.rivals:
         return f"{sharper}, but about as much with {_words(diagnosis.rivals, ' or ')}"
+    if not all(trial.is_cause for trial in diagnosis.causes):
+        return f"{sharper}, but each window with another amount"
     return f"{sharper}, and then by {free} more where the camera may turn freely"
 
 

@@ -23,6 +23,9 @@ _PROMISING, _CLOSER = -0.05, 0.4
 _REFINEMENTS = 3
 _DOUBTFUL = 0.75  # of a margin
 _ONE_CAMERA = 1.5  # times the margins: one camera separates alternatives less well
+# What windows may gain on average with amounts of their own, as a share of the gain with a common
+# one, or at all: right causes leave up to 0.03 of it, or 0.001; wrong ones 0.07 and more.
+_UNEVEN_SHARE, _UNEVEN = 0.04, 0.002
 _LOSS = -0.02  # what camera 0 alone may lose under other poses
 
 
@@ -37,6 +40,7 @@ class Trial:
         margin: the gain that counts; none does where only coarse volumes were looked at.
         amount: the best; None where the alternative has no amount.
         curve: amounts and mean gains that were tried.
+        uneven: mean gain in log sharpness where each window may have another of these amounts.
     """
 
     alternative: Alternative | Amount
@@ -45,6 +49,7 @@ class Trial:
     margin: float = np.inf
     amount: float | None = None
     curve: tuple[Gains, Gains] = (np.empty(0), np.empty(0))
+    uneven: float = 0.0
 
     @property
     def gain(self) -> float:
@@ -65,11 +70,19 @@ class Trial:
 
     @property
     def is_inside(self) -> bool:
-        """Whether it may be named: an amount at the end of its search is no optimum."""
+        """Whether an amount is an optimum, and not at the end of its search."""
         if self.amount is None or isinstance(self.alternative, Alternative):
             return True
         grid = self.alternative.grid
         return min(grid) < self.amount < max(grid)
+
+    @property
+    def is_cause(self) -> bool:
+        """Whether it may be named: an optimum, and the same one for all windows.
+
+        A wrong amount that only makes up for another fault makes up for it differently over time.
+        """
+        return self.is_inside and self.uneven <= max(_UNEVEN, _UNEVEN_SHARE * self.gain)
 
     @property
     def _hurts(self) -> bool:
@@ -220,7 +233,8 @@ def _peak_trial(amount: Amount, tried: dict[float, Gains], margin: float = np.in
     xs, gains = _sorted(tried)
     means, peak = gains.mean(axis=1), _peak(amount, tried)
     best = gains[int(means.argmax())]
-    return Trial(amount, best, _with_amount(amount, peak), margin, peak, (xs, means))
+    uneven = float((gains.max(axis=0) - best).mean())
+    return Trial(amount, best, _with_amount(amount, peak), margin, peak, (xs, means), uneven)
 
 
 def _nearest(trial: Trial) -> list[float]:
