@@ -146,15 +146,15 @@ class CameraTrials:
         """The convention of the poses under which camera 0 alone is sharpest, on fine volumes.
 
         What is wrong between the cameras hides it in the pair. None if it gains little, or if there
-        is no second camera.
+        is no second camera, or no convention among the trials.
         """
-        if len(self._cameras) == 1:
-            return None
         of_poses = [
             t.alternative
             for t in trials
             if isinstance(t.alternative, Alternative) and not t.alternative.of_pair
         ]
+        if len(self._cameras) == 1 or not of_poses:
+            return None
         base = self._coarse.log_sharpness(lambda recording: recording, (0,))
         gains = [(self._coarse.log_sharpness(a.change, (0,)) - base).mean() for a in of_poses]
         return self.trial(of_poses[int(np.argmax(gains))]) if max(gains) > MARGIN else None

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from eventsweep.emvs.check.alternatives import Chosen
+from eventsweep.emvs.check.alternatives import Chosen, of_pair
 from eventsweep.emvs.check.recording import check
 from eventsweep.emvs.check.trial_windows import TrialWindows
+from eventsweep.emvs.check.trials import CameraTrials, Trial
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -61,3 +62,10 @@ def test_windows_may_lie_where_poses_are_rare():
     gains = free_gains(AlteredRecording(Chosen(head_recording(), (0, 1)), trajectory=few), (0, 1))
     assert np.isfinite(gains).all()
     assert (gains >= 0).all()
+
+
+def test_a_later_pair_has_no_convention_that_camera_0_alone_could_name():
+    """Conventions of the poses are tried with the first pair only."""
+    trials = CameraTrials(TrialWindows.of(head_recording(), MapperConfig()), (0, 1))
+    of_cameras = [Trial(one, np.zeros(3), one.change) for one in of_pair()]
+    assert trials.sharpest_alone(of_cameras) is None
