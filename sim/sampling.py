@@ -24,7 +24,8 @@ def border_px(config: SimConfig) -> int | None:
 def with_sampling(config: SimConfig, rig: Rig, why_plain: str = "") -> SimConfig:
     """The parameters with `supersample`, `max_displacement_px` and the longest interval filled in.
 
-    The rig's smallest focal length decides. With a reason of `Drawing.why_plain` frames are plain and close together.
+    The rig's smallest focal length decides. With a reason of `Drawing.why_plain` frames are plain
+    and close together.
     """
     if why_plain:
         plain = config.model_copy(update={"sampling": "linear"})

@@ -102,7 +102,8 @@ def _nearest_known(blind: NDArray[np.bool_]) -> tuple[NDArray[np.intp], ...]:
 def nearest_samples(lens: LensMap, samples: NDArray[Any]) -> NDArray[Any]:
     """The sample nearest to each pixel's centre, (H, W, ...), from (Hs, Ws, ...)."""
     columns, rows = np.rint(lens.position).astype(np.int32).transpose(2, 0, 1)
-    return samples[rows, columns]
+    nearest: NDArray[Any] = samples[rows, columns]
+    return nearest
 
 
 def edges(camera: Camera) -> NDArray[np.float64]:

@@ -29,8 +29,8 @@ from eventsweep.sim.rendering.sub_views import LensMap, SubView
 if TYPE_CHECKING:
     import mujoco
 
-# Samples per pixel and axis where depth and geoms are looked up through a distorting lens: at least,
-# and at most, since an edge then lies wrong by a sixth of a pixel and all else is exact.
+# Samples per pixel and axis where depth and geoms are looked up through a distorting lens: at
+# least, and with fine frames at most. Only edges gain by more: they lie wrong by half a sample.
 _LEAST_LENS_SAMPLES, _MOST_LENS_SAMPLES = 2, 3
 # When moving bodies are looked at to tell one animation from another: evenly, and early.
 _IDENTITY_SAMPLES, _EARLY_S = 32, (0.001, 0.01, 0.1)

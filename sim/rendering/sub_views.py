@@ -106,7 +106,8 @@ class _Aimed(NamedTuple):
     def camera(self) -> Camera:
         """The pinhole camera."""
         width, height = (int(n) for n in self.size)
-        return Camera(width, height, self.focal, self.focal, *map(float, self.centre))
+        column, row = (float(place) for place in self.centre)
+        return Camera(width, height, self.focal, self.focal, column, row)
 
 
 def sub_views(rays: Array, change: Array, supersample: int) -> LensMap:
@@ -119,7 +120,7 @@ def sub_views(rays: Array, change: Array, supersample: int) -> LensMap:
         change: (H, W, 3, 2) its change by column and by row.
         supersample: S.
     """
-    height, width = rays.shape[:2]
+    height, width = _size(rays)
     position, step = np.full((height, width, 2), np.nan), np.full((height, width, 2, 2), np.nan)
     ratio = np.full((height, width, 3), np.nan)
     views: list[SubView] = []
@@ -147,20 +148,26 @@ def sub_views(rays: Array, change: Array, supersample: int) -> LensMap:
 
 def cells_of(rays: Array, change: Array, supersample: int) -> tuple[int, int, bool]:
     """Into how many rows and columns to cut a sensor, and whether to turn views, at least cost."""
-    (height, width), costs = rays.shape[:2], {}
+    costs: dict[tuple[int, int, bool], float] = {}
+    height, width = _size(rays)
     longer = max(height, width)
     every = max(1, longer // _LOOKS)
     seen = rays[::every, ::every], change[::every, ::every]
     for most, turned in itertools.product(range(1, _MOST_CELLS + 1), (False, True)):
-        grid = max(1, round(most * height / longer)), max(1, round(most * width / longer))
-        cells = itertools.chain(*_cut(*seen[0].shape[:2], *grid))
-        costs[*grid, turned] = sum(
-            _VIEW_COST
-            + _aimed(*(part[cell] for part in seen), supersample, turned, every).size.prod()
-            for cell in cells
-            if not np.isnan(seen[0][cell]).all()
-        )
+        rows, columns = (max(1, round(most * side / longer)) for side in (height, width))
+        samples = 0.0
+        for cell in itertools.chain(*_cut(*_size(seen[0]), rows, columns)):
+            part, moved = seen[0][cell], seen[1][cell]
+            if not np.isnan(part).all():
+                view = _aimed(part, moved, supersample, turned, every)
+                samples += _VIEW_COST + float(view.size.prod())
+        costs[rows, columns, turned] = samples
     return min(costs, key=costs.__getitem__)
+
+
+def _size(table: Array) -> tuple[int, int]:
+    """Rows and columns."""
+    return table.shape[0], table.shape[1]
 
 
 def _cut(height: int, width: int, rows: int, columns: int) -> Iterator[list[tuple[slice, slice]]]:
