@@ -153,7 +153,7 @@ def test_fine_frames_are_cast_by_rays_and_seams_are_as_good_as_the_rest(
         scene.spec(), rig, samples, scene.depth_range_m, floats=True, border_px=border_px
     ) as renderer:
         frame = renderer.frame(0, np.eye(4))
-    lights = np.abs(frame.intensity - RayCaster(world, 16).picture(0.0))
+    lights = np.abs(frame.intensity - RayCaster(world, 8).picture(0.0))
     inner = slice(samples * border_px, -samples * border_px)
     rho = frame.samples.inverse_depth_per_m[inner, inner]
     v, u = (np.mgrid[: len(rho), : rho.shape[1]] + 0.5) / samples - 0.5
