@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import math
 
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.config import SAMPLINGS, SimConfig
-from eventsweep.sim.rendering import lens
 
 _MOST = 8
 # What carried light may touch beyond the furthest motion.
@@ -26,33 +24,21 @@ def border_px(config: SimConfig) -> int | None:
 def with_sampling(config: SimConfig, rig: Rig, why_plain: str = "") -> SimConfig:
     """The parameters with `supersample`, `max_displacement_px` and the longest interval filled in.
 
-    The rig's smallest focal length decides; a lens that no picture of so many samples can hold gets
-    fewer. With a reason of `Drawing.why_plain` frames are plain and close together.
+    The rig's smallest focal length decides. With a reason of `Drawing.why_plain` frames are plain
+    and close together.
     """
     if why_plain:
         plain = config.model_copy(update={"sampling": "linear"})
         near = {"max_displacement_px": min(plain.spacing_px, SAMPLINGS["linear"].spacing_px)}
         config = plain.model_copy(update=near)
-    number, border = config.supersample, border_px(config)
+    number = config.supersample
     if number is None:
         chosen = SAMPLINGS[config.sampling]
         focal_px = min(min(camera.fx_px, camera.fy_px) for camera in rig.cameras)
         number = min(max(math.ceil(chosen.samples_per_rad / focal_px), chosen.fewest), _MOST)
-        while border is not None and number > 1 and not _drawable(rig, border, number):
-            number -= 1
     filled = {
         "supersample": number,
         "max_displacement_px": config.spacing_px,
         "max_frame_interval_us": config.longest_interval_us,
     }
     return config.model_copy(update=filled)
-
-
-def _drawable(rig: Rig, border: int, supersample: int) -> bool:
-    wide = lens.widened(rig, border)
-    try:
-        for k in range(len(rig)):
-            lens.lens_of(wide, k, supersample)
-    except InputError:
-        return False
-    return True
