@@ -19,6 +19,8 @@ IN_FLOATS = (
 """What is said then."""
 # A step of 8 bits, in log intensity, as a share of the contrast threshold.
 _COARSE = 0.25
+# White is 1 but for rounding.
+_ROUNDED = 1e-4
 
 
 def share_beyond_8_bits(frame: Frame, config: PixelConfig, *, cut: bool = False) -> float:
@@ -29,7 +31,7 @@ def share_beyond_8_bits(frame: Frame, config: PixelConfig, *, cut: bool = False)
     threshold = min(config.contrast_threshold_pos, config.contrast_threshold_neg)
     step = np.log1p(1 / (255 * (frame.intensity + config.log_eps)))
     seen = np.isfinite(frame.nearest_depth_m)
-    bright = frame.intensity >= 1 if cut else frame.intensity > 1
+    bright = frame.intensity > (1 - _ROUNDED if cut else 1 + _ROUNDED)
     return float(np.mean(seen & ((step > _COARSE * threshold) | bright)))
 
 

@@ -103,7 +103,7 @@ def find(
     for k in range(len(log_now)):
         change = log_now[k] - reference[k]
         fired[near] = k
-        near += np.int64(change >= rise) | np.int64(change <= fall)
+        near += int(change >= rise) | int(change <= fall)
     n = 0
     for m in range(near):
         k = fired[m]
