@@ -45,8 +45,8 @@ def test_a_slide_before_a_textured_plane_gives_the_same_events(tmp_path):
 
 @pytest.mark.parametrize(("ambient", "floats"), [(0.02, True), (1.0, False), (3.0, True)])
 def test_a_look_at_a_scene_decides_how_light_is_drawn(tmp_path, ambient, floats):
-    """A third of it is white: at 1 that is no brighter than 8 bits, at 3 it is."""
-    grey = np.where(np.arange(64) % 3 == 0, 255, 128).astype(np.uint8)
+    """Half of it is white: at 1 that is no brighter than 8 bits, at 3 it is."""
+    grey = np.where(np.arange(64) // 8 % 2 == 0, 255, 128).astype(np.uint8)
     world = RayWorld(
         (wall(2.0, 1.0, np.tile(grey, (64, 1))),), DAVIS, gliding((0.4, 0, 0)), ambient
     )
