@@ -214,6 +214,15 @@ class StereoRenderer:
             )  # fmt: skip
         return Frame(intensity, self._metric_depth(nearest, mapped))
 
+    def glance(self, camera: int, T_world_body: Pose) -> Frame:
+        """Light and depth (H, W) of one sample per pixel, through a pinhole."""
+        seen = self.rig.cameras[camera]
+        view = seen if seen.model == "pinhole" else seen.undistorted()
+        rgb, window_depth = self._draw(view, camera, T_world_body)
+        intensity = np.empty(window_depth.shape, np.float32)
+        pixel_kernels.luma(rgb, self._target.full_scale, intensity)
+        return Frame(intensity, metric_depth(window_depth, self._near_m, self._far_m))
+
     def _fine_frame(self, camera: int, T_world_body: Pose) -> Frame:
         view, n = self._views[camera], self.supersample
         samples = Samples(*(np.empty(view.samples_shape, np.float32) for _ in Samples._fields))
