@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eventsweep.emvs.check.alternatives import (
+    MARGIN,
     Alternative,
     Amount,
     amounts_of_one,
@@ -31,10 +32,14 @@ from eventsweep.emvs.utils.runtime import Progress, silent
 _BARS = 12  # alternatives in the page, the best ones
 # Gain in log sharpness where the camera may turn freely: more after a cure, and it does not explain
 # (half as much again for a single camera); more where nothing helps, and the poses do not fit.
-_LEFT, _UNFIT = 0.02, 0.05
+# Where the second camera may turn on the rig, sound recordings leave as much as the third.
+_LEFT, _UNFIT, _LEFT_SQUINT = 0.02, 0.05, 0.03
 _LIKELY, _CANDIDATES = 0.5, 4  # what may be the cause: its share of the best gain, and how many
 _CLEAR = 2  # margins: what a first cure leaves over looks like a small second fault
 _RIVAL = 0.75  # of the gain: another cause that explains as well
+# Of two causes: how many second ones are looked at closely, and what may be left after both, less
+# than after one: two cures have more freedom to fit by chance.
+_SECONDS, _LEFT_OF_TWO = 3, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,9 +112,29 @@ def _diagnosis(
     second = _second(cured, best, alternatives, progress) if best.is_inside else None
     cured = cured.after(second) if second else cured
     left = cured.free_turn_gain()
-    # Which of several causes it is, and another one besides, is more than these windows tell.
-    explains = best.is_inside and left <= trials.margin(_LEFT) and not (rivals and second)
+    causes = [best, *([second] if second else [])]
+    explains = (
+        all(cause.is_cause for cause in causes)
+        and left <= trials.margin(_LEFT_OF_TWO if second else _LEFT)
+        and not _is_ambiguous(causes, rivals)
+        and cured.free_squint_gain() <= _LEFT_SQUINT
+        and cured.gain_alone(_conventions(alternatives)) <= trials.margin(MARGIN)
+    )
     return Diagnosis(tried, best, explains, left, rivals, second)
+
+
+def _is_ambiguous(causes: Sequence[Trial], rivals: Sequence[Trial]) -> bool:
+    """Whether rivals leave open more than a few windows tell.
+
+    Of a single cause its place must be clear: between the cameras, or with the poses and the lens.
+    """
+    places = {trial.alternative.of_pair for trial in (causes[0], *rivals)}
+    return bool(rivals) and (len(causes) > 1 or len(places) > 1)
+
+
+def _conventions(alternatives: Sequence[Alternative | Amount]) -> list[Alternative]:
+    """Mistakes about the poses, without amounts."""
+    return [a for a in alternatives if isinstance(a, Alternative) and not a.of_pair]
 
 
 def _likely(trials: CameraTrials, tried: Sequence[Trial], best: Trial) -> list[Trial]:
@@ -120,7 +145,7 @@ def _likely(trials: CameraTrials, tried: Sequence[Trial], best: Trial) -> list[T
 
 
 def _explains(trials: CameraTrials, trial: Trial) -> bool:
-    return trial.is_inside and trials.after(trial).free_turn_gain() <= trials.margin(_LEFT)
+    return trial.is_cause and trials.after(trial).free_turn_gain() <= trials.margin(_LEFT)
 
 
 def _is_rival(trial: Trial, best: Trial) -> bool:
@@ -136,7 +161,7 @@ def _second(
     """What is still wrong after the best cure; None where nothing is: then it explains all."""
     others = [other for other in alternatives if _may_be_second(other, best.alternative)]
     shown = _shown(others, progress, "after the best cure")
-    second = cured.best(cured.trials(shown))
+    second = cured.best(cured.trials(shown, most=_SECONDS))
     return second if second.verdict == "wrong" and second.gain > _CLEAR * second.margin else None
 
 
@@ -209,8 +234,12 @@ def _remainder(diagnosis: Diagnosis) -> str:
     sharper = f"sharper by {np.expm1(best.gain):.1%} with {_amount_words(best)}"
     if not best.is_inside:
         return f"{sharper}, which is the end of what was tried"
-    if diagnosis.rivals and diagnosis.second:
-        return f"{sharper} or others, and then with {_amount_words(diagnosis.second)}"
+    if diagnosis.rivals:
+        sharper += f", about as much with {' or '.join(map(_amount_words, diagnosis.rivals))}"
+    if diagnosis.second:
+        sharper += f", and then with {_amount_words(diagnosis.second)}"
+    if not best.is_cause:
+        sharper += ", but each window with another amount"
     return f"{sharper}, and then by {free} more where the camera may turn freely"
 
 
