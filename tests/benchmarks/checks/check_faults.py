@@ -154,7 +154,7 @@ def _of_file(case: Case, path: Path, out: Path) -> Report:
 
 
 def code_version() -> str:
-    """A hash of the code whose verdicts these are, without its comments and docstrings."""
+    """A hash of the code whose verdicts these are, without comments, docstrings and types."""
     folder = Path(str(eventsweep.emvs.check.__file__)).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py"))]
     here = Path(__file__)
@@ -164,7 +164,14 @@ def code_version() -> str:
 
 
 class _Bare(ast.NodeTransformer):
-    """Takes the docstrings away."""
+    """Takes docstrings and types away."""
+
+    def visit_arg(self, node: ast.arg) -> ast.arg:
+        return ast.arg(node.arg)
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
+        node.returns = None
+        return self.generic_visit(node)
 
     def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
         return None if isinstance(node.value, ast.Constant) else node

@@ -7,7 +7,9 @@ found.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,6 +19,7 @@ from check_cases import (
     FAULTS,
     EditedRecording,
     Fault,
+    Matrix,
     Planter,
     Rng,
     both,
@@ -47,15 +50,15 @@ def _axes(name: str) -> Planter:
     return plant
 
 
-def _since_start(r: Recording, rotvec: np.ndarray) -> Recording:
+def _since_start(r: Recording, rotvec: Matrix) -> Recording:
     """The first orientation, turned by (N, 3) rotation vectors about its own axes."""
     first = Rotation.from_quat(r.trajectory.quats_xyzw[0])
     return turned_by(r, first * Rotation.from_rotvec(rotvec))
 
 
-def _rotvec(r: Recording) -> np.ndarray:
+def _rotvec(r: Recording) -> Matrix:
     turns = Rotation.from_quat(r.trajectory.quats_xyzw)
-    return (turns[0].inv() * turns).as_rotvec()
+    return np.asarray((turns[0].inv() * turns).as_rotvec())
 
 
 def _yaw_only(r: Recording, rng: Rng) -> Recording:
@@ -132,7 +135,7 @@ def _rounded(r: Recording, rng: Rng) -> Recording:
     return with_poses(r, positions_m=np.round(r.trajectory.positions_m / step_m) * step_m)
 
 
-def _lenses(r: Recording, which: tuple[int, ...], **fields) -> Recording:
+def _lenses(r: Recording, which: tuple[int, ...], **fields: Callable[[Any], Any]) -> Recording:
     """Some cameras' calibration, with fields multiplied or added to."""
     cameras = tuple(
         replace(c, **{name: change(getattr(c, name)) for name, change in fields.items()})
