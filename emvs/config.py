@@ -473,7 +473,7 @@ class MapperConfig(ParameterGroup):
 
     @property
     def is_mcemvs(self) -> bool:
-        """Whether to do as the authors' implementation does."""
+        """Whether to reproduce the authors' implementation."""
         return self.compatibility == "mcemvs"
 
     @property
