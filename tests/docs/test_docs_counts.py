@@ -41,8 +41,8 @@ def left_in_training():
 
 
 COUNTS = {
-    "formats": ("datasets.md", r"\[(\w+) formats\]", lambda: [len(FORMATS)]),
-    "fusions": ("mapper.md", r"with all (\w+) fusion functions", lambda: [len(MEANS)]),
+    "formats": ("datasets.md", r"\[(\w+)\s+formats\]", lambda: [len(FORMATS)]),
+    "fusions": ("mapper.md", r"with\s+all\s+(\w+)\s+fusion\s+functions", lambda: [len(MEANS)]),
     "suite-v3": (
         "ranking.md", r"on the (\w+) cases\s+and (\w+) seeds of `suite-v3`",
         lambda: [len(load("suite-v3")[0].cases), len(load("suite-v3")[0].seeds)],
