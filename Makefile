@@ -51,6 +51,7 @@ pictures-code: setup
 	$(BIN)/python docs/figures/draw_layers.py # docs/images/architecture.png
 
 pictures-scenes: setup
+	$(BIN)/python docs/figures/draw_demo.py docs/images/demo.webp
 	for case in desk boxes planes; do \
 		$(BIN)/eventsweep run $$case --out out/$$case --force --quiet || exit; \
 	done
@@ -106,13 +107,16 @@ tables: setup
 	$(BIN)/python tests/benchmarks settings_table
 	$(BIN)/python tests/benchmarks readme_table
 	$(BIN)/python tests/benchmarks ranking_table
-	$(BIN)/python tests/benchmarks format_table docs/event_formats.md
+	$(BIN)/python tests/benchmarks format_table docs/formats.md
 
 measurements: setup studies
 	$(BIN)/python tests/benchmarks install_page --page docs/install.md
-	$(BIN)/python tests/benchmarks scene_tables docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
+	$(BIN)/python tests/benchmarks scene_tables docs/scenes.md docs/twins.md
 	$(BIN)/python tests/benchmarks study_extraction --sets development held-out --page docs/extraction.md \
 		--picture docs/images/extraction.png
+	$(BIN)/python tests/benchmarks study_extraction --sets other --page docs/extraction.md --mark study-other
+	$(BIN)/python tests/benchmarks study_extraction --sets noisy --page docs/extraction.md --mark study-noisy
+	$(BIN)/python tests/benchmarks study_learned --tables summary --page docs/baselines.md --mark derd
 	$(BIN)/eventsweep train --out out/trained
 	$(BIN)/python tests/benchmarks calibrate_confidence --sequences out/trained/sequences \
 		--page docs/learned.md
@@ -133,7 +137,7 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks sampling_depth --out out/sampling-depth --page docs/simulator.md
 	$(BIN)/python tests/benchmarks first_picture --page docs/performance.md
 	$(BIN)/python tests/benchmarks simulate_stages --page docs/performance.md
-	$(BIN)/python tests/benchmarks step_cost --page docs/howto_robot.md
+	$(BIN)/python tests/benchmarks step_cost --page docs/howto_model.md
 	$(BIN)/python tests/benchmarks video_speed --page docs/howto_video.md
 	$(BIN)/python tests/benchmarks cost_methods --page docs/methods.md
 	$(BIN)/python tests/benchmarks fault_runs --page docs/gate.md

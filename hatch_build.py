@@ -24,21 +24,25 @@ class ReleaseMetadata(MetadataHookInterface):
         """Adds both to what `pyproject.toml` says."""
         release = runpy.run_path(str(HERE / "emvs" / "utils" / "release.py"))
         repository = release["REPOSITORY"]
-        metadata["urls"] = {
-            "Documentation": release["DOCUMENTATION"],
-            "Repository": repository,
-            "Issues": f"{repository}/issues",
-            "Changelog": f"{repository}/blob/main/CHANGELOG.md",
-        }
+        urls = {"Documentation": release["DOCUMENTATION"], "Repository": repository}
+        if repository:
+            urls["Issues"] = f"{repository}/issues"
+            urls["Changelog"] = f"{repository}/blob/main/CHANGELOG.md"
+        metadata["urls"] = {name: address for name, address in urls.items() if address}
         text = with_whole_addresses((HERE / "README.md").read_text("utf-8"), repository)
         metadata["readme"] = {"content-type": "text/markdown", "text": text}
 
 
 def with_whole_addresses(text: str, repository: str) -> str:
-    """Markdown whose relative links lead into the repository, and pictures to their bytes."""
+    """Markdown whose relative links lead into the repository, and pictures to their bytes.
+
+    Without a repository links become their words, and pictures are left out.
+    """
 
     def whole(found: re.Match[str]) -> str:
         mark, words, target = found.groups()
+        if not repository:
+            return "" if mark else words
         return f"{mark}[{words}]({repository}/{'raw' if mark else 'blob'}/main/{target})"
 
     # A picture may be the words of a link: pictures first.

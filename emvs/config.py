@@ -2,7 +2,7 @@
 
 Defaults are the published values where there are any; the page `baselines` says which those are.
 Those of ESVO come from Zhou, Gallego, Shen, TRO 2021, and from the configuration published with
-their program; the page `baselines_esvo` lists both beside ours.
+their program; the page `baselines` lists both beside ours.
 """
 
 from __future__ import annotations
@@ -473,7 +473,7 @@ class MapperConfig(ParameterGroup):
 
     @property
     def is_mcemvs(self) -> bool:
-        """Whether to do as the authors' implementation does."""
+        """Whether to reproduce the authors' implementation."""
         return self.compatibility == "mcemvs"
 
     @property

@@ -43,7 +43,7 @@ def check(
     mapping: bool = True,
     progress: Progress = silent,
 ) -> CheckReport:
-    """Says what is wrong with a recording: its events, poses, calibration, and conventions.
+    """Finds faults in a recording's events, poses, calibration and conventions.
 
     Args:
         recording: what `open_recording` gave, a recording of your own, or the path of one.

@@ -188,7 +188,7 @@ class ReplayConfig(FiniteGroup):
 
 
 class ModelConfig(ParameterGroup):
-    """A model's file in the place of a scene's name; see the page `Your own scene`."""
+    """A model file that is used instead of a scene; see the page `howto_model`."""
 
     mount: str = ""
     """What carries the rig, or where its motion begins: a body, site or camera of the model, such
@@ -321,7 +321,7 @@ class SimConfig(PixelConfig):
         return self
 
     def check_heeded(self) -> None:
-        """Refuses details of pictures, inertial samples or a recorded motion that there are not.
+        """Refuses settings of pictures, inertial samples or replay that have no effect.
 
         Not a validator: a scene has a frame rate of its own, and a file and flags come in parts.
 

@@ -54,7 +54,7 @@ _AHEAD = {"flow", "twist"}
 
 
 class EventRig:
-    """Event cameras on a body, site or camera of a model that somebody else steps.
+    """Event cameras on a body, site or camera of a model that your own loop steps.
 
         rig = EventRig(model, "head", rig="davis346")
         while data.time < 1:
@@ -232,7 +232,7 @@ class EventRig:
 
 
 class EventCamera:
-    """One event camera on a model that somebody else steps; see `EventRig`.
+    """One event camera on a model that your own loop steps; see `EventRig`.
 
         camera = EventCamera(model, "head_left", Camera(346, 260, 226, 226, 172.5, 129.5))
         while data.time < 1:

@@ -1,4 +1,4 @@
-"""Draws the maps of docs/baselines_esvo.md: `python docs/figures/draw_baselines_esvo.py SEQUENCE`.
+"""Draws the maps of docs/baselines.md: `python docs/figures/draw_baselines_esvo.py SEQUENCE`.
 
 SEQUENCE is a simulated twin of MVSEC's flights; its first second is mapped by the thresholds of the
 published table.
@@ -80,7 +80,7 @@ def main(folder):
         f"![mvsec-flying: true depth and maps](images/{path.name})\n\n"
         f"Processor time for this second: {cost}.\n"
     )
-    into_page(DOCS / "baselines_esvo.md", "esvo", text)
+    into_page(DOCS / "baselines.md", "esvo", text)
 
 
 if __name__ == "__main__":

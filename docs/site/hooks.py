@@ -35,7 +35,8 @@ TOP = {
     "SECURITY.md": "security.md",
     "SUPPORT.md": "support.md",
 }
-LINK = re.compile(r"(\]\()(?!https?:|mailto:|#)([^)\s]+)(\))")
+LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!https?:|mailto:|#)([^)\s]+)\)")
+ON_SITE = {".html", ".ipynb", ".json", ".md", ".png", ".svg", ".webp", ".yml"}
 FENCE = re.compile(r"^(```.*?^```)", re.MULTILINE | re.DOTALL)
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 HERE = "<!-- reference -->"
@@ -44,9 +45,11 @@ PICTURE = re.compile(r'(<img [^>]*src="([^"]+)"[^>]*>)')
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Addresses, from the one place that has them."""
-    config.site_url = RELEASE["DOCUMENTATION"] + "/"
-    config.repo_url = RELEASE["REPOSITORY"]
-    config.repo_name = "Repository"
+    if RELEASE["DOCUMENTATION"]:
+        config.site_url = RELEASE["DOCUMENTATION"] + "/"
+    if RELEASE["REPOSITORY"]:
+        config.repo_url = RELEASE["REPOSITORY"]
+        config.repo_name = "Repository"
     return config
 
 
@@ -76,28 +79,30 @@ def on_page_content(html: str, **_: object) -> str:
 def with_site_links(text: str, folder: str) -> str:
     """A page's text with links that work on the site; code is left alone.
 
+    Links into the repository become their words while it has no address.
+
     Args:
         text: Markdown.
         folder: where its file is, from the top of the repository.
     """
 
     def moved(found: re.Match[str]) -> str:
-        path, mark, section = found[2].partition("#")
-        target = posixpath.normpath(posixpath.join(folder, path))
-        return f"{found[1]}{address(target)}{mark}{section}{found[3]}"
+        path, mark, section = found[3].partition("#")
+        target = address(posixpath.normpath(posixpath.join(folder, path)))
+        return f"{found[1]}[{found[2]}]({target}{mark}{section})" if target else found[2]
 
     pieces = FENCE.split(text)
     return "".join(one if one.startswith("```") else LINK.sub(moved, one) for one in pieces)
 
 
 def address(target: str) -> str:
-    """Where a path of the repository is found on the site."""
+    """Where a path of the repository is found on the site; empty if nowhere."""
     if target in TOP:
         return TOP[target]
     inside = target.removeprefix("docs/")
-    if inside != target and Path(inside).suffix in (".md", ".png", ".svg", ".ipynb"):
+    if inside != target and Path(inside).suffix in ON_SITE:
         return inside
-    return f"{RELEASE['REPOSITORY']}/blob/main/{target}"
+    return f"{RELEASE['REPOSITORY']}/blob/main/{target}" if RELEASE["REPOSITORY"] else ""
 
 
 def reference(api: str) -> str:

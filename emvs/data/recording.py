@@ -17,7 +17,7 @@ class Recording(Protocol):
 
     @property
     def name(self) -> str:
-        """What the recording is called."""
+        """Name of the recording."""
 
     @property
     def rig(self) -> Rig:
@@ -29,7 +29,7 @@ class Recording(Protocol):
 
     @property
     def depth_range_m(self) -> tuple[float, float] | None:
-        """Nearest and farthest depth, where the recording knows it."""
+        """Nearest and farthest depth, m, if known."""
 
     def event_span_us(self, camera: int) -> tuple[int, int]:
         """First and last instant of the recording, or of its events where no more is known, µs."""
@@ -61,7 +61,7 @@ class DerivedRecording:
 
     @property
     def name(self) -> str:
-        """What the recording is called."""
+        """Name of the recording."""
         return self.recording.name
 
     @property
@@ -76,7 +76,7 @@ class DerivedRecording:
 
     @property
     def depth_range_m(self) -> tuple[float, float] | None:
-        """Nearest and farthest depth, where the recording knows it."""
+        """Nearest and farthest depth, m, if known."""
         return self.recording.depth_range_m
 
     def event_span_us(self, camera: int) -> tuple[int, int]:

@@ -57,12 +57,12 @@ class Sequence:
 
     @property
     def name(self) -> str:
-        """What the sequence is called."""
+        """Name of the sequence."""
         return self.manifest.name
 
     @property
     def has_poses(self) -> bool:
-        """Whether poses are stored: events of somebody's video may have none."""
+        """Whether poses are stored; a video may have none."""
         return POSES_FILE in self.manifest.files
 
     @property
@@ -190,12 +190,12 @@ class Sequence:
         return read_geoms(self.path)
 
     def labels(self, camera: int, t0_us: int, t1_us: int) -> NDArray[np.uint8]:
-        """(N,) what made each of `events(camera, t0_us, t1_us)`, see `sim.sensor.labels`."""
+        """(N,) cause of each of `events(camera, t0_us, t1_us)`, see `sim.sensor.labels`."""
         column = self._of(self._events, camera).read_extra("label", t0_us, t1_us)
         return column.astype(np.uint8, copy=False)
 
     def sensor_counts(self, camera: int) -> dict[str, int]:
-        """What became of a camera's events: sent by cause, dropped by reason.
+        """Number of a camera's events sent by cause and dropped by reason.
 
         Raises:
             InputError: not stored: the sensor was ideal.

@@ -50,7 +50,7 @@ class Extraction(ABC):
         """The depth map of one of its methods."""
 
     def measure(self, config: MapperConfig) -> str | None:
-        """What a ray is searched for: votes, a focus measure by its name, or None for nothing."""
+        """What is maximised along a ray: votes, a focus measure by name, or None for nothing."""
         del config
         return "votes"
 
@@ -60,7 +60,7 @@ class Extraction(ABC):
         return ()
 
     def check(self, config: MapperConfig) -> None:
-        """Refuses before any work what it cannot do.
+        """Refuses unsuitable settings before any work.
 
         Raises:
             InputError: says what, and how to cure it.
@@ -68,7 +68,7 @@ class Extraction(ABC):
         del config
 
     def files(self, config: MapperConfig) -> tuple[Path, ...]:
-        """Files that decide its results, such as weights."""
+        """Files that its results depend on, such as weights."""
         del config
         return ()
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from eventsweep.emvs.errors import InputError, heed_interrupt, said
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.release import install_extra
 
 Value = TypeVar("Value")
 FUNCTION = "MODULE:FUNCTION or FILE.py:FUNCTION"
@@ -50,7 +50,11 @@ def extra_module(name: str, purpose: str, extra: str, cure: str = "") -> Any:
     except (ImportError, OSError) as error:  # libraries of the system may be missing
         heed_interrupt(error)
         missing = isinstance(error, ModuleNotFoundError) and name.startswith(error.name or name)
-        why = f"is not installed: {install(extra)}" if missing else f"fails: {said(error)}{cure}"
+        why = (
+            f"is not installed: {install_extra(extra)}"
+            if missing
+            else f"fails: {said(error)}{cure}"
+        )
         raise InputError(f"{purpose}, which {why}") from error
 
 

@@ -38,7 +38,7 @@ class JobFlags:
     "Folder where results of jobs are kept; by default $EVENTSWEEP_CACHE or your cache folder."
 
     scheduler: Annotated[str | None, _JobFlag, RARE] = None
-    "Address of a Dask scheduler to run the jobs on, such as tls://HOST:8786."
+    "Address of a Dask scheduler to run the jobs on, such as tls://scheduler.example:8786."
 
     remote: Annotated[bool, _JobSwitch, RARE] = False
     "Allow another machine over tcp://, which is neither encrypted nor authenticated."

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from eventsweep.emvs.errors import InputError, heed_interrupt
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.release import install_extra
 from eventsweep.eval.jobs.job import Failed, Job, Outcome, code_of, do
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class Cluster:
         place = urlsplit(self.address)
         if place.scheme not in ("tcp", "tls") or not place.hostname or ":" not in place.netloc:
             raise InputError(
-                f"scheduler {self.address!r}: needs tcp://HOST:PORT or tls://HOST:PORT"
+                f"scheduler {self.address!r}: needs tcp://ADDRESS:PORT or tls://ADDRESS:PORT"
             )
         if place.scheme == "tls":
             self._check_files()
@@ -71,7 +71,7 @@ class Cluster:
         except ImportError as error:
             heed_interrupt(error)
             raise InputError(
-                f"--scheduler needs the library distributed: {install('cluster')}"
+                f"--scheduler needs the library distributed: {install_extra('cluster')}"
             ) from error
 
         class Leaving(Client):

@@ -18,7 +18,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.learned.derd import LAYERS, MOST_MODELS, NAME
 from eventsweep.emvs.learned.weights import MOST_BYTES, write_weights
 from eventsweep.emvs.utils.inputs import check_file
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.release import install_extra
 
 STATE = "model_state_dict"
 """Under which the authors save the model, beside the optimiser."""
@@ -66,7 +66,7 @@ def _state(path: Path) -> Mapping[str, Any]:
         import torch
     except ModuleNotFoundError as error:
         raise InputError(
-            f"published weights need torch, which is not installed: {install('train')}"
+            f"published weights need torch, which is not installed: {install_extra('train')}"
         ) from error
     try:
         check_file(path, MOST_BYTES)

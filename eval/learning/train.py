@@ -13,7 +13,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.learned.weights import write_weights
 from eventsweep.emvs.utils.files import write_text
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_json, read_text
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.release import install_extra
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.learning import confidence, data
 from eventsweep.eval.learning.config import History, TrainingConfig
@@ -73,7 +73,7 @@ def _fitting() -> type[Fitting]:
         if error.name != "torch":
             raise
         raise InputError(
-            f"training needs torch, which is not installed: {install('train')}"
+            f"training needs torch, which is not installed: {install_extra('train')}"
         ) from error
     return Fitting
 

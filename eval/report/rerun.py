@@ -20,7 +20,7 @@ from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.errors import InputError, heed_interrupt
 from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
 from eventsweep.emvs.utils.outputs import files_together
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.release import install_extra
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.scoring.regions import on_view
 from eventsweep.eval.scoring.run_folder import (
@@ -63,7 +63,9 @@ def _library() -> Any:
         return import_module("rerun")
     except ImportError as error:
         heed_interrupt(error)
-        raise InputError(f"recordings for the Rerun viewer need it: {install('rerun')}") from error
+        raise InputError(
+            f"recordings for the Rerun viewer need it: {install_extra('rerun')}"
+        ) from error
 
 
 @dataclass(frozen=True)

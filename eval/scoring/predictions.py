@@ -221,7 +221,7 @@ class Prediction:
         )
 
     def depth_m(self, view: TargetView) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Reads the depth map of a view: (H, W) z-depth in metres, and where there is one.
+        """Reads the depth map of a view: (H, W) z-depth in metres, and its mask.
 
         Raises:
             InputError: no file for it, a damaged one, one of another size or without any depth,
@@ -246,7 +246,7 @@ class Prediction:
         return np.where(mask, depth_m, np.float32(0)), mask
 
     def confidence(self, view: TargetView) -> NDArray[np.float64] | None:
-        """Reads how sure the method is: (H, W), larger is surer; None where it does not say.
+        """Reads the confidence of a view, (H, W), larger is more confident; None if it has none.
 
         Raises:
             InputError: no file for the view, or a confidence that is no image of its size.

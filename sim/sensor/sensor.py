@@ -70,7 +70,7 @@ class Sensor:
         self._t_us = t_us
 
     def step(self, intensity: NDArray[np.float32], t_us: int) -> LabelledEvents:
-        """The events that come out until this frame (H, W), linear, full scale 1, and have not yet.
+        """The events sent between the last frame and this one (H, W), linear, full scale 1.
 
         They are sorted by time, none before those of earlier steps and none after `t_us`. With a
         clock coarser than 1 µs, time stamps may lie before the frame before.

@@ -54,7 +54,7 @@ class View:
 
 @dataclass(frozen=True)
 class RecordedVideo:
-    """What became of a video.
+    """Result of converting a video to events.
 
     Attributes:
         path: the sequence or file that was written.

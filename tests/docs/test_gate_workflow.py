@@ -9,6 +9,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from xml.etree import ElementTree as xml
 
 import pytest
@@ -134,7 +135,8 @@ def test_the_install_step_asks_for_what_the_page_does():
     assert set(asked.split()) == set(needed.split())
     settings = yaml.safe_load(FILE.read_text(encoding="utf-8"))["env"]
     assert 'pip install "$EVENTSWEEP"' in install
-    assert settings["EVENTSWEEP"].startswith("git+https://")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert settings["EVENTSWEEP"].endswith(f"/eventsweep-{project['version']}-py3-none-any.whl")
 
 
 def test_the_gate_step_is_strict():

@@ -1,4 +1,4 @@
-"""The README's ranking is that of the committed data."""
+"""The table on the page of the ranking is that of the committed data."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from eventsweep.eval.ranking.entries import DATA_NAME, read_data
 from places import ROOT
 from ranking_table import DATA, main, ranking_block
 
-README, FOLDER = ROOT / "README.md", ROOT / DATA
+PAGE, FOLDER = ROOT / "docs" / "ranking.md", ROOT / DATA
 
 
-def test_the_readme_is_not_stale(capsys):
-    assert main([str(README), "--data", str(FOLDER), "--check"]) == 0, capsys.readouterr().err
+def test_the_page_is_not_stale(capsys):
+    assert main([str(PAGE), "--data", str(FOLDER), "--check"]) == 0, capsys.readouterr().err
 
 
 def test_a_typed_number_is_noticed_and_cured(tmp_path, capsys):
-    page = Path(shutil.copy(README, tmp_path / "README.md"))
+    page = Path(shutil.copy(PAGE, tmp_path / "page.md"))
     before, mark, after = page.read_text().partition("<!-- ranking: begin -->")
     page.write_text(before + mark + after.replace("| Alg1/min | ", "| Alg1/min | 1"))
     asked = [str(page), "--data", str(FOLDER)]
     assert main([*asked, "--check"]) == 1
     assert "stale" in capsys.readouterr().err
     assert main(asked) == 0
-    assert page.read_text() == README.read_text()
+    assert page.read_text() == PAGE.read_text()
 
 
 def test_every_method_has_its_line_in_the_order_of_the_ranks():

@@ -275,5 +275,5 @@ def test_clouds_go_to_pcd_and_back(tmp_path):
 
 def test_every_target_is_named_in_the_docs():
 
-    text = (ROOT / "docs" / "convert.md").read_text()
+    text = (ROOT / "docs" / "formats.md").read_text()
     assert [name for name in targets() if f"`{name}`" not in text] == []

@@ -16,7 +16,7 @@ from numba import cuda
 from numba.cuda.cudadrv.driver import CudaAPIError
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.release import install_extra
 
 # The simulator runs kernels as plain Python on the CPU, for tests on tiny inputs: a Python thread
 # for each of theirs.
@@ -67,7 +67,7 @@ def missing() -> str | None:
     if SIMULATED:
         return None
     if find_spec("numba_cuda") is None:
-        return f"numba-cuda is not installed: {install('cuda')}, or choose device cpu"
+        return f"numba-cuda is not installed: {install_extra('cuda')}, or choose device cpu"
     if not cuda.is_available():
         reason = " ".join(str(cuda.cuda_error() or "CUDA finds no GPU").split()).rstrip(".")
         return f"{reason}; check that nvidia-smi shows a GPU, or choose device cpu"

@@ -34,7 +34,7 @@ _ADDRESS = re.compile(r"(?P<name>[^\[\]]*)(?:\[(?P<key>[^\[\]]+)\])?")
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """What somebody states of a file's columns.
+    """States which column of a table holds what.
 
     Attributes:
         x: address of pixel columns; empty, as all four, where only the unit is stated.

@@ -111,7 +111,7 @@ def text_layout(path: Path, head: bytes, columns: ColumnMap | None = None) -> Te
     if b"\0" in head or not head.isascii():
         raise InputError(
             f"{path}: neither text nor a known binary event format; "
-            f"{page('event_formats')} lists what can be opened"
+            f"{page('formats', 'event-files')} lists what can be opened"
         )
     lines = head.splitlines(keepends=True)
     skip = 0

@@ -41,7 +41,7 @@ def make(
     job_flags: JobFlags = JOB_FLAGS,
     common: Common = COMMON,
 ) -> int:
-    """Draw a suite's sequences and pack them: the same bytes for the same sequences.
+    """Render a suite's sequences and pack them; equal sequences give equal bytes.
 
     Args:
         name: Such as suite-v2, quick, or FILE.toml.
@@ -84,7 +84,7 @@ def fetch(
     version: Annotated[str, Parameter(name="--version-is")] = "",
     common: Common = COMMON,
 ) -> None:
-    """Fetch an archive, or a part; what is there already is kept, and all is verified.
+    """Download an archive or a part of it, keep files already present, and verify all.
 
     Args:
         source: Address below which archive.json is, or a folder.
@@ -129,7 +129,7 @@ def unpack(
     force: Force = False,
     common: Quiet = QUIET,
 ) -> None:
-    """Unpack sequences for a program of yours: CASE/seedN, each as a mapper may read it.
+    """Unpack sequences for your program: CASE/seedN, each as a mapper may read it.
 
     Args:
         folder: Folder of `archive make` or `fetch`.

@@ -33,7 +33,7 @@ def calibrate(
     force: Force = False,
     common: Common = COMMON,
 ) -> None:
-    """Refine a calibration from events and poses alone, without a board.
+    """Refine a calibration from events and poses, without a calibration board.
 
     What the recording does not determine is refused, with the reason. The recording is not touched.
 

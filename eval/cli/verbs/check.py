@@ -29,7 +29,7 @@ def check(
     common: Configured = CONFIGURED,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
 ) -> int:
-    """Say what is wrong with a recording: its events, poses, calibration, and conventions.
+    """Find faults in a recording's events, poses, calibration and conventions.
 
     Exits with 1 if something is wrong. Of the mapper's parameters the depth range, the window and
     the threads count.

@@ -32,7 +32,7 @@ _SUMMARY = "GITHUB_STEP_SUMMARY"
 @Parameter(name="*")
 @dataclass(frozen=True)
 class GateFlags:
-    """What is compared with what, and where the outcome is written."""
+    """Inputs of the comparison, and files for its outcome."""
 
     baseline: Path
     "Baseline to compare with, or to write with --update."
@@ -122,13 +122,13 @@ class GateFlags:
             check_output(self.baseline, force=True, folder=False)
 
     def choice(self) -> Choice:
-        """What is looked at, and what decides."""
+        """The part that is compared, and the metrics that decide."""
         from eventsweep.eval.gate.compare import DECIDING, Choice
 
         return Choice(self.metric or DECIDING, self.case, self.method, self.strict)
 
     def tolerances(self) -> Tolerances:
-        """Up to which difference a number is the same."""
+        """Differences that count as equal."""
         from eventsweep.eval.gate.compare import Tolerances
 
         if self.tolerance is None:

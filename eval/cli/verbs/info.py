@@ -20,7 +20,7 @@ def info(
     force: Force = False,
     common: Common = COMMON,
 ) -> None:
-    """Describe a recording: cameras, times, event counts, faults, and what poses cover.
+    """Describe a recording: cameras, times, event counts, faults and pose coverage.
 
     Args:
         path: A sequence, a data set's folder, a recording.toml, an event file or a bag.

@@ -35,7 +35,7 @@ def study(
     job_flags: JobFlags = JOB_FLAGS,
     common: Common = COMMON,
 ) -> int:
-    """Perturb one thing by growing amounts and see where each method breaks.
+    """Perturb one property by growing amounts and find where each method breaks.
 
     Args:
         name: Studies to run, such as pose-noise, or `all`; `eventsweep list studies`.

@@ -30,7 +30,7 @@ def make(
     force: Force = False,
     common: Common = COMMON,
 ) -> None:
-    """Check depth maps and pack them into a file; says in one line what is missing or wrong.
+    """Check depth maps and pack them into a file; any fault is reported in one line.
 
     Args:
         folder: Depth maps as CASE/seedN/TIME.npz, beside them submission.toml.
@@ -57,7 +57,7 @@ def check(
     archive: Path | None = None,
     common: Common = COMMON,
 ) -> None:
-    """Read all of a submission; says in one line what is missing or wrong, and needs no truth.
+    """Check a whole submission, without truth; any fault is reported in one line.
 
     Args:
         path: File of `submission make`, or the folder it is made of.

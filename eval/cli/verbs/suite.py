@@ -43,7 +43,7 @@ def suite(
     job_flags: JobFlags = JOB_FLAGS,
     common: Common = COMMON,
 ) -> int:
-    """Run a suite of cases, or a subset; what is in the cache is not done again.
+    """Run a suite of cases, or a subset; finished jobs come from the cache.
 
     Args:
         name: Such as quick, suite-v2, suite-v2:quick, or FILE.toml.
@@ -77,7 +77,7 @@ def suite(
 
 
 class Parts(NamedTuple):
-    """What of a suite is asked for, and where its sequences are."""
+    """Which part of a suite is run, and where its sequences are."""
 
     suite: Suite
     subset: str

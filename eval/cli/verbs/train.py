@@ -26,7 +26,7 @@ def train(
     published: Annotated[tuple[Path, ...], NO_NEGATIVE, RARE] = (),
     common: Common = COMMON,
 ) -> None:
-    """Train the network of the Learned methods: sequences are simulated, sampled, and learnt from.
+    """Train the network of the Learned methods on simulated sequences.
 
     The same command goes on where a stopped one was. Use the weights with
     --map.learned.weights OUT/learned.npz, those of DERD-Net with --map.derd.weights OUT/derd.npz.

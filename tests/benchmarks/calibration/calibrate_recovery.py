@@ -242,12 +242,7 @@ def _errors(truth: EventSequence, told: Recording, t_s: float) -> NDArray[np.flo
     return np.asarray(np.abs(depth.depth_m[both] - true_m[both]) / true_m[both], np.float64)
 
 
-def tables(results: Sequence[dict[str, Any]]) -> str:
-    """What is left of each parameter, then depth and time of each twin, as Markdown."""
-    return f"{_summary(results)}\n{_per_twin(results)}"
-
-
-def _summary(results: Sequence[dict[str, Any]]) -> str:
+def summary(results: Sequence[dict[str, Any]]) -> str:
     """A line per kind of parameter: what was spoilt, what is left, coverage, refusals."""
     lines = [
         "| parameter | spoilt by, median | left, median | left, largest | 95 % stated, median | "
@@ -290,7 +285,7 @@ def _summary_line(name: str, mine: Sequence[dict[str, Any]], unit: str) -> str:
     )
 
 
-def _per_twin(results: Sequence[dict[str, Any]]) -> str:
+def per_twin(results: Sequence[dict[str, Any]]) -> str:
     """A line per twin: depth with the true, the spoilt and the refined calibration, and time."""
     lag = any(one["lag_ms"] is not None for one in results)
     heads = ["twin", "depth error, true calibration", "spoilt", "refined", "CPU time", "wall time"]
@@ -314,7 +309,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
     parser.add_argument("--twin", action="append", choices=TWINS, help="repeatable; default: all")
     parser.add_argument("--study", action="append", choices=list(STUDIES), help="default: all")
     parser.add_argument("--seeds", type=int, default=1, help="spoilt calibrations per twin")
-    parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
+    parser.add_argument("--page", type=Path, help="page whose marked part gets the first table")
     chosen = parser.parse_args(None if arguments is None else list(arguments))
     with exit_code() as code:
         for study in chosen.study or STUDIES:
@@ -323,8 +318,8 @@ def main(arguments: Iterable[str] | None = None) -> int:
             for seed, name in product(range(chosen.seeds), twins):
                 results.append(run(name, study, seed))
                 sys.stderr.write(f"{study} {name} {seed}: {_brief(results[-1])}\n")
-            text = tables(results)
-            show(text, chosen.page, f"recovery-{study}")
+            sys.stdout.write(f"{per_twin(results)}\n")
+            show(summary(results), chosen.page, f"recovery-{study}")
     return code.value
 
 

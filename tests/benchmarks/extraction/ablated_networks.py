@@ -19,7 +19,7 @@ from eventsweep.emvs.learned import network
 from eventsweep.emvs.learned.network import CHANNELS, Float32s, Network
 from eventsweep.emvs.learned.weights import write_weights
 from eventsweep.emvs.utils.processes import end_with_parent
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.release import install_extra
 from eventsweep.eval.learning import data
 from eventsweep.eval.learning.config import TrainingConfig
 from eventsweep.eval.learning.samples import Samples
@@ -186,7 +186,7 @@ def train_missing(folder: Path, samples: Path | None, budget: Budget) -> bool:
 def _needed(samples: Path | None) -> str:
     if samples is None:
         return "say --samples FOLDER, of a finished `eventsweep train --out FOLDER`"
-    return f"training needs torch, which is not installed: {install('train')}"
+    return f"training needs torch, which is not installed: {install_extra('train')}"
 
 
 def train(folder: Path, variant: Variant, samples: Path, budget: Budget) -> None:

@@ -141,14 +141,14 @@ def calibration_table(outcomes: Iterable[SampleOutcome]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def report(outcomes: Mapping[str, list[SampleOutcome]]) -> str:
-    """Markdown: each set's samples, then calibration and ablation on the development set."""
+def report(outcomes: Mapping[str, list[SampleOutcome]], *, cases: bool = False) -> str:
+    """Markdown: each set, with `cases` a line per sample; then calibration and ablation."""
     parts = []
     for title, chosen in outcomes.items():
         met = sum(o.meets(OURS) for o in chosen)
         parts += [
             f"### Every {title} sample, Alg1/H → ours: {met} of {len(chosen)} met\n",
-            case_table(chosen),
+            *([case_table(chosen)] if cases else []),
             summary_table(chosen),
         ]
     ablated = outcomes.get(ABLATED, [])
@@ -183,6 +183,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--cache", type=Path, default=Path("out/study"))
     parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
     parser.add_argument("--mark", default="study", help="name of that part")
+    parser.add_argument("--cases", action="store_true", help="also a line for each sample")
     parser.add_argument("--picture", type=Path, help="PNG of the picture's sample")
     chosen = parser.parse_args(arguments)
     with exit_code() as code:
@@ -193,7 +194,7 @@ def main(arguments: list[str] | None = None) -> int:
             outcomes[name] = [
                 study(_load(wanted, chosen.cache), ablate=name == ABLATED) for wanted in SETS[name]
             ]
-        text = report(outcomes)
+        text = report(outcomes, cases=chosen.cases)
         show(text, chosen.page, chosen.mark)
     return code.value
 

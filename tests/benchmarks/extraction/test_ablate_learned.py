@@ -221,7 +221,7 @@ def test_without_torch_what_is_trained_is_evaluated(study, monkeypatch, tmp_path
     assert (
         "not trained yet: fused, votes, quarter, sequences, ideal; training needs torch" in said.err
     )
-    assert release.install("train") in said.err
+    assert release.install_extra("train") in said.err
     assert "| on a small budget |" in said.out
     assert "| without noisy sensors |" not in said.out
 

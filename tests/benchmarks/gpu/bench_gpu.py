@@ -1,6 +1,6 @@
 """What the GPU gives: `python tests/benchmarks bench_gpu --out FILE.json`.
 
-The page is docs/gpu_benchmark.md.
+The page is docs/performance.md.
 
 Prints tables and writes JSON after every part, so that a run that is stopped leaves what it has.
 Exit code 1 where a result is wrong, 2 where nothing can be measured, 0 otherwise, slow or not.

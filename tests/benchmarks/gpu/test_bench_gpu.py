@@ -113,7 +113,7 @@ def test_a_page_gets_the_tables_of_a_report(report, tmp_path, took_s, held):
 
 
 def test_the_projects_page_has_the_marks():
-    page = (ROOT / "docs/gpu_benchmark.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/performance.md").read_text(encoding="utf-8")
     assert page.count("<!-- gpu: begin -->\n") == page.count("<!-- gpu: end -->\n") == 1
 
 

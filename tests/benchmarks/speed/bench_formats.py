@@ -2,7 +2,7 @@
 
 Run: pytest tests/benchmarks/speed/bench_formats.py --benchmark-only -s
 Prints million events per second of processor time on one thread, and fails where a reader is slower
-than `LEAST_MEV_S` promises; with the environment's EVENT_FORMATS_PAGE=docs/event_formats.md it also
+than `LEAST_MEV_S` promises; with the environment's EVENT_FORMATS_PAGE=docs/formats.md it also
 writes the table there.
 """
 

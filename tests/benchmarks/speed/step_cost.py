@@ -3,7 +3,7 @@
 A cart with a camera passes a wall; the time of the calls is told apart into drawing, events and
 everything else, which is this project's own overhead.
 
-    python tests/benchmarks step_cost --page docs/howto_robot.md
+    python tests/benchmarks step_cost --page docs/howto_model.md
 """
 
 from __future__ import annotations

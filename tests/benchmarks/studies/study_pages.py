@@ -83,20 +83,12 @@ def overview(studies: Sequence[StoredStudy], costs: Sequence[float]) -> str:
 
 
 def section(study: StoredStudy) -> str:
-    """Markdown: a study's figure and its mean errors."""
-    curves = [curve for curve in study.curves if curve.metric == METRICS[0]]
-    methods = [curve.method for curve in curves]
+    """Markdown: a study's figure; its numbers are in the CSV beside it."""
     lines = [
         f"### {study.study}\n",
         f"![{study.study}: mean error, bad pixels and points of every method]"
-        f"(images/study_{study.study}.png)\n",
-        f"Mean error [cm] against {study.axis} [{study.unit}]; {_samples(study)}.\n",
-        f"| {study.unit} | {' | '.join(methods)} |",
-        f"|--:|{'--:|' * len(methods)}",
+        f"(images/study_{study.study}.png)",
     ]
-    for k, amount in enumerate(study.amounts):
-        cells = " | ".join(_error_cm(curve.mean[k]) for curve in curves)
-        lines.append(f"| {amount:g} | {cells} |")
     return "\n".join([*lines, *_failed(study)]) + "\n"
 
 
@@ -121,10 +113,6 @@ def _breaking(study: StoredStudy, method: str) -> str:
     if curve is None or math.isnan(curve.mean[0]):
         return "–"
     return f"never (x {max(curve.mean) / curve.mean[0]:.1f})"
-
-
-def _error_cm(mean_m: float) -> str:
-    return "no map" if math.isnan(mean_m) else f"{100 * mean_m:.1f}"
 
 
 def _cost(path: Path) -> float:

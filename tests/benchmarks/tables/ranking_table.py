@@ -1,4 +1,4 @@
-"""The README's short form of the public ranking, from its committed data: nobody types a number.
+"""The short form of the public ranking in its page, from its committed data: nobody types a number.
 
 `python tests/benchmarks ranking_table` writes it; with `--check` it only says whether it is stale.
 """
@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python tests/benchmarks ranking_table", description=__doc__
     )
-    parser.add_argument("page", type=Path, nargs="?", default=Path("README.md"))
+    parser.add_argument("page", type=Path, nargs="?", default=Path("docs/ranking.md"))
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--check", action="store_true", help="write nothing")
     asked = parser.parse_args(arguments)

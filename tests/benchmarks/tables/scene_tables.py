@@ -1,7 +1,6 @@
 """Writes the tables of figures of the scenes' pages: every number is measured, none is typed.
 
-python tests/benchmarks scene_tables docs/scenes.md docs/twins.md docs/twins_outdoor.md
-docs/twins_hard.md
+python tests/benchmarks scene_tables docs/scenes.md docs/twins.md
 
 Each case is simulated for a short piece with its own rig at full resolution, and the true depth of
 its cameras is warped onto each other. About one minute a case at 1280x720 on two cores, ten
@@ -35,9 +34,7 @@ PAGES = {
     "twins.md": (
         "tumvie-6dof", "tumvie-desk2", "tumvie-1d", "tumvie-3d", "mvsec-flying", "rpg-boxes",
         "rpg-reader", "rpg-monitor", "rpg-bin", "hdr-window", "hdr-night", "trinocular-desk",
-    ),
-    "twins_outdoor.md": ("tumvie-skate", "tumvie-run", "tumvie-bike", "dsec-street"),
-    "twins_hard.md": (
+        "tumvie-skate", "tumvie-run", "tumvie-bike", "dsec-street",
         "moving-objects", "low-texture", "repetitive", "thin-structures", "reflective",
     ),
 }  # fmt: skip

@@ -14,7 +14,7 @@ from eventsweep.emvs.depth.point_cloud import (
 )
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.reference_view import inverse_depth_planes
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.release import install_extra
 from point_world import pinhole
 
 POSE = se3.from_rotation(Rotation.from_rotvec([0.1, -0.3, 0.2]), [1.0, -2.0, 0.5])
@@ -118,7 +118,7 @@ except InputError as error:
 def test_clouds_need_no_open3d_and_a_mesh_says_how_to_install_it():
     command = [sys.executable, "-c", WITHOUT_OPEN3D]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert install("mesh") in done.stdout
+    assert install_extra("mesh") in done.stdout
     assert done.stdout.count("\n") == 1
 
 

@@ -324,5 +324,5 @@ def test_npz_as_others_save_it(tmp_path, save, times, expected):
 
 
 def test_the_table_in_the_documentation_is_the_formats_own():
-    page = (ROOT / "docs" / "event_formats.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
     assert table() in page

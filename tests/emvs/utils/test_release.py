@@ -1,6 +1,7 @@
 """Addresses come from one place, and lead to pages that exist."""
 
 import ast
+import importlib.metadata
 import re
 
 from eventsweep.emvs.utils import release
@@ -70,9 +71,36 @@ def test_pages_that_help_mentions_exist():
 
 
 def test_commands_change_with_the_one_place(monkeypatch):
-    assert release.install() == f"pip install 'eventsweep @ git+{release.REPOSITORY}'"
+    monkeypatch.setattr(release, "REPOSITORY", "https://elsewhere/es")
+    assert release.install() == "pip install 'eventsweep @ git+https://elsewhere/es'"
+    assert release.install_extra("mesh") == release.install("mesh")
     monkeypatch.setattr(release, "ON_INDEX", True)
     assert release.install() == "pip install eventsweep"
     assert release.install("mesh") == "pip install 'eventsweep[mesh]'"
     monkeypatch.setattr(release, "DOCUMENTATION", "https://elsewhere")
     assert release.page("gate", "tolerances") == "https://elsewhere/gate.html#tolerances"
+
+
+def test_without_any_address_commands_work_from_a_checkout_or_beside_a_wheel(monkeypatch):
+    for name in ("REPOSITORY", "DOCUMENTATION"):
+        monkeypatch.setattr(release, name, "")
+    monkeypatch.setattr(release, "ON_INDEX", False)
+    assert (release.install(), release.install("mesh")) == (
+        "pip install .",
+        "pip install '.[mesh]'",
+    )
+    assert release.page("gate", "tolerances") == "the page `gate` of the documentation"
+    needs = [
+        "numpy>=2",
+        "torch>=2.5; extra == 'train'",
+        "a>=1; sys_platform == 'no' and extra == 'x'",
+    ]
+    monkeypatch.setattr(importlib.metadata, "requires", lambda _: needs)
+    assert release.install_extra("train") == "pip install 'torch>=2.5'"
+    assert release.install_extra("x") == "pip install '.[x]'"
+
+    def missing(_):
+        raise importlib.metadata.PackageNotFoundError
+
+    monkeypatch.setattr(importlib.metadata, "requires", missing)
+    assert release.install_extra("train") == "pip install '.[train]'"

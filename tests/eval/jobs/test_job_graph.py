@@ -449,7 +449,7 @@ ADDRESSES = ["127.0.0.1:8786", "http://127.0.0.1:1", "tcp://127.0.0.1", "tcp://"
 
 @pytest.mark.parametrize("address", ADDRESSES)
 def test_what_is_no_address_is_refused(address):
-    with pytest.raises(InputError, match="needs tcp://HOST:PORT or tls://HOST:PORT"):
+    with pytest.raises(InputError, match="needs tcp://ADDRESS:PORT or tls://ADDRESS:PORT"):
         Cluster(address).check()
 
 

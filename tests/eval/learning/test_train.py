@@ -32,7 +32,7 @@ def test_without_torch_it_says_what_to_install(monkeypatch, tmp_path, capsys):
     monkeypatch.delitem(sys.modules, "eventsweep.eval.learning.fit", raising=False)
     monkeypatch.delitem(sys.modules, "eventsweep.eval.learning.network", raising=False)
     assert main(["train", "--out", str(tmp_path / "a")]) == 2
-    assert release.install("train") in capsys.readouterr().err
+    assert release.install_extra("train") in capsys.readouterr().err
     assert not (tmp_path / "a").exists()
 
 

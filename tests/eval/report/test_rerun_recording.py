@@ -13,7 +13,7 @@ import pytest
 from eventsweep import scenes
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.maps.folder import read_map
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.release import install_extra
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.config import EvalConfig, Settings
 from eventsweep.eval.pipeline import map_recording, score_folder
@@ -132,7 +132,7 @@ def test_without_the_library_one_line_says_how_to_get_it(folder, monkeypatch, ca
     (folder / "recording.rrd").unlink(missing_ok=True)  # another test's, which no library wrote
     assert main(["report", str(folder), "--rrd"]) == 2
     err = capsys.readouterr().err
-    assert install("rerun") in err
+    assert install_extra("rerun") in err
     assert err.count("\n") == 1
 
 
