@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -36,8 +37,8 @@ def check_times(truth: Trajectory, estimate: Trajectory, config: TrajectoryConfi
     first_us, last_us = truth.span_us
     margin_us = config.max_difference_us
     overlap = begin_us - margin_us <= last_us and first_us <= end_us + margin_us
-    lasts_us, truth_lasts_us = end_us - begin_us, max(last_us - first_us, 1)
-    if overlap and lasts_us < _TIMES_LONGER * truth_lasts_us:
+    fits = len(truth) < LEAST_PAIRS or end_us - begin_us < _TIMES_LONGER * (last_us - first_us)
+    if overlap and fits:
         return
     said = "the two do not overlap" if not overlap else "they do not fit"
     raise InputError(
@@ -52,33 +53,54 @@ def _seconds(t_us: int) -> str:
 
 def _cure(truth: Trajectory, estimate: Trajectory, config: TrajectoryConfig) -> str:
     """How to make the times fit: a unit, where it makes them overlap, or else an offset."""
+    offset_s = (truth.t_us[0] - estimate.t_us[0]) / 1e6
+    return _other_unit(truth, estimate, config) or (
+        f"if the clocks differ, set offset_s, such as {offset_s:.15g} where both begin together"
+    )
+
+
+def _other_unit(truth: Trajectory, estimate: Trajectory, config: TrajectoryConfig) -> str:
+    """Which unit would bring the middle of the estimate into the truth's time; empty where none.
+
+    Of several, the one with which the two last most nearly as long as each other.
+    """
     first_us, last_us = truth.span_us
     middle_us = sum(estimate.span_us) / 2 + config.offset_us
+    lasts = [max(one.span_us[1] - one.span_us[0], 1) for one in (estimate, truth)]
+    longer, found = math.log10(lasts[0] / lasts[1]), []
     for factor, unit in _TIME_UNITS.items():
+        power = math.log10(factor)
         if first_us <= middle_us / factor <= last_us and config.unit == "s":
-            return f"they are {factor:g} times as large: set unit to {unit!r}"
+            said = f"they are {factor:g} times as large: set unit to {unit!r}"
+            found.append((abs(longer - power), said))
         if first_us <= middle_us * factor <= last_us and config.truth_unit == "s":
-            return f"the truth's are {factor:g} times as large: set truth_unit to {unit!r}"
-    offset_s = (first_us - estimate.span_us[0]) / 1e6
-    return f"if the clocks differ, set offset_s, such as {offset_s:.15g} where both begin together"
+            said = f"the truth's are {factor:g} times as large: set truth_unit to {unit!r}"
+            found.append((abs(longer + power), said))
+    return min(found)[1] if found else ""
 
 
 def check_pairs(
     matched: MatchedPoses, truth: Trajectory, estimate: Trajectory, config: TrajectoryConfig
 ) -> None:
     """Refuses too few pairs of poses."""
-    if len(matched) >= LEAST_PAIRS:
-        return
     t_us = estimate.t_us + config.offset_us
+    within = (truth.t_us >= t_us[0] - config.max_difference_us) & (
+        truth.t_us <= t_us[-1] + config.max_difference_us
+    )
+    true = int(np.count_nonzero(within))
+    if min(len(matched), true) >= LEAST_PAIRS:
+        return
     right = np.clip(np.searchsorted(truth.t_us, t_us), 0, len(truth) - 1)
     left = np.maximum(right - 1, 0)
     nearest_us = np.minimum(np.abs(truth.t_us[left] - t_us), np.abs(truth.t_us[right] - t_us))
     usual_s = float(np.median(nearest_us)) / 1e6
-    raise InputError(
-        f"{len(matched)} of {len(estimate)} poses have a true one, needs {LEAST_PAIRS}: the truth "
-        f"has {len(truth)}, the nearest in the median {usual_s:.3g} s away; set max_difference_s "
-        "above that, or associate to 'interpolate'"
+    fault = (
+        f"{len(matched)} of {len(estimate)} poses have a true one, and {true} true ones lie in "
+        f"their time; needs {LEAST_PAIRS} of both. The nearest is {usual_s:.3g} s away in the "
+        "median: "
     )
+    cure = _other_unit(truth, estimate, config) if true < LEAST_PAIRS else ""
+    raise InputError(fault + (cure or "set max_difference_s above that, or give more poses"))
 
 
 def check_size(matched: MatchedPoses, config: TrajectoryConfig) -> None:
@@ -131,10 +153,12 @@ def _of_pairs(
 ) -> Iterator[str]:  # fmt: skip
     lost = len(estimate) - len(matched)
     if lost > _LOST_SHARE * len(estimate):
-        near = "within the truth's time" if config.associate == "interpolate" else (
-            f"within {config.max_difference_s:g} s"
-        )  # fmt: skip
-        yield f"{lost} of {len(estimate)} poses have no true one of their own {near}: left out"
+        interpolated = config.associate == "interpolate"
+        near = "in its time" if interpolated else f"within {config.max_difference_s:g} s"
+        fewer = len(truth) < len(estimate) and not interpolated
+        cure = "; the truth has fewer poses, set associate to 'interpolate' to compare all" * fewer
+        share = f"{lost} of {len(estimate)}"
+        yield f"{share} poses have no true one of their own {near}: left out{cure}"
     apart_m = _moved_meanwhile_m(matched, truth)
     if apart_m > _TIME_SHARE * ate_m:
         late_s = float(np.abs(matched.late_us).max()) / 1e6
