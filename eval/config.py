@@ -80,7 +80,7 @@ class TrajectoryConfig(ParameterGroup):
 
     align: Alignment = Field(
         default="se3",
-        description="Motion that lays the estimate upon the truth: rigid, rigid with scale, none.",
+        description="How the estimate is aligned with the truth: rigidly, also in scale, or not.",
     )
     associate: Association = Field(
         default="one-to-one",

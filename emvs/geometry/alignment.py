@@ -1,4 +1,4 @@
-"""The rigid motion, or the similarity, that lays points upon others with least squared distance."""
+"""The rigid motion, or the similarity, that aligns points with others by least squares."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Similarity:
         scale: how many units of frame a are one of frame b; 1 for a rigid motion.
         R_a_b: (3, 3) rotation.
         t_a_m: (3,) where the origin of b lies in a, m.
-        is_unique: False where other rotations lay the points as well: they lie on a line.
+        is_unique: False where other rotations fit as well: the points lie on a line.
     """
 
     scale: float

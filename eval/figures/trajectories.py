@@ -19,6 +19,7 @@ from eventsweep.eval.scoring.trajectories.score import TrajectoryScore
 
 Scored = Mapping[str, TrajectoryScore]
 _MOST_POINTS = 2000
+_GAP_STEPS = 10
 _GREY = "#8c8c8c"
 
 
@@ -33,7 +34,7 @@ def path_figure(truth: Trajectory, scored: Scored) -> Figure:
         true_m = _thinned(truth.positions_m)
         axes.plot(true_m[:, right], true_m[:, up], color=_GREY, lw=3, alpha=0.6)
         for position, (method, found) in enumerate(scored.items()):
-            path_m = _thinned(found.world_odom.points(found.matched.T_odom_body[:, :3, 3]))
+            path_m = _thinned(_aligned_path_m(found))
             (line,) = axes.plot(path_m[:, right], path_m[:, up], **_line(method))
             line.set_gid(f"path-{name}-{position}")
         axes.set_title({"above": "from above", "side": "from the side"}[name], loc="left",
@@ -129,9 +130,19 @@ def _legend(figure: Figure, scored: Scored, *, with_truth: bool = False) -> None
     figure.legend(handles=handles, loc="outside right center", handlelength=3.2)
 
 
+def _aligned_path_m(found: TrajectoryScore) -> NDArray[np.float64]:
+    """Positions in the truth's world; the last one before a gap is NaN."""
+    path_m = found.world_odom.points(found.matched.T_odom_body[:, :3, 3])
+    steps_us = np.diff(found.matched.t_us)
+    path_m[:-1][steps_us > _GAP_STEPS * np.median(steps_us)] = np.nan
+    return path_m
+
+
 def _thinned(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """At most so many points: a page must stay small."""
-    return points[:: max(1, len(points) // _MOST_POINTS)]
+    """About so many points, as a page must stay small; NaN where one of those left out is."""
+    begins = np.arange(0, len(points), max(1, len(points) // _MOST_POINTS))
+    broken = np.isnan(np.add.reduceat(points[:, 0], begins))
+    return np.where(broken[:, None], np.nan, points[begins])
 
 
 def _with_gaps(
@@ -145,5 +156,9 @@ def _with_gaps(
     begins = np.arange(0, len(t_s), size)
     at, peaks = t_s[begins], np.fmax.reduceat(values, begins)
     steps = np.diff(at)
-    jumps = np.flatnonzero(steps > 10 * np.median(steps)) + 1 if steps.size else np.empty(0, int)
+    jumps = (
+        np.flatnonzero(steps > _GAP_STEPS * np.median(steps)) + 1
+        if steps.size
+        else np.empty(0, int)
+    )
     return np.insert(at, jumps, np.nan), np.insert(peaks, jumps, np.nan)

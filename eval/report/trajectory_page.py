@@ -52,8 +52,8 @@ _RULES = {
     "interpolate": "the truth is interpolated at the time of every estimated pose",
 }
 _ALIGNMENTS = {
-    "se3": "laid upon the truth by a rigid motion",
-    "sim3": "laid upon the truth by a rigid motion and a scale",
+    "se3": "aligned with the truth by a rigid motion, SE(3)",
+    "sim3": "aligned with the truth by a rigid motion and a scale, Sim(3)",
     "none": "not aligned",
 }
 

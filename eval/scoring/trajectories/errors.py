@@ -72,7 +72,7 @@ def absolute_errors(matched: MatchedPoses, world_odom: Similarity) -> PoseErrors
 
     Args:
         matched: pairs of poses.
-        world_odom: lays the estimate's world upon the truth's.
+        world_odom: aligns the estimate's world with the truth's.
     """
     T_world_body, T_world_est = matched.T_world_body, world_odom.poses(matched.T_odom_body)
     translation_m = np.linalg.norm(T_world_est[:, :3, 3] - T_world_body[:, :3, 3], axis=1)

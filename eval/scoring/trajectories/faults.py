@@ -17,6 +17,8 @@ LEAST_PAIRS = 3
 """Fewer poses do not determine an alignment."""
 _TIME_UNITS = {1e3: "ms", 1e6: "us", 1e9: "ns"}
 _LENGTHS = {1e2: "centimetres", 1e3: "millimetres", 1e6: "micrometres", 1e9: "nanometres"}
+_DECADES = 1.5
+"""How far the lengths of two trajectories may be from a ratio of units, in powers of ten."""
 _TIMES_LONGER = 100.0
 """An estimate so many times as long as the truth is of another unit of time."""
 _ALIKE = 0.5
@@ -62,7 +64,8 @@ def _cure(truth: Trajectory, estimate: Trajectory, config: TrajectoryConfig) -> 
 def _other_unit(truth: Trajectory, estimate: Trajectory, config: TrajectoryConfig) -> str:
     """Which unit would bring the middle of the estimate into the truth's time; empty where none.
 
-    Of several, the one with which the two last most nearly as long as each other.
+    Of several, the one with which the two last most nearly as long as each other: where they last
+    alike as it is, the clocks differ and not their units.
     """
     first_us, last_us = truth.span_us
     middle_us = sum(estimate.span_us) / 2 + config.offset_us
@@ -76,7 +79,8 @@ def _other_unit(truth: Trajectory, estimate: Trajectory, config: TrajectoryConfi
         if first_us <= middle_us * factor <= last_us and config.truth_unit == "s":
             said = f"the truth's are {factor:g} times as large: set truth_unit to {unit!r}"
             found.append((abs(longer + power), said))
-    return min(found)[1] if found else ""
+    off, said = min(found, default=(math.inf, ""))
+    return said if off < _DECADES else ""
 
 
 def check_pairs(

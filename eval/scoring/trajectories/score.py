@@ -45,7 +45,7 @@ class TrajectoryScore:
     Attributes:
         scores: every number, as rows of a table of scores have them.
         matched: the pairs of poses.
-        world_odom: what lays the estimate's world upon the truth's.
+        world_odom: aligns the estimate's world with the truth's.
         errors: of every pose and step.
         notes: what a reader of the numbers must know, a sentence each.
         config: how it was scored.

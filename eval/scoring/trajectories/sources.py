@@ -62,7 +62,10 @@ def read_truth(path: str | Path, config: TrajectoryConfig) -> Source:
     if path.is_dir() or path.suffix in (".toml", ".bag"):
         recording = open_recording(path)
         return Source(recording.name, path, recording.trajectory)
-    return Source(plain(path.resolve().stem), path, read_poses(path, config.truth_unit))
+    try:
+        return Source(plain(path.resolve().stem), path, read_poses(path, config.truth_unit))
+    except InputError as error:
+        raise InputError(str(error).replace("set unit to", "set truth_unit to")) from error
 
 
 def score_sources(

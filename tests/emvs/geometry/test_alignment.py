@@ -46,7 +46,7 @@ def test_the_eigenvector_of_quaternions_finds_the_same(seed, count, noise, with_
 
 
 @given(seeds)
-def test_no_small_motion_more_lays_the_points_closer(seed):
+def test_no_nearby_motion_fits_better(seed):
     rng = np.random.default_rng(seed)
     points_a, points_b = rng.normal(size=(2, 12, 3))
     found = align_points(points_a, points_b, with_scale=True)
