@@ -34,7 +34,7 @@ SIM_GROUP, _MAP, _SCORE, _TRAJECTORY, JOBS, COMMON_GROUP = map(
 SimFlags = Annotated[SimConfig, Parameter(group=SIM_GROUP), RARE]
 MapFlags = Annotated[MapperConfig, Parameter(group=_MAP), RARE]
 ScoreFlags = Annotated[EvalConfig, Parameter(group=_SCORE), RARE]
-TrajectoryFlags = Annotated[TrajectoryConfig, Parameter(name="*", group=_TRAJECTORY)]
+TrajectoryFlags = Annotated[TrajectoryConfig, Parameter(name="*", group=_TRAJECTORY), RARE]
 NO_NEGATIVE = Parameter(negative=())
 """Of a flag that has no `--no-` or `--empty-` beside it."""
 Methods = Annotated[tuple[str, ...], Parameter(negative=(), completer=names.method_names)]
