@@ -1,5 +1,6 @@
 """Errors of trajectories: laws that hold whatever the numbers are, and slow twins."""
 
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -20,8 +21,16 @@ TRUTH = room(6.0, rate_hz=20)
 NO_SIZE = {"scale", "scale_error"}
 
 
+NOISY = noisy(TRUTH)
+
+
 def scored(estimate, truth=TRUTH, **settings):
     return es.score_trajectory(estimate, truth, es.TrajectoryConfig(**settings)).values
+
+
+@cache
+def unmoved(align="se3"):
+    return scored(NOISY, align=align)
 
 
 def alike(one, two, leave_out=frozenset(), tolerance=1e-7):
@@ -41,28 +50,24 @@ def test_the_truth_itself_has_no_error(associate):
 
 @given(seeds)
 def test_no_rigid_motion_of_the_estimate_has_any_effect(seed):
-    estimate = noisy(TRUTH)
-    alike(scored(estimate), scored(moved(estimate, seed)))
+    alike(unmoved(), scored(moved(NOISY, seed)))
 
 
 @given(seeds, st.floats(0.05, 20))
 def test_with_a_free_scale_no_similarity_has_any_effect(seed, scale):
-    one = scored(noisy(TRUTH), align="sim3")
-    other = scored(moved(noisy(TRUTH), seed, scale), align="sim3")
+    one, other = unmoved("sim3"), scored(moved(NOISY, seed, scale), align="sim3")
     alike(one, other, NO_SIZE)
     assert other["scale"] * scale == pytest.approx(one["scale"])
 
 
 @given(seeds)
 def test_a_rigid_motion_of_the_truth_has_no_effect_either(seed):
-    estimate = noisy(TRUTH)
-    alike(scored(estimate), scored(estimate, moved(TRUTH, seed)))
+    alike(unmoved(), scored(NOISY, moved(TRUTH, seed)))
 
 
 @given(seeds)
 def test_relative_errors_need_no_alignment(seed):
-    estimate = moved(noisy(TRUTH), seed)
-    aligned, raw = scored(estimate), scored(estimate, align="none")
+    aligned, raw = unmoved(), scored(moved(NOISY, seed), align="none")
     names = [name for name in aligned if name.startswith(("rpe", "drift"))]
     assert len(names) == 20
     alike({name: aligned[name] for name in names}, raw)
