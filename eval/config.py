@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
@@ -17,6 +17,10 @@ from eventsweep.sim.config import SimConfig
 RankingMetric = Literal[
     "mean_error", "median_error", "rmse", "abs_rel", "aerr_r", "silog", "bad_published"
 ]
+Alignment = Literal["se3", "sim3", "none"]
+Association = Literal["one-to-one", "nearest", "interpolate"]
+TimeUnit = Literal["s", "ms", "us", "ns"]
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _MOST_NAMED = 3
 Group = TypeVar("Group", bound=BaseModel)
 
@@ -69,6 +73,49 @@ class EvalConfig(ParameterGroup):
         near_m = 0.0 if self.min_truth_depth_m is None else self.min_truth_depth_m
         far_m = float("inf") if self.max_truth_depth_m is None else self.max_truth_depth_m
         return near_m, far_m
+
+
+class TrajectoryConfig(ParameterGroup):
+    """How estimated poses are paired with true ones, aligned and compared."""
+
+    align: Alignment = Field(
+        default="se3",
+        description="How the estimate is aligned with the truth: rigidly, also in scale, or not.",
+    )
+    associate: Association = Field(
+        default="one-to-one",
+        description="Which true pose an estimated one is compared with: the closest pairs first; "
+        "the nearest; the truth interpolated.",
+    )
+    max_difference_s: float = Field(
+        default=0.02, ge=0, le=1e6, description="Times of a pair differ by no more than this, s."
+    )
+    offset_s: float = Field(
+        default=0, ge=-1e12, le=1e12, description="Added to the estimate's times, s."
+    )
+    unit: TimeUnit = Field(default="s", description="Unit of the times in the estimate's file.")
+    truth_unit: TimeUnit = Field(default="s", description="Unit of the times in the truth's file.")
+    rpe_distances_m: tuple[_Positive, ...] = Field(
+        default=(),
+        description="Lengths of way that relative errors are taken over, m; by default 10, 20, 30, "
+        "40 and 50 % of the way.",
+    )
+    rpe_times_s: tuple[_Positive, ...] = Field(
+        default=(0.1, 1.0), description="Times that relative errors are taken over, s."
+    )
+    rpe_angles_deg: tuple[_Positive, ...] = Field(
+        default=(10.0, 30.0), description="Angles turned that relative errors are taken over, °."
+    )
+
+    @property
+    def max_difference_us(self) -> int:
+        """How far the times of a pair may lie apart, µs."""
+        return round(self.max_difference_s * 1e6)
+
+    @property
+    def offset_us(self) -> int:
+        """What is added to the estimate's times, µs."""
+        return round(self.offset_s * 1e6)
 
 
 class Settings(FrozenModel):

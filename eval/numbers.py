@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 # Per unit as stored: the unit as shown, and the factor between them.
-_DISPLAYED = {"m": ("cm", 100.0)}
+_DISPLAYED = {"m": ("cm", 100.0), "deg": ("°", 1.0), "deg/m": ("°/m", 1.0)}
 
 
 def thousands(count: float) -> str:
@@ -30,4 +30,4 @@ def displayed(value: float, unit: str) -> str:
     """A value as tables show it: metres as centimetres, counts without decimals, NaN as a dash."""
     if math.isnan(value):
         return "–"
-    return thousands(value) if unit == "px" else f"{in_display_unit(value, unit):,.2f}"
+    return thousands(value) if unit in ("px", "poses") else f"{in_display_unit(value, unit):,.2f}"

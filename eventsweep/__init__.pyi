@@ -34,10 +34,12 @@ from .emvs.methods.method import Extraction as Extraction
 from .emvs.methods.method import Method as Method
 from .emvs.window_result import WindowResult as WindowResult
 from .eval.config import EvalConfig as EvalConfig
+from .eval.config import TrajectoryConfig as TrajectoryConfig
 from .eval.scoring.predictions import Prediction as Prediction
 from .eval.scoring.predictions import TargetView as TargetView
 from .eval.scoring.results import Results as Results
 from .eval.scoring.score import score_depth as score_depth
+from .eval.scoring.trajectories.score import TrajectoryScore as TrajectoryScore
 from .mapping import CheckReport as CheckReport
 from .mapping import check as check
 from .mapping import map_window as map_window
@@ -50,6 +52,7 @@ from .scoring import confidence_interval as confidence_interval
 from .scoring import rank_methods as rank_methods
 from .scoring import read_results as read_results
 from .scoring import score as score
+from .scoring import score_trajectory as score_trajectory
 from .scoring import write_results as write_results
 from .sim.config import ModelConfig as ModelConfig
 from .sim.config import PixelConfig as PixelConfig

@@ -6,19 +6,22 @@ from pathlib import Path
 
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.emvs.errors import InputError, check_path, check_type
+from eventsweep.emvs.errors import InputError, check_path, check_type, located, shown
+from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.maps.folder import StoredMap
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.eval import pipeline
-from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.config import EvalConfig, TrajectoryConfig
 from eventsweep.eval.ranking.standings import standings as rank_methods
 from eventsweep.eval.scoring import results, run_folder
-from eventsweep.eval.scoring.method_scores import ALL_METRICS as METRICS
 from eventsweep.eval.scoring.metric_versions import metric_versions
 from eventsweep.eval.scoring.pairing import REFERENCE
 from eventsweep.eval.scoring.results import Results, together
 from eventsweep.eval.scoring.score import case_rows, pairs_of_maps, rig_rows
 from eventsweep.eval.scoring.significance import interval as confidence_interval
+from eventsweep.eval.scoring.trajectories.metrics import KNOWN_METRICS as METRICS
+from eventsweep.eval.scoring.trajectories.score import TrajectoryScore, score_poses
+from eventsweep.eval.scoring.trajectories.sources import read_estimate, read_truth
 from eventsweep.mapping import opened
 
 __all__ = [
@@ -27,6 +30,7 @@ __all__ = [
     "rank_methods",
     "read_results",
     "score",
+    "score_trajectory",
     "write_results",
 ]
 
@@ -60,6 +64,41 @@ def score(
     check_type("mapped", mapped, (StoredMap, str, Path), "a window, a map or a folder's path")
     folder = mapped.path if isinstance(mapped, StoredMap) else Path(mapped)
     return pipeline.score_folder(folder, config)
+
+
+def score_trajectory(
+    estimate: Trajectory | str | Path,
+    truth: Trajectory | Recording | str | Path,
+    config: TrajectoryConfig | None = None,
+) -> TrajectoryScore:
+    """Scores an estimated trajectory: ATE, relative errors, drift, time covered.
+
+    Args:
+        estimate: poses of the body, in a world of their own, or a TUM file of them, or the folder
+            of a tracker.
+        truth: true poses of the same body, or a TUM file of them; or a recording or its folder,
+            whose poses are the truth.
+        config: alignment, association, and what relative errors are taken over.
+
+    Returns:
+        `values` by metric, `notes`, all errors, and `to_results()`, which is a table.
+
+    Raises:
+        InputError: an unreadable file, no overlap in time, another unit of time or length, or too
+            few poses.
+    """
+    config = TrajectoryConfig.or_default(config)
+    check_type("estimate", estimate, (Trajectory, str, Path), "a Trajectory or a path")
+    if isinstance(truth, str | Path):
+        truth = read_truth(truth, config).trajectory
+    true = getattr(truth, "trajectory", truth)
+    if not isinstance(true, Trajectory):
+        raise InputError(f"truth is {shown(truth)}: needs a Trajectory, a recording or a path")
+    if isinstance(estimate, Trajectory):
+        return score_poses(true, estimate, config)
+    found = read_estimate(Path(estimate), config)
+    with located(found.path):
+        return score_poses(true, found.trajectory, config)
 
 
 def read_results(path: str | Path) -> Results:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ POSES_FILE = "poses.txt"
 """Of a sequence."""
 PER_UNIT_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 _LARGEST_US = 2.0**62
+_US_EPOCHS = 1e17  # more microseconds since 1970 than anybody's clock counts
 _NO_NUMBERS = ("nan", "NaN", "inf")  # a time that is none, but no header either
 _COLUMNS = "t x y z qx qy qz qw"
 
@@ -38,8 +40,11 @@ def read_poses(path: str | Path, unit: str = "s", shift_us: int = 0) -> Trajecto
     t_us = np.round(rows[:, 0] * PER_UNIT_US[unit]) + shift_us
     bad = np.flatnonzero(~(np.abs(t_us) < _LARGEST_US))
     if bad.size:
+        time = float(rows[bad[0], 0])
+        finer = "ns" if time > _US_EPOCHS else "us"
+        cure = f": set unit to {finer!r}" if unit == "s" and 0 < time < math.inf else ""
         raise InputError(
-            f"{path}: pose {bad[0]} at {rows[bad[0], 0]:g} {unit}; needs a finite time, < 2^62 µs"
+            f"{path}: pose {bad[0]} at {time:g} {unit}; needs a finite time, < 2^62 µs{cure}"
         )
     with located(path):
         return Trajectory(t_us.astype(np.int64), rows[:, 1:4].copy(), rows[:, 4:8].copy())

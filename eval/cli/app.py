@@ -20,19 +20,21 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.outputs import check_output
 from eventsweep.eval.cli import names
 from eventsweep.eval.cli.help import HELP_FLAGS, RARE, Program, readable
-from eventsweep.eval.config import EvalConfig, Settings, load, unread
+from eventsweep.eval.config import EvalConfig, Settings, TrajectoryConfig, load, unread
 from eventsweep.sim.config import SimConfig
 
 if TYPE_CHECKING:
     from eventsweep.eval.cli.console import Console
 
-SIM_GROUP, _MAP, _SCORE, JOBS, COMMON_GROUP = map(
+SIM_GROUP, _MAP, _SCORE, _TRAJECTORY, JOBS, COMMON_GROUP = map(
     Group.create_ordered,
-    ("Simulator parameters", "Mapper parameters", "Score parameters", "Where jobs run", "Common"),
-)
+    ("Simulator parameters", "Mapper parameters", "Score parameters", "Trajectories",
+     "Where jobs run", "Common"),
+)  # fmt: skip
 SimFlags = Annotated[SimConfig, Parameter(group=SIM_GROUP), RARE]
 MapFlags = Annotated[MapperConfig, Parameter(group=_MAP), RARE]
 ScoreFlags = Annotated[EvalConfig, Parameter(group=_SCORE), RARE]
+TrajectoryFlags = Annotated[TrajectoryConfig, Parameter(name="*", group=_TRAJECTORY), RARE]
 NO_NEGATIVE = Parameter(negative=())
 """Of a flag that has no `--no-` or `--empty-` beside it."""
 Methods = Annotated[tuple[str, ...], Parameter(negative=(), completer=names.method_names)]
@@ -111,7 +113,7 @@ class Configured(Common):
 
 
 QUIET, COMMON, CONFIGURED = Quiet(), Common(), Configured()
-SIM, MAP, SCORE = SimConfig(), MapperConfig(), EvalConfig()
+SIM, MAP, SCORE, TRAJECTORY = SimConfig(), MapperConfig(), EvalConfig(), TrajectoryConfig()
 
 
 def with_values(group: Any, **values: Any) -> Any:

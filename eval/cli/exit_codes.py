@@ -45,6 +45,12 @@ _FLAGS = {
     "inpaint=True": "--map.inpaint",
     "set rate_hz": "add --rate-hz",
     "set unit to": "say --unit",
+    "set truth_unit to": "say --truth-unit",
+    "set offset_s": "add --offset-s",
+    "set max_difference_s": "set --max-difference-s",
+    "set associate to": "say --associate",
+    "or associate to": "or say --associate",
+    "set align to": "say --align",
     "with calibration and poses": "with --calibration and --poses",
 }
 _SIM_SETTING = re.compile(r"(?<![\w./-])(frames|imu|replay)\.(\w+)")

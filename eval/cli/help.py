@@ -28,7 +28,7 @@ RARE = Parameter(show=False)
 _COMMON_SETTINGS = frozenset({
     "--rate-hz", "--slow-motion", "--unit", "--encoding", "--upsample", "--sim.sensor.preset",
     "--map.min-depth-m", "--map.max-depth-m", "--map.planes", "--map.window-s",
-    "--score.ranking-metric",
+    "--score.ranking-metric", "--align", "--associate", "--max-difference-s", "--offset-s",
 })  # fmt: skip
 _CLOSE = 0.7
 _OURS = "eventsweep."

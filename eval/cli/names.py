@@ -58,13 +58,13 @@ def method_names(_: Any = None) -> Mapping[str, str]:
 
 def metrics(_: Any = None) -> Mapping[str, str]:
     """Metrics."""
-    from eventsweep.eval.scoring.method_scores import ALL_METRICS
+    from eventsweep.eval.scoring.trajectories.metrics import KNOWN_METRICS
 
     direction = {"none": "neither end is better"}
     return {
         name: f"{metric.title} [{metric.unit or '1'}]: {metric.formula}; "
         f"{direction.get(metric.direction, f'{metric.direction} is better')}"
-        for name, metric in ALL_METRICS.items()
+        for name, metric in KNOWN_METRICS.items()
     }
 
 

@@ -19,6 +19,7 @@ from scipy import stats
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.scoring.direction import change_of
 from eventsweep.eval.scoring.metrics import PRIMARY
+from eventsweep.eval.scoring.trajectories.metrics import PRIMARY_OF_TRAJECTORIES
 from eventsweep.eval.suite.results import EVENTS
 from eventsweep.eval.suite.series import SPEED_METRIC, Key, Measured, Series
 
@@ -32,9 +33,12 @@ COMPARED: tuple[Status, ...] = ("changed", "worse", "better", "same")
 
 INPUT = ("events", "brighter_share")
 """What the mapper is given. Without a direction: a change says that depth is of other events."""
-DECIDING = (*PRIMARY, "voting_share", "dropped_tail", *INPUT, SPEED_METRIC)
+DECIDING = (
+    *PRIMARY, "voting_share", "dropped_tail", *INPUT, SPEED_METRIC, *PRIMARY_OF_TRAJECTORIES,
+)  # fmt: skip
 """What decides unless others are chosen: how many depths and how wrong they are, in metres and as
-the share that the field calls bad; how many events took part; what went in; and what it cost."""
+the share that the field calls bad; how many events took part; what went in; and what it cost. Of
+trajectories, how far off they are, how fast they drift, and how much of the time they cover."""
 
 
 @dataclass(frozen=True)

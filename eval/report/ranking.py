@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from eventsweep.emvs.errors import InputError
 from eventsweep.eval.numbers import display_unit, displayed
 from eventsweep.eval.report.html import GridCell, Head
 from eventsweep.eval.scoring.direction import Direction, badness, best
@@ -21,12 +22,14 @@ from eventsweep.eval.scoring.predictions import FAMILY
 from eventsweep.eval.scoring.regions import REGIONS
 from eventsweep.eval.scoring.results import RIG, each, tidy
 from eventsweep.eval.scoring.score import BASELINE, TRAVEL
+from eventsweep.eval.scoring.trajectories.metrics import PRIMARY_OF_TRAJECTORIES, metric_named
 
 FUSED_PREFIX = "Alg1/"
 SINGLE_PREFIX = "EMVS/"
 RANKING_COLUMNS = (
     "points", "completeness", "recall_5cm", "mean_error", "common_mean_error", "median_error",
     "rmse", "abs_rel", "silog", "bad_published", "outlier_share", "delta_1", "f1_5cm",
+    *PRIMARY_OF_TRAJECTORIES, "ate_share", "drift_rotation", "scale_error",
 )  # fmt: skip
 DIRECTIONS = {"lower": "lower is better", "higher": "higher is better", "none": "no better end"}
 _SINGLE = re.compile(r"/cam\d+\b")
@@ -89,7 +92,7 @@ def column(name: str) -> Column:
         title = f"outliers: {cause.replace('_', ' ')}"
         return Column(name, title, "%", "none", f"share of the outliers: {CAUSES[cause]}")
     region = _region(name)
-    metric = ALL_METRICS[name.removeprefix(f"{region}_")]
+    metric = metric_named(name.removeprefix(f"{region}_"))
     unit = display_unit(metric.unit).replace("x100", "×100")
     if not region:
         return Column(name, metric.title, unit, metric.direction, metric.formula)
@@ -101,14 +104,14 @@ def _region(name: str) -> str:
     """The region that a metric's name begins with; empty for all pixels."""
     if name in ALL_METRICS:
         return ""
-    return next(region for region in _REGIONS if name.startswith(f"{region}_"))
+    return next((region for region in _REGIONS if name.startswith(f"{region}_")), "")
 
 
 def heading(name: str) -> str:
     """A metric's title; of one that is none of ours, its name."""
     try:
         return column(name).title
-    except (KeyError, StopIteration):
+    except InputError:
         return name
 
 

@@ -70,14 +70,36 @@ class Pairs:
         return np.abs(1 / self.estimate_m - 1 / self.truth_m) * self.baseline_focal_px_m
 
 
-@dataclass(frozen=True, slots=True)
-class Metric:
-    """One number about a depth map, with what a reader must know to compare it.
+@dataclass(frozen=True, slots=True, repr=False)
+class Quantity:
+    """What a reader must know of a number to compare it.
 
     Attributes:
         name: key in result files.
         title: heading in tables.
         unit: unit of the value; empty for a plain ratio.
+        direction: which end is better.
+        formula: in words and signs.
+    """
+
+    name: str
+    title: str
+    unit: str
+    direction: Direction
+    formula: str
+
+    def __repr__(self) -> str:
+        unit = f" [{self.unit}]" if self.unit else ""
+        about = f"{self.name!r}{unit}, better: {self.direction}; {self.formula}"
+        return f"{type(self).__name__}({about})"
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Metric(Quantity):
+    """One number about a depth map.
+
+    Attributes:
+        compute: makes it of the pairs.
         needs_pairs: NaN, rather than computed, where the method reports no depth at all.
         pooling: what the value of several windows' pixels together is made of, see
             `eval.scoring.pooling`: the windows' values, added (`sum`) or averaged by their number
@@ -86,18 +108,9 @@ class Metric:
             (`order`).
     """
 
-    name: str
-    title: str
-    unit: str
-    direction: Direction
-    formula: str
     compute: Callable[[Pairs], SupportsFloat]
     needs_pairs: bool = True
     pooling: Pooling = "pairs"
-
-    def __repr__(self) -> str:
-        unit = f" [{self.unit}]" if self.unit else ""
-        return f"Metric({self.name!r}{unit}, better: {self.direction}; {self.formula})"
 
     def __call__(self, pairs: Pairs) -> float:
         """The metric's value; NaN where it is undefined."""

@@ -37,7 +37,9 @@ POOLED, MEAN = "all", "mean"
 """Windows of rows about the pixels of all windows together, and about the average over windows."""
 RIG = "rig"
 """Method of rows about the cameras and their motion."""
-UNITS = ("m", "%", "px", "px·m", "cells", "x100", "x", "events")
+UNITS = (
+    "m", "%", "px", "px·m", "cells", "x100", "x", "events", "deg", "deg/m", "s", "poses",
+)  # fmt: skip
 """Units of scores; `x` is a ratio, `x100` a number without unit a hundred times over."""
 
 COLUMNS = {
@@ -50,7 +52,7 @@ COLUMNS = {
     "unit": "a text",
     "direction": f"one of {', '.join(get_args(Direction))}",
     "region": "a text",
-    "support": "a whole number of pixels or nothing",
+    "support": "a whole number of pixels, poses or pairs, or nothing",
     "low": "a number or nothing",
     "high": "a number or nothing",
 }

@@ -25,7 +25,7 @@ from eventsweep.emvs.maps.folder import (
     WindowInfo,
 )
 from eventsweep.emvs.maps.merge import FusedInfo
-from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.config import EvalConfig, TrajectoryConfig
 from eventsweep.eval.scoring.results import Results, write_results
 from eventsweep.eval.suite.definition import load
 from eventsweep.eval.suite.run import extent, suite_jobs
@@ -82,7 +82,7 @@ def test_tables_of_settings_are_not_stale(capsys):
     assert main([str(DOCS), "--check"]) == 0, capsys.readouterr().err
 
 
-@pytest.mark.parametrize("model", [MapperConfig, EvalConfig])
+@pytest.mark.parametrize("model", [MapperConfig, EvalConfig, TrajectoryConfig])
 def test_a_table_has_a_line_for_every_setting(model):
     lines = settings_block(model).splitlines()[2:]
     assert [line.split("`")[1] for line in lines] == list(model.model_fields)

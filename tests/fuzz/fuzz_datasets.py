@@ -34,6 +34,7 @@ from eventsweep.emvs.formats import calibration_writers as rigs
 from eventsweep.emvs.formats.calibration import read_rig
 from eventsweep.emvs.formats.calibration_values import parsed
 from eventsweep.emvs.utils.output_manifest import NAME as MARKER
+from eventsweep.scoring import score_trajectory
 
 SPARE = {"rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml", MARKER}
 """What a recording may lack: hand-eye where poses are then the first camera's; whose it is."""
@@ -41,7 +42,7 @@ MODEL = {"tumvie": "kb4", "tumvie-vio": "kb4", "mvsec": "kb4"}
 LAYOUTS = ("dsec", "tumvie", "tumvie-vio", "mvsec", "rosbag1", "evt3")
 FOLDERS = ("sequence", *LAYOUTS, "event-camera-dataset", *dataset_files.WRITERS)
 RIGS = ("kalibr", "basalt", "rig", "opencv", "cam_to_cam", "hand_eye", "marker")
-POSES = ("tum", "csv")
+POSES = ("tum", "csv", "scored")
 KINDS = [*FOLDERS, *RIGS, *(f"{kind}+values" for kind in RIGS), *POSES]
 ODD = (
     None, True, "", "x", [], {}, [[]], {"a": 1}, -1, 0, 1e-320, 1e308, 10**30, 10**400,
@@ -193,6 +194,9 @@ def sound_file(folder, kind):
         case "tum":
             write_tum(path, trajectory)
             return path, lambda p: sane(read_poses(p))
+        case "scored":
+            write_tum(path, trajectory)
+            return path, lambda p: sane_scores(score_trajectory(p, trajectory))
     write_tum(path, trajectory)
     path.write_text("t,x,y,z\n" + path.read_text().replace(" ", ","))
     return path, lambda p: sane(read_poses(p, "s", -5))
@@ -204,6 +208,15 @@ def checked_rig(path):
         assert camera.width_px <= 20_000
         camera.project([0.1, 0.1, 1.0])
     sane(np.stack(rig.T_body_cam))
+
+
+def sane_scores(found):
+    """Refuses numbers that are infinite, negative or without a cause undefined."""
+    for name, value in found.values.items():
+        assert not np.isinf(value), name
+        assert not value < 0 or name == "scale", name
+        assert not np.isnan(value) or name not in ("ate_rmse", "time_covered"), name
+    assert found.values["time_covered"] <= 100.000001
 
 
 def sane(found):

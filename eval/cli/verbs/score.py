@@ -1,18 +1,34 @@
-"""`eventsweep score`: maps against ground truth."""
+"""`eventsweep score`: maps against ground truth, trajectories against true poses."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from eventsweep.eval.cli.app import CONFIGURED, SCORE, Configured, Predictions, ScoreFlags, app
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.app import (
+    CONFIGURED,
+    NO_NEGATIVE,
+    SCORE,
+    TRAJECTORY,
+    Configured,
+    Force,
+    Predictions,
+    ScoreFlags,
+    TrajectoryFlags,
+    app,
+)
+from eventsweep.eval.cli.exit_codes import with_flags
+from eventsweep.eval.config import EvalConfig, TrajectoryConfig
 
 if TYPE_CHECKING:
     import pandas as pd
     from rich.table import Table
 
     from eventsweep.eval.cli.console import Console, Part
+    from eventsweep.eval.report.trajectory_page import WrittenScores
     from eventsweep.eval.scoring.results import Results
 
 # As many as fit 80 characters; the report has them all.
@@ -22,19 +38,50 @@ _ARROWS = {"lower": "↓", "higher": "↑", "none": ""}
 
 @app.command
 def score(
-    folder: Path,
+    scored: Annotated[tuple[str, ...], NO_NEGATIVE],
     /,
     *,
+    truth: Path | None = None,
+    out: Path | None = None,
+    case: str | None = None,
     prediction: Predictions = (),
+    force: Force = False,
+    trajectory: TrajectoryFlags = TRAJECTORY,
     common: Configured = CONFIGURED,
     score: ScoreFlags = SCORE,
 ) -> None:
-    """Score the maps of a run or of one mapped sequence against ground truth.
+    """Score maps against ground truth, or with --truth trajectories against true poses.
 
     Args:
-        folder: What `run` or `map` wrote; results.json and results.csv in it are written anew.
+        scored: What `run` or `map` wrote; results.json and results.csv in it are written anew. With
+            --truth FILE, FOLDER or NAME=FILE, one or more: poses in TUM format.
+        truth: True poses of the same body: a TUM file, or a recording's folder.
+        out: Folder to write with --truth: results.json, results.csv, report.html.
+        case: What the results call the recording; by default as the truth is called.
         prediction: NAME=DIR or DIR with depth maps of another method, scored too; repeatable.
     """
+    if truth is not None:
+        _refuse(("--prediction", bool(prediction)), ("--score.", score != SCORE), of="maps")
+        _score_trajectories(scored, truth, out, case, trajectory, common, force=force)
+        return
+    _refuse(
+        ("--out", out is not None), ("--case", case is not None), ("--force", force),
+        ("the flags of trajectories", trajectory != TRAJECTORY), of="trajectories: add --truth",
+    )  # fmt: skip
+    if len(scored) != 1:
+        raise InputError(f"{len(scored)} folders of maps: name one; trajectories need --truth")
+    _score_maps(Path(scored[0]), prediction, common, score)
+
+
+def _refuse(*flags: tuple[str, bool], of: str) -> None:
+    for name, is_given in flags:
+        if is_given:
+            raise InputError(f"{name} is for {of}, or leave it out")
+
+
+def _score_maps(
+    folder: Path, prediction: tuple[str, ...], common: Configured, score: EvalConfig
+) -> None:
     from eventsweep.eval.pipeline import score_folder
 
     wanted = common.settings(score=score)
@@ -42,6 +89,35 @@ def score(
     results = score_folder(folder, wanted.score, prediction)
     show_results(console, results, wanted.score.ranking_metric)
     console.wrote(folder / "results.json")
+
+
+def _score_trajectories(
+    estimates: tuple[str, ...], truth: Path, out: Path | None, case: str | None,
+    config: TrajectoryConfig, common: Configured, *, force: bool,
+) -> None:  # fmt: skip
+    from eventsweep.eval.report.trajectory_page import write_scores
+    from eventsweep.eval.scoring.results import to_json
+
+    if out is None:
+        raise InputError("trajectories are scored into a folder: add --out")
+    common.settings()
+    console = common.console()
+    command = " ".join(["eventsweep", *sys.argv[1:]])
+    written = write_scores(estimates, truth, out, config, case=case, force=force, command=command)
+    console.result(to_json(written.results), _trajectories(written))
+    for note in written.notes:
+        console.warn(with_flags(note))
+    console.wrote(out / "report.html")
+
+
+def _trajectories(written: WrittenScores) -> Iterator[Part]:
+    from eventsweep.eval.cli.console import table
+    from eventsweep.eval.report.trajectory_page import overview_grid
+
+    grid = overview_grid(written.scored)
+    headings = (f">{head.title} {_ARROWS[head.direction]}\n{head.unit}" for head in grid.heads[1:])
+    lines = ([cell.text for cell in line] for line in grid.lines)
+    yield table(f"{written.case}: {written.how}", ("estimate", *headings), lines)
 
 
 def show_results(console: Console, results: Results, metric: str) -> None:

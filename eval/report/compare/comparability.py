@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from eventsweep.eval.report.compare.results import WHOLE, CaseResult, ComparedResult, Number
+from eventsweep.eval.scoring.trajectories.metrics import TRAJECTORY_METRICS
 
 _COMMON = "common_"
 Lacking = Callable[[ComparedResult, ComparedResult, str], list[str]]
@@ -29,7 +30,10 @@ def not_comparable(
         return "another unit or direction"
     differing = _differing_scores(one.settings, two.settings)
     if differing:
-        return f"other pixels are scored: {', '.join(differing)}"
+        what = (
+            "scored otherwise" if number.metric in TRAJECTORY_METRICS else "other pixels are scored"
+        )
+        return f"{what}: {', '.join(differing)}"
     if number.metric.startswith(_COMMON) and set(one.methods) != set(two.methods):
         return "common to other methods"
     return ""

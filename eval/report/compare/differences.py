@@ -32,11 +32,14 @@ from eventsweep.eval.scoring.significance import (
     stratified_interval,
     stratified_p,
 )
+from eventsweep.eval.scoring.trajectories.metrics import PRIMARY_OF_TRAJECTORIES
 
 Conclusion = Literal[
     "better", "worse", "no difference shown", "undecided", "equal", "not comparable", "not judged"
 ]
 Floats = NDArray[np.float64]
+JUDGED = (*PRIMARY, *PRIMARY_OF_TRAJECTORIES)
+"""Numbers of which better and worse are said."""
 _NAN = math.nan
 
 
@@ -124,7 +127,7 @@ class Pair:
     def headline(self) -> tuple[Difference, ...]:
         """The judged numbers, over all cases where there are several, metric by metric."""
         found = self.means or self.cases
-        return tuple(one for metric in PRIMARY for one in found if one.metric == metric)
+        return tuple(one for metric in JUDGED for one in found if one.metric == metric)
 
     def names(self) -> list[str]:
         """The common cases."""
@@ -141,7 +144,7 @@ def _pair(first: ComparedResult, other: ComparedResult) -> Pair:
     names = [case for case in first.names if case in other.names]
     found = [one for case in names for one in _differences(case, first, other)]
     if not found:
-        raise InputError(nothing_in_common(first, other, PRIMARY[0]))
+        raise InputError(nothing_in_common(first, other, JUDGED[0]))
     cases = tuple(_with_intervals(found))
     means = tuple(_means(cases, len(names))) if len(names) > 1 else ()
     data = tuple(text for case in names if (text := same_data(case, first, other)))
@@ -242,7 +245,7 @@ def _with_intervals(found: Sequence[Difference]) -> Iterator[Difference]:
 
 def _p(one: Difference, strata: Sequence[Floats]) -> float:
     """Only what is judged is tested: every further test would cost the others certainty."""
-    if one.metric not in PRIMARY or one.direction == "none":
+    if one.metric not in JUDGED or one.direction == "none":
         return _NAN
     return stratified_p(strata)
 
@@ -292,7 +295,7 @@ def _corrected(found: Sequence[Difference]) -> list[Difference]:
 def _verdict(one: Difference) -> Difference:
     if not one.strata:
         return one
-    if one.metric not in PRIMARY or one.direction == "none":
+    if one.metric not in JUDGED or one.direction == "none":
         return replace(one, verdict="not judged")
     if all(not values.any() for values in one.strata):
         return replace(one, verdict="equal")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from eventsweep.emvs.utils.outputs import files_together, output_folder
 from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.compare.differences import (
+    JUDGED,
     Difference,
     Pair,
     compare_results,
@@ -38,7 +39,7 @@ _NOTE = (
     "that both have; a run's own report pools the pixels of all windows instead. Δ is the other "
     "value less the first, and its 95 % interval comes from pairs: the same seed, the same window. "
     "One seed has no interval and leaves open whether another one would show the same. Better and "
-    f"worse are said of {', '.join(column(name).title for name in PRIMARY)} only, where the "
+    "worse are said of {judged} only, where the "
     "interval leaves out zero and p, of a t-test over seeds, stays below 0.05 after correction for "
     "all numbers that are judged beside it (Holm): over means of cases, and over single cases. "
     "Intervals are not corrected: of twenty that are looked at, one leaves out zero by chance. No "
@@ -108,7 +109,7 @@ def page_text(comparison: Comparison, files: Sequence[str] = ()) -> str:
         sections=sections,
         pictures=pictures,
         only_in_one=(*(t for pair in comparison.pairs for t in pair.only_in_one), *missing),
-        note=_NOTE,
+        note=_NOTE.format(judged=_titles(_judged(comparison))),
         most=max(counts),
         version=comparison.results[0].versions.get("eventsweep", ""),
         files=files,
@@ -142,11 +143,20 @@ def verdict_text(pair: Pair) -> str:
         return f"{pair.other.name} against {pair.first.name}: nothing is judged."
     cases = [one.case for one in found]
     where = " and ".join(dict.fromkeys(cases)) if len(set(cases)) < 3 else "several means"
-    metrics = ", ".join(column(name).title for name in PRIMARY if name in {o.metric for o in found})
+    metrics = _titles({one.metric for one in found})
     methods = plural(len({one.method for one in found}), "method")
     text = f"{pair.other.name} against {pair.first.name}, {where}: {counts_of(found)}"
     here = _here(found)
     return f"{text}, of {metrics} by {methods}.{here}"
+
+
+def _judged(comparison: Comparison) -> set[str]:
+    return {one.metric for pair in comparison.pairs for one in pair.headline}
+
+
+def _titles(metrics: Collection[str]) -> str:
+    """The titles of judged metrics, or of those that would be judged."""
+    return ", ".join(column(name).title for name in JUDGED if name in (metrics or PRIMARY))
 
 
 def facts_of(comparison: Comparison) -> dict[str, Any]:
@@ -226,7 +236,7 @@ def _section(
     comparison: Comparison, position: int, title: str, found: Sequence[Sequence[Difference]]
 ) -> Section:
     present = {one.metric for differences in found for one in differences}
-    metrics = [*PRIMARY, *(name for name in RANKING_COLUMNS if name not in PRIMARY)]
+    metrics = [*JUDGED, *(name for name in RANKING_COLUMNS if name not in JUDGED)]
     metrics = [name for name in metrics if name in present]
     grids = tuple(
         _grid(comparison, metric, [[o for o in one if o.metric == metric] for one in found])

@@ -16,12 +16,12 @@ from pydantic import BaseModel
 
 from eventsweep.emvs.config import FocusParameters, LearnedParameters, MapperConfig
 from eventsweep.eval.cli.exit_codes import exit_code
-from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.config import EvalConfig, TrajectoryConfig
 from markdown_blocks import refresh
 
 TABLES: dict[str, type[BaseModel]] = {
     "mapper.md": MapperConfig, "extraction.md": FocusParameters, "learned.md": LearnedParameters,
-    "scores.md": EvalConfig,
+    "scores.md": EvalConfig, "trajectories.md": TrajectoryConfig,
 }  # fmt: skip
 """Page -> what its table is about."""
 
@@ -46,7 +46,7 @@ def _shown(default: object) -> str:
     if isinstance(default, bool):
         return str(default).lower()
     if isinstance(default, list):
-        return ", ".join(f"`{item}`" for item in default)
+        return ", ".join(f"`{item}`" for item in default) or "–"
     if isinstance(default, str):
         return f"`{default}`"
     return "–" if default is None else f"{default:g}"
@@ -60,6 +60,8 @@ def _values(field: Mapping[str, Any]) -> str:
         return ", ".join(f"`{value}`" for value in kind["enum"])
     if kind.get("format") == "path":
         return "file"
+    if kind.get("items", {}).get("type") == "number":
+        return "numbers, > 0"
     words = {"integer": "whole", "number": "number", "array": "names", "boolean": "true, false"}
     limits = {
         "minimum": "≥ {:g}", "exclusiveMinimum": "> {:g}", "maximum": "≤ {:g}",

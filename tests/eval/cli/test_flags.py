@@ -11,6 +11,7 @@ REPLACE = {
     "calibrate",
     "check",
     "run",
+    "score",
     "simulate",
     "map",
     "convert",

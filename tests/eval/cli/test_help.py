@@ -119,7 +119,7 @@ def test_groups_come_in_the_order_of_the_work(capsys):
         (["run", "desk", "--out", "o", "--planes", "5"], "did you mean --map.planes?"),
         (["map", "x", "--out", "o", "--threshod-c", "5"], "did you mean --map.threshold-c?"),
         (["suite", "quick", "--out", "o", "--sedes", "5"], "did you mean --seeds?"),
-        (["score", "x", "--force"], "score takes no flag --force ("),
+        (["score", "x", "--workers"], "score takes no flag --workers ("),
         (["run", "desk", "--out", "o", "--fast"], "run takes no flag --fast ("),
     ],
 )

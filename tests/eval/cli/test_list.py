@@ -8,7 +8,7 @@ from eventsweep import scenes
 from eventsweep.emvs import methods
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.cli.names import KINDS
-from eventsweep.eval.scoring.method_scores import ALL_METRICS
+from eventsweep.eval.scoring.trajectories.metrics import KNOWN_METRICS
 from eventsweep.eval.studies.definitions import STUDIES
 from eventsweep.eval.suite import definition
 from eventsweep.sim.motion.head_styles import STYLES
@@ -29,7 +29,7 @@ def test_every_registry_is_listed_whole(capsys):
     assert found["sensors"] == set(PRESETS)
     assert found["head-styles"] == set(STYLES)
     assert found["methods"] == set(methods.overview())
-    assert found["metrics"] == set(ALL_METRICS)
+    assert found["metrics"] == set(KNOWN_METRICS)
     assert found["studies"] == set(STUDIES)
     for name in found["suites"]:
         definition.load(name)

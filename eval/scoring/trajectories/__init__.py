@@ -1,0 +1,1 @@
+"""Trajectories against true ones: how poses are paired, aligned and scored."""
