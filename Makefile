@@ -97,6 +97,8 @@ ifdef SLIDER
 		--method Learned/cam0 --map.start-s 1 --map.duration-s 0.8 --map.min-depth-m 0.3 \
 		--map.max-depth-m 4 --map.hot-pixels 3 --force --quiet
 	$(BIN)/python docs/figures/draw_learned.py out/slider-learned docs/images/learned_slider_depth.png
+	$(BIN)/python tests/benchmarks real_check --slider $(SLIDER) --page docs/learned.md \
+		--picture docs/images/real_check.png
 endif
 
 # Tables in the documentation: of the code, in seconds; and measured, in hours on a quiet machine.

@@ -130,8 +130,8 @@ class LightConfig(FiniteGroup):
 
     renderer: LightRenderer = "auto"
     """`classic` renders 8 bits per channel and sample, clipped at 1; `float` renders unbounded
-    32-bit linear light; `auto` chooses `float` for `hdr` scenes and for models too dark or too
-    bright for 8 bits, otherwise `classic`."""
+    32-bit linear light; `auto` chooses `float` for `hdr` scenes and for whatever is too dark or
+    too bright for 8 bits, otherwise `classic`."""
 
     def floats(self, hdr: bool) -> bool:
         """Whether a scene is drawn in floating point; `hdr` is what the scene asks for."""

@@ -212,7 +212,8 @@ class EventRig:
             clip_m, animate=self._track if moves else None, clip_m=clip_m,
             lamp_at=T_start if fixed else None,
         )  # fmt: skip
-        config = with_sampling(wanted, self.rig, drawing.why_plain(scene))
+        floats = wanted.light.floats(scene.hdr)
+        config = with_sampling(wanted, self.rig, drawing.why_plain(scene), floats=floats)
         wanted_us = range(0, _FOR_EVER_US, self._truth_us) if self._record is not None else ()
         return RenderJob(scene, self.rig, config, self._seed, wanted_us, (0, 1), drawing)
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.sim.config import SAMPLINGS, SimConfig
-from eventsweep.sim.rendering import lens
+from eventsweep.sim.config import SAMPLINGS, Sampling, SimConfig
 
 _MOST = 8
+# What is drawn in floats is dark or of high contrast: the same error is more of its logarithm.
+_IN_FLOATS = 4 / 3
 # What carried light may touch beyond the furthest motion.
 _BESIDE_PX = 2
 
@@ -23,23 +23,23 @@ def border_px(config: SimConfig) -> int | None:
     return None if config.sampling == "linear" else math.ceil(config.spacing_px) + _BESIDE_PX
 
 
-def with_sampling(config: SimConfig, rig: Rig, why_plain: str = "") -> SimConfig:
+def with_sampling(
+    config: SimConfig, rig: Rig, why_plain: str = "", *, floats: bool = False
+) -> SimConfig:
     """The parameters with `supersample`, `max_displacement_px` and the longest interval filled in.
 
-    The rig's smallest focal length decides; a lens that no picture of so many samples can hold gets
-    fewer. With a reason of `Drawing.why_plain` frames are plain and close together.
+    The rig's smallest focal length decides. With a reason of `Drawing.why_plain` frames are plain
+    and close together, with as many samples as fine ones would have. `floats` says how light is
+    drawn.
     """
+    chosen = SAMPLINGS[config.sampling]
     if why_plain:
         plain = config.model_copy(update={"sampling": "linear"})
         near = {"max_displacement_px": min(plain.spacing_px, SAMPLINGS["linear"].spacing_px)}
         config = plain.model_copy(update=near)
-    number, border = config.supersample, border_px(config)
+    number = config.supersample
     if number is None:
-        chosen = SAMPLINGS[config.sampling]
-        focal_px = min(min(camera.fx_px, camera.fy_px) for camera in rig.cameras)
-        number = min(max(math.ceil(chosen.samples_per_rad / focal_px), chosen.fewest), _MOST)
-        while border is not None and number > 1 and not _drawable(rig, border, number):
-            number -= 1
+        number = _samples(chosen, rig, floats=floats)
     filled = {
         "supersample": number,
         "max_displacement_px": config.spacing_px,
@@ -48,11 +48,13 @@ def with_sampling(config: SimConfig, rig: Rig, why_plain: str = "") -> SimConfig
     return config.model_copy(update=filled)
 
 
-def _drawable(rig: Rig, border: int, supersample: int) -> bool:
-    wide = lens.widened(rig, border)
-    try:
-        for k in range(len(rig)):
-            lens.lens_of(wide, k, supersample)
-    except InputError:
-        return False
-    return True
+def _samples(chosen: Sampling, rig: Rig, *, floats: bool) -> int:
+    """Samples per pixel and axis, an even number unless it is the fewest.
+
+    Rows of an even number lie beside one another (`fine_light.pictures_per_view`): thin upright
+    things are met by twice as many columns.
+    """
+    focal_px = min(min(camera.fx_px, camera.fy_px) for camera in rig.cameras)
+    per_rad = chosen.samples_per_rad * (_IN_FLOATS if floats else 1.0)
+    even = 2 * math.ceil(per_rad / focal_px / 2)
+    return min(max(even, chosen.fewest), _MOST)

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,6 +47,7 @@ from eventsweep.sim.parallel.workers import (
 from eventsweep.sim.rendering.adaptive_sampling import truth_times_us
 from eventsweep.sim.rendering.base import Drawing, Renderer
 from eventsweep.sim.rendering.drawing import MUJOCO
+from eventsweep.sim.rendering.light_range import FEW, IN_FLOATS, glanced_beyond_8_bits
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.scene import Scene, replayed
 from eventsweep.sim.sensor.frame_camera import DENSE_PX, FrameCamera, exposure_spans_us
@@ -53,6 +55,8 @@ from eventsweep.sim.sensor.imu import imu_samples
 
 Progress = Callable[[int, int, int], None]
 """Called after every frame with time done, time in total (µs) and events written so far."""
+# How often a scene's light is looked at before it is drawn.
+_LOOKS = 3
 # What a kill may cost; finishing a checkpoint at 1280x720 takes about 0.2 s.
 _COMMIT_S = 10.0
 # Events per pixel: a tenth of those of a picture that moves by one edge.
@@ -106,11 +110,15 @@ def simulate(
     if workers < 1:
         raise InputError(f"{workers} workers: must be 1 or greater")
     check_output(out, force=force, inputs=(config.replay.trajectory, scene.mjcf))
-    job = make_job(scene, rig, config, seed, drawing)
+    asked = rig, config, seed, drawing
+    job = make_job(scene, *asked)
     check_disk(job, out)
     check_memory(job, workers)
     with ExitStack() as stack, ExitStack() as graphics:
         renderer = graphics.enter_context(job.renderer())
+        if _seems_beyond_8_bits(job, renderer):
+            graphics.close()
+            job, renderer = _lit(job, make_job(replace(scene, hdr=True), *asked), graphics, notice)
         check_outside(job, renderer)
         if note():
             notice(note())
@@ -137,6 +145,34 @@ def simulate(
     return out
 
 
+def _seems_beyond_8_bits(job: RenderJob, renderer: Renderer) -> bool:
+    """Whether to look at the light in floats: it is dark, or cut at 1.
+
+    A scene that says so itself, and a model, which was surveyed, are not looked at again.
+    """
+    if job.config.light.renderer != "auto" or job.scene.hdr or job.scene.clip_m is not None:
+        return False
+    return _beyond_8_bits(job, renderer, cut=True) > FEW
+
+
+def _lit(
+    job: RenderJob, floating: RenderJob, graphics: ExitStack, notice: Notice
+) -> tuple[RenderJob, Renderer]:
+    """The job whose light the scene needs, and its renderer: in floats unless 8 bits hold it."""
+    renderer = graphics.enter_context(floating.renderer())
+    beyond = _beyond_8_bits(floating, renderer, cut=False)
+    if beyond > FEW:
+        notice(IN_FLOATS.format(name=job.scene.name, percent=100 * beyond))
+        return floating, renderer
+    graphics.close()
+    return job, graphics.enter_context(job.renderer())
+
+
+def _beyond_8_bits(job: RenderJob, renderer: Renderer, *, cut: bool) -> float:
+    times_s = np.linspace(0.0, 1e-6 * job.duration_us, _LOOKS).tolist()
+    return glanced_beyond_8_bits(renderer, job.motion(), times_s, job.config, cut=cut)
+
+
 def _say_if_empty(job: RenderJob, events: int, notice: Notice) -> None:
     pixels = sum(camera.width_px * camera.height_px for camera in job.rig.cameras)
     if events < _FEW_EVENTS * pixels:
@@ -155,7 +191,8 @@ def make_job(
         InputError: an impossible duration, truth time, exposure or recorded trajectory.
     """
     scene, config = replayed(scene, scene.configured(config))
-    config = with_sampling(config, rig, drawing.why_plain(scene))
+    floats = config.light.floats(scene.hdr)
+    config = with_sampling(config, rig, drawing.why_plain(scene), floats=floats)
     duration_s = scene.duration_s if config.duration_s is None else config.duration_s
     duration_us = round(duration_s * 1e6)
     if duration_us < 2:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eventsweep.emvs.check.alternatives import (
+    MARGIN,
     Alternative,
     Amount,
     amounts_of_one,
@@ -31,10 +32,14 @@ from eventsweep.emvs.utils.runtime import Progress, silent
 _BARS = 12  # alternatives in the page, the best ones
 # Gain in log sharpness where the camera may turn freely: more after a cure, and it does not explain
 # (half as much again for a single camera); more where nothing helps, and the poses do not fit.
-_LEFT, _UNFIT = 0.02, 0.05
+# Where the second camera may turn on the rig, sound recordings leave as much as the third.
+_LEFT, _UNFIT, _LEFT_SQUINT = 0.02, 0.05, 0.03
 _LIKELY, _CANDIDATES = 0.5, 4  # what may be the cause: its share of the best gain, and how many
 _CLEAR = 2  # margins: what a first cure leaves over looks like a small second fault
 _RIVAL = 0.75  # of the gain: another cause that explains as well
+# Of two causes: how many second ones are looked at closely, and what may be left after both, less
+# than after one: two cures have more freedom to fit by chance.
+_SECONDS, _LEFT_OF_TWO = 3, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,16 +50,14 @@ class Diagnosis:
         trials: of all alternatives.
         best: the sharpest one that explains, or the sharpest if none does; camera 0 alone does not
             contradict it.
-        explains: whether nothing that poses can mend is left after the cures.
-        free_gain: mean gain in log sharpness, after these cures, where the camera may turn freely.
+        unexplained: what speaks against these causes, in words; empty where they explain.
         rivals: other causes that explain about as much.
         second: what is still wrong after the best cure; None where nothing is.
     """
 
     trials: tuple[Trial, ...]
     best: Trial
-    explains: bool
-    free_gain: float
+    unexplained: str
     rivals: tuple[Trial, ...] = ()
     second: Trial | None = None
 
@@ -98,18 +101,65 @@ def _diagnosis(
     tried = tuple(trials.trials(shown))
     best = trials.best(tried)
     if best.verdict != "wrong":
-        free_gain = trials.free_turn_gain()
-        return Diagnosis(tried, best, free_gain <= _UNFIT, free_gain)
+        return Diagnosis(tried, best, _unfit(trials))
     explaining = [trial for trial in _likely(trials, tried, best) if _explains(trials, trial)]
     best = next((trial for trial in explaining if trial.verdict == "wrong"), best)
     rivals = tuple(trial for trial in explaining if _is_rival(trial, best))
     cured = trials.after(best)
-    second = _second(cured, best, alternatives, progress) if best.is_inside else None
+    second = _second(cured, best, alternatives, progress) if best.is_cause else None
     cured = cured.after(second) if second else cured
+    unexplained = _unexplained(cured, best, second, rivals, _conventions(alternatives))
+    return Diagnosis(tried, best, unexplained, rivals, second)
+
+
+def _unfit(trials: CameraTrials) -> str:
+    """Whether poses and events are far apart although no alternative helps, in words."""
+    free_gain = trials.free_turn_gain()
+    # Bodies that move by themselves look the same.
+    words = "sharper by {} where the camera may turn freely; or most events are of bodies that move"
+    return words.format(_percent(free_gain)) if free_gain > _UNFIT else ""
+
+
+def _unexplained(
+    cured: CameraTrials, best: Trial, second: Trial | None, rivals: Sequence[Trial],
+    conventions: Sequence[Alternative],
+) -> str:  # fmt: skip
+    """What speaks against the causes that `cured` has cured, in words; empty where nothing does."""
+    causes = [best, *([second] if second else [])]
+    sharper = (
+        f"sharper by {_percent(sum(t.gain for t in causes))} with "
+        f"{' and '.join(map(_amount_words, causes))}"
+    )
+    if not all(trial.is_inside for trial in causes):
+        return f"{sharper}, which is the end of what was tried"
+    if not all(trial.is_cause for trial in causes):
+        return f"{sharper}, but each window with another amount"
+    if _is_ambiguous(causes, rivals):
+        return f"{sharper}, but about as much with {' or '.join(map(_amount_words, rivals))}"
     left = cured.free_turn_gain()
-    # Which of several causes it is, and another one besides, is more than these windows tell.
-    explains = best.is_inside and left <= trials.margin(_LEFT) and not (rivals and second)
-    return Diagnosis(tried, best, explains, left, rivals, second)
+    if left > cured.margin(_LEFT_OF_TWO if second else _LEFT):
+        return f"{sharper}, and then by {_percent(left)} more where the camera may turn freely"
+    left = cured.free_squint_gain()
+    if left > _LEFT_SQUINT:
+        return f"{sharper}, and then by {_percent(left)} more where the second camera may turn"
+    left = cured.gain_alone(conventions)
+    if left > cured.margin(MARGIN):
+        return f"{sharper}, but camera 0 alone by {_percent(left)} more with other poses"
+    return ""
+
+
+def _is_ambiguous(causes: Sequence[Trial], rivals: Sequence[Trial]) -> bool:
+    """Whether rivals leave open more than a few windows tell.
+
+    Of a single cause its place must be clear: between the cameras, or with the poses and the lens.
+    """
+    places = {trial.alternative.of_pair for trial in (causes[0], *rivals)}
+    return bool(rivals) and (len(causes) > 1 or len(places) > 1)
+
+
+def _conventions(alternatives: Sequence[Alternative | Amount]) -> list[Alternative]:
+    """Mistakes about the poses, without amounts."""
+    return [a for a in alternatives if isinstance(a, Alternative) and not a.of_pair]
 
 
 def _likely(trials: CameraTrials, tried: Sequence[Trial], best: Trial) -> list[Trial]:
@@ -120,7 +170,7 @@ def _likely(trials: CameraTrials, tried: Sequence[Trial], best: Trial) -> list[T
 
 
 def _explains(trials: CameraTrials, trial: Trial) -> bool:
-    return trial.is_inside and trials.after(trial).free_turn_gain() <= trials.margin(_LEFT)
+    return trial.is_cause and trials.after(trial).free_turn_gain() <= trials.margin(_LEFT)
 
 
 def _is_rival(trial: Trial, best: Trial) -> bool:
@@ -136,7 +186,7 @@ def _second(
     """What is still wrong after the best cure; None where nothing is: then it explains all."""
     others = [other for other in alternatives if _may_be_second(other, best.alternative)]
     shown = _shown(others, progress, "after the best cure")
-    second = cured.best(cured.trials(shown))
+    second = cured.best(cured.trials(shown, most=_SECONDS))
     return second if second.verdict == "wrong" and second.gain > _CLEAR * second.margin else None
 
 
@@ -179,39 +229,22 @@ _MEANING = "depth is where rays meet, and they meet less sharply than they could
 
 def _finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
     best, gain = diagnosis.best, float(np.expm1(diagnosis.best.gain))
-    if best.verdict == "good" and diagnosis.explains:
+    if best.verdict == "good" and not diagnosis.unexplained:
         words = f"{cameras}: none of {len(diagnosis.trials)} alternatives makes the map sharper"
         return Finding(name, "good", gain, "", words, series=_series(diagnosis.trials))
-    if best.verdict == "doubtful" or diagnosis.explains:
+    if best.verdict == "doubtful" or not diagnosis.unexplained:
         return _named_finding(name, cameras, diagnosis)
     who = "the cameras do not fit each other" if best.alternative.of_pair else (
         "poses do not fit these events"
     )  # fmt: skip
-    # Bodies that move by themselves look the same, as long as no alternative helps.
     verdict: Verdict = "wrong" if best.verdict == "wrong" else "doubtful"
     return Finding(
         name, verdict, gain, "",
-        f"{cameras}: {who}, and no single cause was found: {_remainder(diagnosis)}", _MEANING,
+        f"{cameras}: {who}, and no single cause was found: {diagnosis.unexplained}", _MEANING,
         "check by hand how the poses are stored (handedness, degrees or radians, order of "
         "Euler angles, direction) and that clocks and calibration belong to this recording",
         "no single cause found", _series(diagnosis.trials),
     )  # fmt: skip
-
-
-def _remainder(diagnosis: Diagnosis) -> str:
-    """What is left unexplained, in words."""
-    best, free = diagnosis.best, f"{np.expm1(diagnosis.free_gain):.1%}"
-    if best.verdict != "wrong":
-        return (
-            f"sharper by {free} where the camera may turn freely; or most events are of bodies "
-            "that move"
-        )
-    sharper = f"sharper by {np.expm1(best.gain):.1%} with {_amount_words(best)}"
-    if not best.is_inside:
-        return f"{sharper}, which is the end of what was tried"
-    if diagnosis.rivals and diagnosis.second:
-        return f"{sharper} or others, and then with {_amount_words(diagnosis.second)}"
-    return f"{sharper}, and then by {free} more where the camera may turn freely"
 
 
 def _named_finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
@@ -230,6 +263,11 @@ def _named_finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
     )
     series = _series(diagnosis.trials) if best.amount is None else _curve(best)
     return Finding(name, best.verdict, gain, "", words, _MEANING, cure, suspect, series)
+
+
+def _percent(gain: float) -> str:
+    """A gain in log sharpness as a share."""
+    return f"{np.expm1(gain):.1%}"
 
 
 def _unit(trial: Trial) -> str:

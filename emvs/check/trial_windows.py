@@ -8,9 +8,9 @@ collapse: Shiba et al., Sensors 2022).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -32,9 +32,11 @@ from eventsweep.emvs.utils.runtime import use_threads
 Gains = NDArray[np.float64]
 WINDOWS, WINDOW_US, EVENTS, LEVEL = 3, 200_000, 25_000, Level(1, 80)
 _COARSE, _COARSE_SHARE = Level(2, 40), 0.4  # to see which alternatives are worth a finer look
+_WIDEST_PX = 480
 _CANDIDATES = 24
 _NOTHING = 1e-3  # the sharpness, in votes, of an empty volume
-_TURNS_RAD_S = (0.4, 0.2, 0.1, 0.05)
+_TURNS_RAD_S, _SQUINTS_DEG = (0.4, 0.2, 0.1, 0.05), (0.8, 0.4, 0.2)
+Turned = Callable[[Recording, int, Gains], Recording]
 
 
 class WindowRecording(DerivedRecording):
@@ -85,8 +87,8 @@ class TrialWindows:
         middles_us = tuple(t + WINDOW_US // 2 for t in begins)
         fewer = tuple(window.thinned(_COARSE_SHARE) for window in windows)
         return (
-            cls(windows, middles_us, Sharpness(range_m, LEVEL)),
-            cls(fewer, middles_us, Sharpness(range_m, _COARSE)),
+            cls(windows, middles_us, Sharpness(range_m, _joined(LEVEL, recording))),
+            cls(fewer, middles_us, Sharpness(range_m, _joined(_COARSE, recording))),
         )
 
     def log_sharpness(self, change: Alter, cameras: tuple[int, ...]) -> Gains:
@@ -99,18 +101,27 @@ class TrialWindows:
         return self._of([change(Chosen(window, cameras)) for window in self.windows])
 
     def free_turn_gains(self, change: Alter, cameras: tuple[int, ...]) -> Gains:
-        """(W,) how much log sharpness grows where the rig may turn at another, constant rate.
+        """(W,) how much log sharpness grows where the rig may turn at another, constant rate."""
+        return self._freely(change, cameras, _TURNS_RAD_S, _turning)
 
-        A search along the axes of the first camera, with steps that become smaller; each window
-        has a rate of its own.
+    def free_squint_gains(self, change: Alter, cameras: tuple[int, int]) -> Gains:
+        """(W,) how much log sharpness grows where the second camera may be turned on the rig."""
+        return self._freely(change, cameras, _SQUINTS_DEG, _squinting)
+
+    def _freely(
+        self, change: Alter, cameras: tuple[int, ...], steps: tuple[float, ...], turned: Turned
+    ) -> Gains:
+        """(W,) gains of a search along three axes, with steps that become smaller.
+
+        Each window has amounts of its own.
         """
         recordings = [change(Chosen(window, cameras)) for window in self.windows]
-        rates = np.zeros((len(recordings), 3))
+        amounts = np.zeros((len(recordings), 3))
         first = best = self._of(recordings)
-        for step, axis, sign in product(_TURNS_RAD_S, np.eye(3), (1, -1)):
-            other = rates + sign * step * axis
-            gains = self._of(list(map(_turning, recordings, self.middles_us, other)))
-            rates = np.where((gains > best)[:, None], other, rates)
+        for step, axis, sign in product(steps, np.eye(3), (1, -1)):
+            other = amounts + sign * step * axis
+            gains = self._of(list(map(turned, recordings, self.middles_us, other)))
+            amounts = np.where((gains > best)[:, None], other, amounts)
             best = np.maximum(gains, best)
         return best - first
 
@@ -121,6 +132,14 @@ class TrialWindows:
         except InputError:  # poses elsewhere, events off the sensor: nothing is sharp
             votes = np.zeros(len(windows))
         return np.log(np.maximum(votes, _NOTHING))
+
+
+def _joined(level: Level, recording: Recording) -> Level:
+    """The level with pixels joined until the view is no wider than those of the first sensors.
+
+    The windows keep as many events whatever the sensor: on more pixels they only lie thinner.
+    """
+    return replace(level, scale=level.scale * -(-recording.rig.cameras[0].width_px // _WIDEST_PX))
 
 
 def _all_events(window: Recording, t_ref_us: int) -> WindowEvents:
@@ -144,6 +163,16 @@ def _turning(recording: Recording, t_us: int, rate_rad_s: Gains) -> Recording:
     T_body_turned = T_body_cam @ T_cam_turned @ se3.inverse(T_body_cam)
     turned = Trajectory.from_matrices(times_us, poses.at(times_us) @ T_body_turned)
     return AlteredRecording(recording, trajectory=turned)
+
+
+def _squinting(recording: Recording, t_us: int, angles_deg: Gains) -> Recording:
+    """The recording with the second camera turned about its own axes."""
+    del t_us
+    turn = se3.from_rotation(Rotation.from_rotvec(angles_deg, degrees=True), np.zeros(3))
+    T_body_0, T_body_1 = recording.rig.T_body_cam
+    return AlteredRecording(
+        recording, rig=replace(recording.rig, T_body_cam=(T_body_0, T_body_1 @ turn))
+    )
 
 
 def _begins(recording: Recording) -> list[int]:

@@ -23,6 +23,9 @@ _PROMISING, _CLOSER = -0.05, 0.4
 _REFINEMENTS = 3
 _DOUBTFUL = 0.75  # of a margin
 _ONE_CAMERA = 1.5  # times the margins: one camera separates alternatives less well
+# What windows may gain on average with amounts of their own, as a share of the gain with a common
+# one, or at all: right causes leave up to 0.03 of it, or 0.001; wrong ones 0.07 and more.
+_UNEVEN_SHARE, _UNEVEN = 0.04, 0.002
 _LOSS = -0.02  # what camera 0 alone may lose under other poses
 
 
@@ -37,6 +40,7 @@ class Trial:
         margin: the gain that counts; none does where only coarse volumes were looked at.
         amount: the best; None where the alternative has no amount.
         curve: amounts and mean gains that were tried.
+        uneven: mean gain in log sharpness where each window may have another of these amounts.
     """
 
     alternative: Alternative | Amount
@@ -45,6 +49,7 @@ class Trial:
     margin: float = np.inf
     amount: float | None = None
     curve: tuple[Gains, Gains] = (np.empty(0), np.empty(0))
+    uneven: float = 0.0
 
     @property
     def gain(self) -> float:
@@ -65,11 +70,19 @@ class Trial:
 
     @property
     def is_inside(self) -> bool:
-        """Whether it may be named: an amount at the end of its search is no optimum."""
+        """Whether an amount is an optimum, and not at the end of its search."""
         if self.amount is None or isinstance(self.alternative, Alternative):
             return True
         grid = self.alternative.grid
         return min(grid) < self.amount < max(grid)
+
+    @property
+    def is_cause(self) -> bool:
+        """Whether it may be named: an optimum, and the same one for all windows.
+
+        A wrong amount that only makes up for another fault makes up for it differently over time.
+        """
+        return self.is_inside and self.uneven <= max(_UNEVEN, _UNEVEN_SHARE * self.gain)
 
     @property
     def _hurts(self) -> bool:
@@ -106,10 +119,35 @@ class CameraTrials:
         """Mean over the windows of what is gained where the camera may turn freely."""
         return float(self._coarse.free_turn_gains(self._cure, self._cameras).mean())
 
-    def trials(self, alternatives: Iterable[Alternative | Amount]) -> list[Trial]:
-        """The outcomes: of all on coarse volumes, and of those that may matter on fine ones."""
+    def free_squint_gain(self) -> float:
+        """Likewise where the second camera may be turned on the rig; 0 of a single camera."""
+        if len(self._cameras) == 1:
+            return 0.0
+        first, second = self._cameras
+        return float(self._coarse.free_squint_gains(self._cure, (first, second)).mean())
+
+    def gain_alone(self, alternatives: Iterable[Alternative]) -> float:
+        """The largest mean gain of camera 0 alone under one of these mistakes about its poses.
+
+        What is wrong between the cameras cannot hide it.
+        """
+        base = self._coarse.log_sharpness(self._cure_alone, (0,))
+        changes = [self._after_cure_alone(one.change) for one in alternatives]
+        gains = [(self._coarse.log_sharpness(c, (0,)) - base).mean() for c in changes]
+        return float(max(gains, default=0.0))
+
+    def trials(
+        self, alternatives: Iterable[Alternative | Amount], most: int | None = None
+    ) -> list[Trial]:
+        """The outcomes: of all on coarse volumes, and of those that may matter on fine ones.
+
+        Args:
+            alternatives: what to try.
+            most: how many to try on fine volumes, those that gain most; None for no such limit.
+        """
         coarse = [self._coarse_trial(alternative) for alternative in alternatives]
-        least = max(_PROMISING, _CLOSER * max(trial.gain for trial in coarse))
+        gains = sorted((trial.gain for trial in coarse), reverse=True)[:most]
+        least = max(_PROMISING, _CLOSER * gains[0], gains[-1])
         return [self._closer(trial) if trial.gain >= least else trial for trial in coarse]
 
     def trial(self, alternative: Alternative | Amount) -> Trial:
@@ -125,9 +163,8 @@ class CameraTrials:
         """Whether camera 0 alone is no less sharp under other poses."""
         if trial.verdict == "good" or trial.alternative.of_pair or len(self._cameras) == 1:
             return True
-        cure = self._cure_alone
-        alone = self._fine.log_sharpness(lambda r: trial.change(cure(r)), (0,))
-        return bool((alone - self._fine.log_sharpness(cure, (0,))).mean() >= _LOSS)
+        alone = self._fine.log_sharpness(self._after_cure_alone(trial.change), (0,))
+        return bool((alone - self._fine.log_sharpness(self._cure_alone, (0,))).mean() >= _LOSS)
 
     def margin(self, margin: float) -> float:
         """That of a pair, or more of a single camera."""
@@ -174,6 +211,9 @@ class CameraTrials:
     def _after_cure(self, change: Alter) -> Alter:
         return lambda recording: change(self._cure(recording))
 
+    def _after_cure_alone(self, change: Alter) -> Alter:
+        return lambda recording: change(self._cure_alone(recording))
+
 
 def _chain(changes: Iterable[Alter]) -> Alter:
     """One change after the other."""
@@ -195,7 +235,8 @@ def _peak_trial(amount: Amount, tried: dict[float, Gains], margin: float = np.in
     xs, gains = _sorted(tried)
     means, peak = gains.mean(axis=1), _peak(amount, tried)
     best = gains[int(means.argmax())]
-    return Trial(amount, best, _with_amount(amount, peak), margin, peak, (xs, means))
+    uneven = float((gains.max(axis=0) - best).mean())
+    return Trial(amount, best, _with_amount(amount, peak), margin, peak, (xs, means), uneven)
 
 
 def _nearest(trial: Trial) -> list[float]:

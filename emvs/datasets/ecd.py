@@ -67,6 +67,11 @@ class EventCameraDataset:
         name = min(self._frames, key=lambda entry: abs(entry[0] - t_us))[1]
         return read_grey(self.path / name)
 
+    @property
+    def frame_times_us(self) -> tuple[int, ...]:
+        """Times of the frames, µs; none where there are no frames."""
+        return tuple(t_us for t_us, _ in self._frames)
+
     def _events(self, camera: int) -> SortedText:
         if camera != 0:
             raise InputError(f"{self.path}: no camera {camera}, there is only camera 0")

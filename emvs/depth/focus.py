@@ -112,7 +112,7 @@ def estimate_in_focus(
     """
     scales, refines, own = _scales(config), config.refines, focus.maximum
     disparity_px = disparity_px.astype(np.float64)
-    candidate = candidate_mask(votes.value, scales)
+    candidate = candidate_mask(votes.value, scales) & between_the_ends(own)
     at = np.nonzero(candidate)
     position = own.position(gaussian=True) if refines else own.plane.astype(np.float32)
     cameras = [m.position_at(*at, refined=refines, gaussian=True) for m in focus.camera_maxima]
@@ -179,6 +179,14 @@ def candidate_mask(confidence: Float32s, config: FocusConfig) -> Mask:
     return (confidence > 0) & above_mean(grey, config.threshold_kernel_px, config.threshold_c)
 
 
+def between_the_ends(maximum: Maximum) -> Mask:
+    """(H, W) where the maximum is a peak: at the first and last plane values may rise beyond.
+
+    At the image's rim they do: the farther a plane, the more of its rays the cameras see there.
+    """
+    return (maximum.plane > 0) & (maximum.plane < maximum.planes - 1)
+
+
 def _inside(
     at: Pixels, confidence: Float32s, own_px: Float32s, candidate: Mask, config: FocusConfig
 ) -> Float32s:
@@ -218,17 +226,26 @@ def on_surface(
     at = np.nonzero(estimate.candidate)
     own_px = np.zeros_like(estimate.position)
     own_px[at] = disparity_at(estimate.position[at], disparity_px)
-    reach_px = round(_SURFACE_REACH * config.surface_sigma_px)
-    weight = focus_measures.half_window(config.surface_sigma_px)[: reach_px + 1]
-    fitted_px = np.zeros_like(own_px)
-    surface_kernels.fit_surface(
-        own_px, estimate.candidate, weight, np.float32(config.surface_px), _RIDGE_PX2, fitted_px
-    )
+    fitted_px = surface_disparity(own_px, estimate.candidate, config)
     rising = np.argsort(disparity_px)
     planes = np.arange(len(disparity_px), dtype=np.float64)
     position = estimate.position.copy()
     position[at] = np.interp(fitted_px[at], disparity_px[rising], planes[rising])
     return replace(estimate, position=position)
+
+
+def surface_disparity(own_px: Float32s, candidate: Mask, config: FocusConfig) -> Float32s:
+    """(H, W) float32 px: each candidate's disparity on the plane through those around it.
+
+    `own_px` is (H, W) float32, the disparities before; 0 where there is no candidate.
+    """
+    reach_px = round(_SURFACE_REACH * config.surface_sigma_px)
+    weight = focus_measures.half_window(config.surface_sigma_px)[: reach_px + 1]
+    fitted_px = np.zeros_like(own_px)
+    surface_kernels.fit_surface(
+        own_px, candidate, weight, np.float32(config.surface_px), _RIDGE_PX2, fitted_px
+    )
+    return fitted_px
 
 
 def at_least(estimate: FocusEstimate, reliability: float, border_px: int) -> Mask:

@@ -27,10 +27,13 @@ from eventsweep.emvs.utils.inputs import parse_json
 Float32s = NDArray[np.float32]
 BAND = 0.68
 """Share of errors that the stated error holds."""
+TELLING = 0.9
+"""Precision that a score must be able to choose, or it says too little to state errors by it."""
 WITHIN_PX = 1.0
 """What precision counts as right: so many pixels of disparity, at most."""
 PRECISION = Path(str(files("eventsweep.emvs.depth"))) / "precision.json"
 """The tables that ship."""
+_LISTS = "score", "error_px", "precision"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,34 +46,46 @@ class Precision:
             disparity; never rises.
         precision: (K,) share of all points of this score or more that are within `WITHIN_PX`; never
             falls.
+        most_step_px: largest distance of two planes in the calibration windows, px of disparity.
     """
 
     score: NDArray[np.float64]
     error_px: NDArray[np.float64]
     precision: NDArray[np.float64]
+    most_step_px: float
 
     @classmethod
     def from_json(cls, table: Mapping[str, Any]) -> Precision:
-        """Takes the three lists of a table.
+        """Takes the lists of a table, and how far apart planes were.
 
         Raises:
             InputError: no such table.
         """
         try:
-            lists = [np.array(table[name], np.float64) for name in cls.__dataclass_fields__]
+            lists = [np.array(table[name], np.float64) for name in _LISTS]
+            most_step_px = float(table["most_step_px"])
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"no table of precision ({error}); make it again") from error
         known = all(column.ndim == 1 and column.shape == lists[0].shape for column in lists)
         if not known or not lists[0].size or not all(np.isfinite(column).all() for column in lists):
             raise InputError("no table of precision: needs three finite lists of one length")
-        return cls(*lists)
+        if not 0 < most_step_px < np.inf:
+            raise InputError(f"no table of precision: most_step_px is {most_step_px:g}")
+        score, error_px, precision = lists
+        return cls(score, error_px, precision, most_step_px)
 
-    def to_json(self) -> dict[str, list[float]]:
+    def to_json(self) -> dict[str, list[float] | float]:
         """Plain numbers."""
-        return {
-            name: [float(f"{value:.5g}") for value in getattr(self, name)]
-            for name in self.__dataclass_fields__
-        }
+        lists = {name: [float(f"{value:.5g}") for value in getattr(self, name)] for name in _LISTS}
+        return {**lists, "most_step_px": float(f"{self.most_step_px:.5g}")}
+
+    def states_errors(self, step_px: float) -> bool:
+        """Whether it says how wrong a point is, where planes are `step_px` of disparity apart.
+
+        Not for a score that hardly tells right from wrong, nor where planes lie farther apart than
+        in any calibration window.
+        """
+        return float(self.precision[-1]) >= TELLING and step_px <= self.most_step_px
 
     def error_at(self, score: Float32s) -> Float32s:
         """Half-width of the error's band at some scores, px of disparity."""
@@ -129,6 +144,8 @@ def stated(
 ) -> DepthMap:
     """The depth map with the error of each pixel, and the pixels that a wanted precision leaves.
 
+    No error is stated where the table cannot say it (`Precision.states_errors`): `error_m` is None.
+
     Args:
         depth_map: as its method made it, with its reliability.
         per_rho_px: disparity per inverse depth, px m; None where the rig has no parallax.
@@ -147,9 +164,16 @@ def stated(
                 "rig no parallax; leave it out"
             )
         return depth_map
-    error_m = table.error_at(score) * depth_map.depth_m**2 / np.float32(per_rho_px)
+    if table.states_errors(step_of_planes_px(depth_map, per_rho_px)):
+        error_m = table.error_at(score) * depth_map.depth_m**2 / np.float32(per_rho_px)
+        depth_map = replace(depth_map, error_m=error_m)
     if config.min_precision is None:
-        return replace(depth_map, error_m=error_m)
+        return depth_map
     least = table.least_score(config.min_precision, depth_map.method)
     kept = without_border((score >= least) & (score > 0), config.border_px)
-    return replace(depth_map, error_m=error_m, mask=kept)
+    return replace(depth_map, mask=kept)
+
+
+def step_of_planes_px(depth_map: DepthMap, per_rho_px: float) -> float:
+    """The largest distance of two neighbouring planes, px of disparity."""
+    return float(per_rho_px * np.abs(np.diff(depth_map.rho.astype(np.float64))).max())

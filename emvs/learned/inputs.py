@@ -1,8 +1,9 @@
 """What the network sees of a pixel: the votes around it, and what the extraction by focus says.
 
 Depth is measured in disparity of the rig; samples along the ray follow each other every half pixel
-of it, or every plane where planes are sparser. So the same network serves other sensors,
-baselines and numbers of planes.
+of it, or every plane where planes are sparser. Beyond three quarters of a pixel, hardly seen in
+training, half planes are interpolated. So the same network serves other sensors, baselines and
+numbers of planes.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ from eventsweep.emvs.utils.vectors_kernels import aligned
 
 BATCH = 128
 """Pixels whose patches are in memory at a time."""
-_SAMPLE_PX = 0.5
+_SAMPLE_PX, _COARSEST_PX = 0.5, 0.75
 _FARTHEST = 2 * DEPTH
+_CUBIC = np.array([-1, 9, 9, -1]) / 16
 
 Float32s = NDArray[np.float32]
 Indices = NDArray[np.int64]
@@ -42,6 +44,7 @@ class Candidates:
         columns: (M,) int64.
         centres: (M,) int64, the plane in focus: the middle of each patch.
         strides: (M,) int64, planes from one sample of it to the next.
+        halved: (M,) bool, where another sample is interpolated between every two of them.
         sample_px: (M,) float32 disparity between two samples, px.
         focus_px: (M,) float32 disparity that the extraction by focus reports, px.
         cues: (M, len(CUES)) float32.
@@ -51,6 +54,7 @@ class Candidates:
     columns: Indices
     centres: Indices
     strides: Indices
+    halved: NDArray[np.bool_]
     sample_px: Float32s
     focus_px: Float32s
     cues: Float32s
@@ -79,12 +83,14 @@ def candidates(
     centres = focus.maximum.plane[at].astype(np.int64)
     step_px = np.abs(np.gradient(np.asarray(disparity_px, np.float64)))[centres]
     strides = np.maximum(np.rint(_SAMPLE_PX / step_px), 1).astype(np.int64)
-    sample_px = (strides * step_px).astype(np.float32)
+    halved = step_px > _COARSEST_PX
+    per_sample = np.where(halved, 0.5, strides)  # planes
+    sample_px = (per_sample * step_px).astype(np.float32)
     fitted = estimate.position[at]
     focus_px = disparity_at(fitted, disparity_px)
 
     def samples(position: Float32s) -> Float32s:
-        distance = (position - centres) / strides
+        distance = (position - centres) / per_sample
         return np.clip(distance, -_FARTHEST, _FARTHEST).astype(np.float32) / np.float32(4)
 
     cameras = [samples(peak.position_at(*at, gaussian=True)) for peak in focus.camera_maxima]
@@ -99,7 +105,7 @@ def candidates(
         np.log2(np.maximum(focus_px, np.float32(1e-3))) / 4,
     )
     table = np.stack(cues, axis=1).astype(np.float32)
-    return Candidates(rows, columns, centres, strides, sample_px, focus_px, table)
+    return Candidates(rows, columns, centres, strides, halved, sample_px, focus_px, table)
 
 
 def _of_cameras(cameras: Sequence[Float32s], pixels: int) -> tuple[Float32s, Float32s]:
@@ -119,8 +125,7 @@ def channels(kept: KeptVotes, fusion: Fusion, chosen: Candidates) -> Float32s:
             of block m // LANES. The channels are `emvs.learned.network.CHANNELS`; a single camera
             is all three.
     """
-    where = chosen.rows, chosen.columns, chosen.centres, chosen.strides
-    fused, cameras = fused_patches(kept, fusion, where, DEPTH, SIDE_PX)
+    fused, cameras = _fused(fusion, _sampled(kept, chosen))
     shape = len(fused), len(CHANNELS), SIDE_PX, SIDE_PX, DEPTH + 2, LANES
     shares: Float32s = aligned(math.prod(shape)).reshape(shape)
     inputs_kernels.shares(fused, cameras, shares)
@@ -135,7 +140,11 @@ def fused_patches(
     Returns:
         (B, depth, side, side, LANES) and (C, B, depth, side, side, LANES) float32.
     """
-    cameras = kept.patches(*where, depth, side_px)
+    return _fused(fusion, kept.patches(*where, depth, side_px))
+
+
+def _fused(fusion: Fusion, cameras: Float32s) -> tuple[Float32s, Float32s]:
+    """Patches of all cameras, fused, and of those that take part."""
     alone = fusion.camera
     if alone is not None:
         cameras = cameras[alone : alone + 1]
@@ -143,6 +152,45 @@ def fused_patches(
     count, blocks, *cells = cameras.shape
     rows = cameras.reshape(count, 1, blocks, math.prod(cells))
     return fuse(fusion, rows).reshape(blocks, *cells), cameras
+
+
+def _sampled(kept: KeptVotes, chosen: Candidates) -> Float32s:
+    """The votes of every camera at the samples: of planes, or of half planes where they are sparse.
+
+    Each camera's votes are interpolated, and fused afterwards: so does the mapper with planes.
+    """
+    where = chosen.rows, chosen.columns, chosen.centres, chosen.strides
+    if not chosen.halved.any():
+        return kept.patches(*where, DEPTH, SIDE_PX)
+    few = kept.patches(*where, _HALVES.shape[1], SIDE_PX)
+    cameras, blocks, depth, *cells = few.shape
+    between = np.matmul(_HALVES, few.reshape(cameras, blocks, depth, -1))
+    finer: Float32s = np.maximum(between, 0).reshape(cameras, blocks, DEPTH, *cells)
+    if chosen.halved.all():
+        return finer
+    lanes = np.zeros(blocks * LANES, np.bool_)
+    lanes[: len(chosen)] = chosen.halved
+    here = lanes.reshape(1, blocks, 1, 1, 1, LANES)
+    return np.where(here, finer, kept.patches(*where, DEPTH, SIDE_PX))
+
+
+def _halves() -> Float32s:
+    """(DEPTH, planes) weights of the planes around in each sample; every other one lies between.
+
+    Cubic, by the two planes on either side (Catmull and Rom).
+    """
+    reach = DEPTH // 4 + 1  # planes to either side: one more than samples reach
+    weights = np.zeros((DEPTH, 2 * reach + 1), np.float32)
+    for sample in range(DEPTH):
+        before, between = divmod(sample - DEPTH // 2 + 2 * reach, 2)
+        if between:
+            weights[sample, before - 1 : before + 3] = _CUBIC
+        else:
+            weights[sample, before] = 1
+    return weights
+
+
+_HALVES = _halves()
 
 
 def as_patches(rays: Float32s, count: int) -> Float32s:

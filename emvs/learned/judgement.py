@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.depth.focus import FocusConfig, surface_disparity
 from eventsweep.emvs.dsi.fusion import Fusion
 from eventsweep.emvs.learned.inputs import BATCH, Candidates, channels
 from eventsweep.emvs.learned.kept_votes import KeptVotes
@@ -60,6 +61,17 @@ def at_reference_px(reliability: Float32s, disparity_px: Float32s) -> Float32s:
     """
     scale = np.sqrt(np.maximum(disparity_px, np.float32(1e-3)) / np.float32(AT_PX))
     return np.asarray(reliability * scale, np.float32)
+
+
+def on_own_surface(chosen: Candidates, disparity_px: Float32s, shape: tuple[int, ...]) -> Float32s:
+    """(M,) disparities on the planes through those around them, as in the extraction by focus.
+
+    `disparity_px` is (M,) px, above 0; `shape` that of the image.
+    """
+    at = chosen.rows, chosen.columns
+    image = np.zeros(shape, np.float32)
+    image[at] = disparity_px
+    return surface_disparity(image, image > 0, FocusConfig())[at]
 
 
 def judge(

@@ -2,8 +2,8 @@
 
 The extraction by focus says where rays meet most sharply; the network looks at the votes around
 that place, gives a depth of its own, and the expected error of both (`emvs.learned.judgement`).
-Each pixel takes the depth whose expected error is smaller, and the expected error chooses the
-pixels.
+Each pixel takes the depth whose expected error is smaller, and moves onto the plane through those
+of its surface around it, as in the extraction by focus. The expected error chooses the pixels.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from eventsweep.emvs.depth.precision import Precision, stated, table_name
 from eventsweep.emvs.dsi.method import MethodName
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.learned.inputs import candidates
-from eventsweep.emvs.learned.judgement import at_reference_px, judge
+from eventsweep.emvs.learned.judgement import at_reference_px, judge, on_own_surface
 from eventsweep.emvs.learned.network import Network, network
 from eventsweep.emvs.learned.weights import files_of_weights, packaged
 from eventsweep.emvs.methods.focus import Focus
@@ -70,8 +70,11 @@ class Learned(Focus):
         judged = judge(net, method.fusion, swept.votes_of_planes, chosen, disparity_px)
         at = chosen.rows, chosen.columns
         depth_m = np.reciprocal(inverse_depth_at(view.rho, estimate.position))
-        depth_m[at] = per_rho_px / judged.disparity_px
-        ranked = at_reference_px(judged.reliability, judged.disparity_px)
+        own_px = judged.disparity_px
+        if config.refines:
+            own_px = on_own_surface(chosen, own_px, depth_m.shape)
+        depth_m[at] = per_rho_px / own_px
+        ranked = at_reference_px(judged.reliability, own_px)
         mask = np.zeros(depth_m.shape, np.bool_)
         mask[at] = ranked >= 1 / config.learned.error_px
         reliability = np.zeros(depth_m.shape, np.float32)

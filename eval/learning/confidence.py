@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +15,23 @@ from scipy.optimize import isotonic_regression
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth.depth_map import DepthMap
-from eventsweep.emvs.depth.precision import BAND, WITHIN_PX, Precision, table_name
+from eventsweep.emvs.depth.precision import (
+    BAND,
+    WITHIN_PX,
+    Precision,
+    step_of_planes_px,
+    table_name,
+)
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.mapper import map_window
 from eventsweep.eval.config import EvalConfig
-from eventsweep.eval.learning.sequences import TrainingSequence, windows
+from eventsweep.eval.learning.sequences import TrainingSequence, TrainingWindow, windows
 from eventsweep.eval.scoring.pairing import Truth
 from eventsweep.eval.scoring.run_folder import truth_of
 
 _BINS = 48
 _FEWEST = 20  # points of a bin, at least
+_FEW_PLANES = 40  # coarser than the usual 100: recordings of a large range have such
 _SHARE = 0.005  # of all points in a bin, at least
 
 Floats = NDArray[np.floating[Any]]
@@ -37,10 +44,12 @@ class Scored:
     Attributes:
         score: (M,) the method's reliability, above 0.
         error_px: (M,) error, px of disparity.
+        most_step_px: largest distance of two planes in the windows they are of, px of disparity.
     """
 
     score: NDArray[np.float64]
     error_px: NDArray[np.float64]
+    most_step_px: float
 
 
 def collect(
@@ -54,7 +63,7 @@ def collect(
     found: dict[str, list[Scored]] = defaultdict(list)
     for one in wanted:
         sequence = EventSequence.open(folder / one.name)
-        for window in (w for w in windows(one) if not w.imperfection):
+        for window in calibration_windows(one):
             config = MapperConfig(
                 start_s=window.start_s, duration_s=window.duration_s, planes=window.planes,
                 methods=tuple(methods), learned={"weights": weights},
@@ -66,11 +75,18 @@ def collect(
     return {name: joined(parts) for name, parts in found.items()}
 
 
+def calibration_windows(one: TrainingSequence) -> list[TrainingWindow]:
+    """The windows of a sequence without errors, and all of it again with fewer planes."""
+    exact = [window for window in windows(one) if not window.imperfection]
+    return [*exact, replace(exact[0], planes=_FEW_PLANES)]
+
+
 def joined(parts: Sequence[Scored]) -> Scored:
     """Points of several windows together."""
     return Scored(
         np.concatenate([one.score for one in parts]),
         np.concatenate([one.error_px for one in parts]),
+        max(one.most_step_px for one in parts),
     )
 
 
@@ -81,15 +97,17 @@ def points_of(depth_map: DepthMap, truth: Truth) -> Scored:
     known = truth.scored & (depth_map.reliability > 0)
     rho, true_rho = 1 / depth_map.depth_m[known].astype(np.float64), 1 / truth.depth_m[known]
     error_px = truth.baseline_focal_px_m * np.abs(rho - true_rho)
-    return Scored(depth_map.reliability[known].astype(np.float64), error_px)
+    step_px = step_of_planes_px(depth_map, truth.baseline_focal_px_m)
+    return Scored(depth_map.reliability[known].astype(np.float64), error_px, step_px)
 
 
-def fit(score: Floats, error_px: Floats) -> Precision:
-    """The table of a score whose points have known errors, px of disparity; larger is better.
+def fit(found: Scored) -> Precision:
+    """The table of a score whose points have known errors; a larger score is better.
 
     Scores are cut into bins, the finer the higher they are. The errors' quantile falls from bin to
     bin, as isotonic regression has it, and the precision of what is above never falls.
     """
+    score, error_px = found.score, found.error_px
     if len(score) < 2 * _FEWEST:
         raise InputError(f"{len(score)} points: calibration needs {2 * _FEWEST} or more")
     order = np.argsort(score, kind="stable")
@@ -102,7 +120,7 @@ def fit(score: Floats, error_px: Floats) -> Precision:
     middle = [a + (b - a) // 2 for a, b in zip(edges, [*edges[1:], len(order)], strict=True)]
     rising = np.maximum.accumulate(above[middle])
     knots, kept = np.unique(score[order][middle].astype(np.float64), return_index=True)
-    return Precision(knots, falling[kept], rising[kept])
+    return Precision(knots, falling[kept], rising[kept], found.most_step_px)
 
 
 def _edges(points: int) -> list[int]:

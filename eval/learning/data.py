@@ -52,7 +52,7 @@ def make(folder: Path, config: TrainingConfig, progress: Display) -> None:
             update(done, sequence.name)
             path = folder / "sequences" / sequence.name
             if not path.exists():
-                renderer.submit(_simulate, sequence, path).result()
+                renderer.submit(simulate_sequence, sequence, path).result()
         update(len(wanted), f"{len(wanted)} sequences")
     with progress.stage("samples", len(wanted)) as update:
         for done, (part, sequence) in enumerate(wanted):
@@ -67,7 +67,8 @@ def _renderer() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(1, mp_context=start, initializer=end_with_parent)
 
 
-def _simulate(spec: TrainingSequence, path: Path) -> None:
+def simulate_sequence(spec: TrainingSequence, path: Path) -> None:
+    """Simulates one sequence of the training set into a folder that is not there yet."""
     path.parent.mkdir(parents=True, exist_ok=True)
     config = SimConfig(duration_s=spec.seconds, sensor=SensorConfig(preset=spec.sensor))
     simulate(scenes.load(spec.scene), rig(spec.rig), config, spec.seed, path)

@@ -63,7 +63,7 @@ def train(folder: Path, config: TrainingConfig, progress: Display) -> Trained:
 def _precision(folder: Path, config: TrainingConfig, weights: Path) -> dict[str, Any]:
     wanted, methods = data.chosen("calibration", config), TASKS[config.network].methods
     found = confidence.collect(folder / "sequences", wanted, methods, weights)
-    return {name: confidence.fit(one.score, one.error_px).to_json() for name, one in found.items()}
+    return {name: confidence.fit(one).to_json() for name, one in found.items()}
 
 
 def _fitting() -> type[Fitting]:

@@ -23,7 +23,7 @@ from eventsweep.sim.compensation.layer_kernels import fill_layered_depths, fill_
 from eventsweep.sim.compensation.layer_search_kernels import find_layers
 from eventsweep.sim.compensation.path_kernels import fill_picture, fill_places, longest_way
 from eventsweep.sim.compensation.range_kernels import spread_most
-from eventsweep.sim.rendering.lens import widened_camera
+from eventsweep.sim.rendering.lens import known_bearings, widened_camera
 from eventsweep.sim.rendering.moving_bodies import BodyPixels
 
 Pose = NDArray[np.float64]
@@ -77,7 +77,7 @@ def lens_of(camera: Camera) -> Lens:
     padded = (*camera.distortion, *(0.0,) * (_TERMS - len(camera.distortion)))
     straight = camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
     terms = np.array([*straight, _MODELS[camera.model], *padded])
-    return Lens(camera.bearing_table().astype(np.float32), terms)
+    return Lens(known_bearings(camera).astype(np.float32), terms)
 
 
 def interval_between(

@@ -15,6 +15,7 @@ from eventsweep.sim.config import SimConfig
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.rendering.base import Frame, moving_ids
 from eventsweep.sim.rendering.drawing import MIRRORS, MUJOCO
+from eventsweep.sim.rendering.light_range import FEW, IN_FLOATS, share_beyond_8_bits
 from eventsweep.sim.scene import Scene, replayed
 
 _LOOKS = 9
@@ -22,9 +23,6 @@ _LOOKS = 9
 _EDGE = 0.1
 _FEW_EDGES = 0.002
 _SIZE_STEPS = 2
-# A step of 8 bits, in log intensity, as a share of the contrast threshold; and the share of pixels
-# that may be darker than that, or brighter than 1, where light has 8 bits.
-_COARSE, _FEW_PIXELS = 0.25, 0.05
 
 
 class _Seen(NamedTuple):
@@ -82,11 +80,8 @@ def survey(
     known_m = range_of(seen.still_m) or range_of(seen.depths_m)
     assert known_m is not None
     beyond = float(np.mean(seen.beyond_8_bits))
-    if beyond > _FEW_PIXELS and not scene.hdr and config.light.renderer == "auto":
-        notice(
-            f"{scene.name}: {100 * beyond:.0f} % of the view is too dark or too bright for 8 bits, "
-            "so light is drawn in floats"
-        )
+    if beyond > FEW and not scene.hdr and config.light.renderer == "auto":
+        notice(IN_FLOATS.format(name=scene.name, percent=100 * beyond))
         scene = replace(scene, hdr=True)
     return replace(scene, depth_range_m=known_m)
 
@@ -106,7 +101,7 @@ def _looked(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> _Seen:
                 seen.depths_m.extend(ends_m(frame.nearest_depth_m))
                 seen.still_m.extend(ends_m(renderer.depth(k, T_world_body)[still]))
                 seen.edges.append(_edge_share(frame, config.log_eps))
-                seen.beyond_8_bits.append(_beyond_8_bits(frame, config))
+                seen.beyond_8_bits.append(share_beyond_8_bits(frame, config))
     return seen
 
 
@@ -128,14 +123,6 @@ def _edge_share(frame: Frame, log_eps: float) -> float:
     log = np.log(frame.intensity + log_eps)
     across, down = np.abs(np.diff(log, axis=1)), np.abs(np.diff(log, axis=0))
     return float(np.mean(across > _EDGE) + np.mean(down > _EDGE))
-
-
-def _beyond_8_bits(frame: Frame, config: SimConfig) -> float:
-    """Share of pixels with a surface whose contrast 8 bits cannot tell, or whose light they cut."""
-    threshold = min(config.contrast_threshold_pos, config.contrast_threshold_neg)
-    step = np.log1p(1 / (255 * (frame.intensity + config.log_eps)))
-    seen = np.isfinite(frame.nearest_depth_m)
-    return float(np.mean(seen & ((step > _COARSE * threshold) | (frame.intensity > 1))))
 
 
 def _tell(scene: Scene, near_m: float, edges: float, notice: Callable[[str], None]) -> None:

@@ -78,6 +78,9 @@ class Renderer(Views, AbstractContextManager[Any], Protocol):
     def geoms(self) -> Mapping[int, Geom]:
         """All geoms by id: their names, and which move by themselves."""
 
+    def glance(self, camera: int, T_world_body: Pose) -> Frame:
+        """Light and depth at little cost: one sample per pixel, a lens taken for a pinhole."""
+
     def depth(
         self,
         camera: int,

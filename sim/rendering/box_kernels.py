@@ -55,6 +55,39 @@ def inverse_depth(samples: NDArray[np.float32], near_m: float, far_m: float) -> 
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
+def inverse_depth_in_lens(
+    samples: NDArray[np.float32],
+    supersample: int,
+    ratio: NDArray[np.float32],
+    near_m: float,
+    far_m: float,
+) -> None:
+    """The same for window depths of sub-views: inverse z-depth in the lens's axes, in place.
+
+    Args:
+        samples: in and out, (S H, S W).
+        supersample: S, samples per pixel and axis.
+        ratio: (H, W, 3) of `sim.rendering.sub_views.LensMap`.
+        near_m: where the near plane of all sub-views lies.
+        far_m: where their far plane lies.
+    """
+    scale, least = np.float32(1 / near_m - 1 / far_m), np.float32(1 / far_m)
+    one, none = np.float32(1), np.float32(0)
+    offset = np.empty(supersample, np.float32)
+    for k in range(supersample):
+        offset[k] = (k + 0.5) / supersample - 0.5
+    for v in range(ratio.shape[0]):
+        for k in range(supersample):
+            row = samples[supersample * v + k]
+            for u in range(ratio.shape[1]):
+                middle = ratio[v, u, 0] + offset[k] * ratio[v, u, 2]
+                for m in range(supersample):
+                    x = supersample * u + m
+                    rho = (row[x] * scale + least) * (one / (middle + offset[m] * ratio[v, u, 1]))
+                    row[x] = rho if row[x] > none else none
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
 def nearest_of_pixels(
     inverse_depth_per_m: NDArray[np.float32],
     supersample: int,

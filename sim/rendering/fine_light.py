@@ -16,21 +16,22 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.sim.rendering import pixel_kernels
 from eventsweep.sim.rendering.base import Samples
 from eventsweep.sim.rendering.draw_target import DrawTarget
-from eventsweep.sim.rendering.lens import LensMap, border_of
+from eventsweep.sim.rendering.lens import border_of
+from eventsweep.sim.rendering.sub_views import LensMap, SubView
 
 Image = NDArray[np.float32]
 
 
 class Picture(NamedTuple):
-    """One picture that is drawn: every k-th row of a view's samples.
+    """What is drawn before light is worked out: every k-th row of a view's samples.
 
     Attributes:
-        camera: the pinhole camera that is drawn.
-        samples: per pixel, along a row and along a column.
+        parts: the pinhole pictures that are drawn.
+        samples: per pixel of these, along a row and along a column.
         first_row: the first of the view's rows that is in it.
     """
 
-    camera: Camera
+    parts: tuple[SubView, ...]
     samples: tuple[int, int]
     first_row: int
 
@@ -49,7 +50,7 @@ class FineView:
     """One camera's share in fine frames: what is drawn for it and what becomes of that.
 
     What is drawn is the sensor with a border of equal width on all sides; its lens, None for a
-    pinhole, says where its pixels lie in the picture.
+    pinhole, says where its pixels lie in the pictures.
     """
 
     sensor: Camera
@@ -65,7 +66,7 @@ class FineView:
     def pictures(self) -> Iterator[Picture]:
         """All that is drawn for it."""
         if self.lens:
-            yield Picture(self.lens.source, (1, 1), 0)
+            yield Picture(self.lens.views, (1, 1), 0)
             return
         n, k = self.supersample, self.stride
         for row in range(k):
@@ -73,13 +74,13 @@ class FineView:
             right, down = ((row + 0.5) / k - 0.5) / n, (row + 0.5 - 0.5 * k) / n
             cx_px, cy_px = self.drawn.cx_px - right, self.drawn.cy_px - down
             camera = replace(self.drawn, cx_px=cx_px, cy_px=cy_px)
-            yield Picture(camera, (n, n // k), row)
+            yield Picture((SubView(camera),), (n, n // k), row)
 
     @property
     def picture_shape(self) -> tuple[int, int]:
         """Rows and columns of each picture."""
         if self.lens:
-            return self.lens.source.height_px, self.lens.source.width_px
+            return self.lens.shape
         n = self.supersample
         return n // self.stride * self.drawn.height_px, n * self.drawn.width_px
 

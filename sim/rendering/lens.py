@@ -1,45 +1,23 @@
-"""Distorting lenses and large views: pinhole pictures, resampled onto the sensor by a table.
-
-A graphics library draws straight lines, so the picture that a distorting lens makes is taken from a
-pinhole picture of the same optical centre and axes that is wider than the sensor and has at least
-as many samples per sensor pixel, everywhere, as asked for. Where each sensor pixel lies in it is
-worked out once per lens.
-"""
+"""Distorting lenses and large views: what each pixel sees, and in which sub-view it is drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.rendering.sub_views import LensMap, sub_views
 
-# Samples beyond the outermost position that bilinear interpolation and one-sided slopes touch.
-_MARGIN = 3
-_LONGEST_SIDE = 8192
-_CANDIDATES = 64
-
-
-@dataclass(frozen=True, eq=False)
-class LensMap:
-    """Where the pixels of a sensor lie in a pinhole picture.
-
-    Attributes:
-        source: the pinhole picture's camera; its pixels are the samples.
-        position: (H, W, 2) float32 column and row of each sensor pixel's centre in the source
-            picture, whose bottom row comes first, as graphics libraries return it.
-        step: (H, W, 2, 2) float32, by how much the position changes ([..., :, 0] along the
-            sensor's columns, [..., :, 1] along its rows) per sensor pixel.
-    """
-
-    source: Camera
-    position: NDArray[np.float32]
-    step: NDArray[np.float32]
+# Of a unit ray, anywhere in its pixel: less is no depth along the axis to speak of.
+_LEAST_Z = 1e-3
 
 
 @lru_cache(maxsize=16)
@@ -50,63 +28,81 @@ def bearing_steps(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float
         InputError: the lens gives a pixel no ray.
     """
     bearing = camera.bearing_table()
-    blind = int(np.isnan(bearing).any(axis=-1).sum())
-    if blind:
-        raise InputError(
-            f"{camera.model} lens {camera.distortion} has no ray for {blind} of "
-            f"{camera.width_px * camera.height_px} pixels: it folds over, or sees 180 degrees or "
-            "more; correct the calibration or crop the sensor"
-        )
+    _refuse_blind(camera, np.isnan(bearing[..., 0]))
     by_row, by_column = np.gradient(bearing, axis=(0, 1), edge_order=2)
     return bearing, np.stack([by_column, by_row], axis=-1)
 
 
-@lru_cache(maxsize=4)
-def lens_map(camera: Camera, supersample: int) -> LensMap:
-    """Chooses the source picture for a distorting camera and finds every pixel in it.
+def _refuse_blind(camera: Camera, blind: NDArray[np.bool_]) -> None:
+    if blind.any():
+        raise InputError(
+            f"{camera.model} lens {camera.distortion} has no ray for {int(blind.sum())} of "
+            f"{camera.width_px * camera.height_px} pixels: it folds over, or sees 180 degrees or "
+            "more; correct the calibration or crop the sensor"
+        )
 
-    It has at least `supersample` samples per sensor pixel and axis, anywhere on the sensor.
+
+@lru_cache(maxsize=4)
+def lens_map(camera: Camera, supersample: int, border_px: int = 0) -> LensMap:
+    """The sub-views of a camera with S x S samples per pixel, and every pixel in them.
+
+    Pixels of a border that have no ray show what the nearest pixel with one shows.
 
     Raises:
-        InputError: a pixel without a ray, or a lens so wide that no pinhole picture can hold it.
+        InputError: the lens gives a pixel within the border no ray.
     """
-    bearing, slope = bearing_steps(camera)
-    focal = supersample / _finest(slope)
-    reach = 0.5 * np.abs(slope).sum(axis=-1)
-    low = (bearing - reach).min(axis=(0, 1)) * focal
-    high = (bearing + reach).max(axis=(0, 1)) * focal
-    width, height = (int(n) for n in np.ceil(high - low) + 2 * _MARGIN)
-    if max(width, height) > _LONGEST_SIDE:
-        degrees = np.degrees(np.arctan(np.abs([low, high]).max() / focal))
-        raise InputError(
-            f"a lens that sees {degrees:.0f} degrees off its axis needs a pinhole picture of "
-            f"{width}x{height} samples, {_LONGEST_SIDE} are possible: lower supersample or crop "
-            "the sensor"
-        )
-    centre = _MARGIN - low
-    source = Camera(width, height, focal, focal, centre[0], centre[1])
-    position = bearing * focal + centre
-    step = slope * focal
-    position[..., 1] = height - 1 - position[..., 1]
-    step[..., 1, :] *= -1
-    return LensMap(source, position.astype(np.float32), step.astype(np.float32))
+    rays = _rays(camera)
+    by_row, by_column = (_gradient(rays, axis) for axis in (0, 1))
+    change = np.stack([by_column, by_row], axis=-1)
+    least_z = rays[..., 2] - 0.5 * np.abs(change[..., 2, :]).sum(axis=-1)
+    blind = ~(least_z > _LEAST_Z)
+    inner = slice(border_px, -border_px or None)
+    _refuse_blind(camera, blind[inner, inner])
+    rays[blind] = change[blind] = np.nan
+    lens = sub_views(rays, change, supersample)
+    if not blind.any():
+        return lens
+    at = _nearest_known(blind)
+    return replace(lens, position=lens.position[at], step=lens.step[at], ratio=lens.ratio[at])
 
 
-def _finest(slope: NDArray[np.float64]) -> float:
-    """The least singular value of all matrices (H, W, 2, 2)."""
-    squares = (slope**2).sum(axis=(-2, -1))
-    product = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0]
-    # In closed form for all; exactly for those that may be the least.
-    least = squares - np.sqrt(np.maximum(squares**2 - 4 * product**2, 0))
-    few = np.argpartition(least.ravel(), min(_CANDIDATES, least.size) - 1)[:_CANDIDATES]
-    chosen = slope.reshape(-1, 2, 2)[few]
-    return float(np.linalg.svd(chosen, compute_uv=False)[:, 1].min())
+@lru_cache(maxsize=16)
+def known_bearings(camera: Camera) -> NDArray[np.float64]:
+    """(H, W, 2) bearings of all pixels; those without a ray have the nearest one's."""
+    bearing = camera.bearing_table()
+    blind = np.isnan(bearing[..., 0])
+    known: NDArray[np.float64] = bearing[_nearest_known(blind)] if blind.any() else bearing
+    return known
 
 
-def nearest_samples(lens: LensMap, samples: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Returns the sample nearest to each pixel's centre, (H, W), from (Hs, Ws)."""
+def _rays(camera: Camera) -> NDArray[np.float64]:
+    """(H, W, 3) unit vectors, which change evenly up to the rim; NaN where there is no ray."""
+    bearing = camera.bearing_table()
+    rays = np.concatenate([bearing, np.ones_like(bearing[..., :1])], axis=-1)
+    return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+
+
+def _gradient(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    """`np.gradient`, one-sided beside NaN."""
+    central: NDArray[np.float64] = np.gradient(values, axis=axis, edge_order=2)
+    if not np.isnan(central).any():
+        return central
+    ahead = np.diff(values, axis=axis, append=np.nan * values.take([-1], axis))
+    behind = np.diff(values, axis=axis, prepend=np.nan * values.take([0], axis))
+    for other in (ahead, behind):
+        central = np.where(np.isnan(central), other, central)
+    return central
+
+
+def _nearest_known(blind: NDArray[np.bool_]) -> tuple[NDArray[np.intp], ...]:
+    """Row and column of the nearest pixel that is not blind, (H, W) each."""
+    return tuple(ndimage.distance_transform_edt(blind, return_distances=False, return_indices=True))
+
+
+def nearest_samples(lens: LensMap, samples: NDArray[Any]) -> NDArray[Any]:
+    """The sample nearest to each pixel's centre, (H, W, ...), from (Hs, Ws, ...)."""
     columns, rows = np.rint(lens.position).astype(np.int32).transpose(2, 0, 1)
-    nearest: NDArray[np.int32] = samples[rows, columns]
+    nearest: NDArray[Any] = samples[rows, columns]
     return nearest
 
 
@@ -118,22 +114,22 @@ def edges(camera: Camera) -> NDArray[np.float64]:
     return np.concatenate([x, y])
 
 
-def lens_of(rig: Rig, k: int, supersample: int) -> LensMap | None:
-    """The map of one camera's lens; None for a pinhole.
+def lens_of(rig: Rig, k: int, supersample: int, border_px: int = 0) -> LensMap | None:
+    """The map of one camera's lens, with pixels beyond its sensor; None for a pinhole.
 
     Raises:
-        InputError: a lens that no pinhole picture can hold; names the camera.
+        InputError: a pixel of the sensor without a ray; names the camera.
     """
     if rig.cameras[k].model == "pinhole":
         return None
     try:
-        return lens_map(rig.cameras[k], supersample)
+        return lens_map(widened_camera(rig.cameras[k], border_px), supersample, border_px)
     except InputError as error:
         raise InputError(f"camera {rig.camera_names[k]} of rig {rig.name}: {error}") from error
 
 
 def widened(rig: Rig, border_px: int) -> Rig:
-    """The rig with sensors that reach `border_px` further on all sides, or as far as lenses do."""
+    """The rig with sensors that reach `border_px` further on all sides."""
     cameras = tuple(widened_camera(camera, border_px) for camera in rig.cameras)
     return replace(rig, cameras=cameras)
 
@@ -143,26 +139,25 @@ def border_of(camera: Camera, drawn: Camera) -> int:
     return (drawn.width_px - camera.width_px) // 2
 
 
-@lru_cache(maxsize=16)
 def widened_camera(camera: Camera, border_px: int) -> Camera:
-    """The camera with a sensor that reaches so much further, or as far as its lens does."""
-    wide = replace(
+    """The camera with a sensor that reaches so much further; a lens may have no rays there."""
+    return replace(
         camera,
         width_px=camera.width_px + 2 * border_px,
         height_px=camera.height_px + 2 * border_px,
         cx_px=camera.cx_px + border_px,
         cy_px=camera.cy_px + border_px,
     )
-    if border_px == 0 or camera.model == "pinhole" or not np.isnan(wide.bearing_table()).any():
-        return wide
-    return widened_camera(camera, border_px - 1)
 
 
 def buffer_size(rig: Rig, lenses: tuple[LensMap | None, ...], supersample: int) -> tuple[int, int]:
     """Width and height of the largest picture that is drawn at once, samples."""
     cameras = rig.cameras * (len(lenses) // len(rig))
-    drawn = [(m.source, 1) if m else (c, supersample) for c, m in zip(cameras, lenses, strict=True)]
-    return max(n * c.width_px for c, n in drawn), max(n * c.height_px for c, n in drawn)
+    shapes = [
+        lens.shape if lens else (supersample * camera.height_px, supersample * camera.width_px)
+        for camera, lens in zip(cameras, lenses, strict=True)
+    ]
+    return max(columns for _, columns in shapes), max(rows for rows, _ in shapes)
 
 
 def tiles(view: Camera, width_px: int, height_px: int) -> Iterator[tuple[Camera, slice, slice]]:

@@ -24,12 +24,14 @@ from eventsweep.sim.rendering.base import Frame, Pose, Samples
 from eventsweep.sim.rendering.draw_target import Colours, DrawTarget, sharpen_textures
 from eventsweep.sim.rendering.fine_light import FineLight, FineView, KernelLight
 from eventsweep.sim.rendering.light_shader import NoShader, ShaderLight
+from eventsweep.sim.rendering.sub_views import LensMap, SubView
 
 if TYPE_CHECKING:
     import mujoco
 
-# Samples per pixel and axis where depth and geoms are looked up through a distorting lens.
-_LEAST_LENS_SAMPLES = 2
+# Samples per pixel and axis where depth and geoms are looked up through a distorting lens: at
+# least, and with fine frames at most. Only edges gain by more: they lie wrong by half a sample.
+_LEAST_LENS_SAMPLES, _MOST_LENS_SAMPLES = 2, 3
 # When moving bodies are looked at to tell one animation from another: evenly, and early.
 _IDENTITY_SAMPLES, _EARLY_S = 32, (0.001, 0.01, 0.1)
 
@@ -39,10 +41,10 @@ class StereoRenderer:
 
     The cameras are not part of the MuJoCo model: each picture sets the OpenGL frustum from the
     calibrated intrinsics, which is exact for any principal point and for unequal focal lengths.
-    A camera with distortion is resampled from a wider and finer pinhole picture, see
-    `sim.rendering.lens`. What the renderer calls colour is taken as linear radiance, so lighting
-    and textures mean what their numbers say. MuJoCo's headlight is a lamp on the body, the same for
-    all cameras. A renderer belongs to the thread that made it.
+    A camera with distortion is resampled from pinhole pictures of its parts, see
+    `sim.rendering.sub_views`. What the renderer calls colour is taken as linear radiance, so
+    lighting and textures mean what their numbers say. MuJoCo's headlight is a lamp on the body, the
+    same for all cameras. A renderer belongs to the thread that made it.
     """
 
     def __init__(
@@ -78,8 +80,8 @@ class StereoRenderer:
             carrier: the body that carries the rig: cameras may lie inside its geoms.
 
         Raises:
-            InputError: no graphics, a lens too wide, a scene that does not compile, or a shader
-                that was asked for and cannot be had.
+            InputError: no graphics, a lens without a ray for a pixel, a scene that does not
+                compile, or a shader that was asked for and cannot be had.
         """
         self._mj: Any = import_mujoco()
         self.rig = rig
@@ -92,7 +94,9 @@ class StereoRenderer:
         drawn = lens.widened(rig, border_px or 0)
         drawn_lenses = self._lenses
         if self._fine:
-            drawn_lenses = tuple(lens.lens_of(drawn, k, supersample) for k in range(len(rig)))
+            drawn_lenses = tuple(
+                lens.lens_of(rig, k, supersample, border_px or 0) for k in range(len(rig))
+            )
         self._views = tuple(
             FineView(*view, supersample)
             for view in zip(rig.cameras, drawn.cameras, drawn_lenses, strict=True)
@@ -201,25 +205,40 @@ class StereoRenderer:
             samples = self.supersample
             pixel_kernels.average(rgb, window_depth, samples, intensity, nearest, full_scale)
         else:
-            rgb, window_depth = self._draw(mapped.source, camera, T_world_body)
+            rgb, window_depth = self._draw_lens(mapped, camera, T_world_body)
             luma = np.empty_like(window_depth)
             pixel_kernels.luma(rgb, full_scale, luma)
             pixel_kernels.resample(
                 luma, window_depth, mapped.position, mapped.step, self._lens_samples,
                 intensity, nearest,
             )  # fmt: skip
-        return Frame(intensity, metric_depth(nearest, self._near_m, self._far_m))
+        return Frame(intensity, self._metric_depth(nearest, mapped))
+
+    def glance(self, camera: int, T_world_body: Pose) -> Frame:
+        """Light and depth (H, W) of one sample per pixel, through a pinhole."""
+        seen = self.rig.cameras[camera]
+        view = seen if seen.model == "pinhole" else seen.undistorted()
+        rgb, window_depth = self._draw(view, camera, T_world_body)
+        intensity = np.empty(window_depth.shape, np.float32)
+        pixel_kernels.luma(rgb, self._target.full_scale, intensity)
+        return Frame(intensity, metric_depth(window_depth, self._near_m, self._far_m))
 
     def _fine_frame(self, camera: int, T_world_body: Pose) -> Frame:
         view, n = self._views[camera], self.supersample
         samples = Samples(*(np.empty(view.samples_shape, np.float32) for _ in Samples._fields))
+        clip_m = self._clip_m(view.lens)
         for picture in view.pictures():
-            self._render(picture.camera, camera, T_world_body, *picture.samples)
+            for part in picture.parts:
+                self._render(part, camera, T_world_body, *picture.samples, clip_m)
             self._light.take(view, picture, samples)
-        box_kernels.inverse_depth(samples.inverse_depth_per_m, self._near_m, self._far_m)
+        rho = samples.inverse_depth_per_m
+        if view.lens is None:
+            box_kernels.inverse_depth(rho, *clip_m)
+        else:
+            box_kernels.inverse_depth_in_lens(rho, n, view.lens.ratio, *clip_m)
         shape = view.sensor.height_px, view.sensor.width_px
         intensity, depth_m = np.empty(shape, np.float32), np.empty(shape, np.float32)
-        box_kernels.nearest_of_pixels(samples.inverse_depth_per_m, n, view.border_px, depth_m)
+        box_kernels.nearest_of_pixels(rho, n, view.border_px, depth_m)
         box_kernels.pixel_means(samples.light, n, view.border_px, intensity)
         return Frame(intensity, depth_m, samples)
 
@@ -246,11 +265,11 @@ class StereoRenderer:
         with self._flags(SKYBOX=0, REFLECTION=0):
             if view is not None or mapped is None:
                 window_depth = self._view_depth(view or seen, camera, T_world_body)
-            else:
-                _, samples = self._draw(mapped.source, camera, T_world_body)
-                window_depth = np.empty(mapped.position.shape[:2], np.float32)
-                pixel_kernels.centre_depth(samples, mapped.position, window_depth)
-        return metric_depth(window_depth, self._near_m, self._far_m)
+                return self._metric_depth(window_depth, None)
+            _, samples = self._draw_lens(mapped, camera, T_world_body)
+        window_depth = np.empty(mapped.position.shape[:2], np.float32)
+        pixel_kernels.centre_depth(samples, mapped.position, window_depth)
+        return self._metric_depth(window_depth, mapped)
 
     def segmentation(
         self, camera: int, T_world_body: Pose, *, border: bool = False
@@ -261,9 +280,11 @@ class StereoRenderer:
         (H + 2 B, W + 2 B) of a fine frame.
         """
         mapped, seen = self._seen(camera, border)
-        view = mapped.source if mapped else seen
         with self._flags(SEGMENT=1, IDCOLOR=1, REFLECTION=0):
-            rgb, _ = self._draw(view, camera, T_world_body)
+            if mapped is None:
+                rgb = self._draw(seen, camera, T_world_body)[0][::-1]
+            else:
+                rgb = lens.nearest_samples(mapped, self._draw_lens(mapped, camera, T_world_body)[0])
         if self._target.floats:
             rgb = np.rint(255 * rgb)
         segment = rgb.astype(np.int32) @ np.array([1, 1 << 8, 1 << 16], np.int32)
@@ -274,9 +295,9 @@ class StereoRenderer:
             if geom.objtype == kind and 0 <= geom.segid < self._scene.ngeom:
                 geom_id[geom.segid + 1] = geom.objid
         ids: NDArray[np.int32] = geom_id[segment]
-        return lens.nearest_samples(mapped, ids) if mapped else ids[::-1]
+        return ids
 
-    def _seen(self, camera: int, border: bool) -> tuple[lens.LensMap | None, Camera]:
+    def _seen(self, camera: int, border: bool) -> tuple[LensMap | None, Camera]:
         """A camera and its lens, with or without a fine frame's border."""
         if border:
             return self._views[camera].lens, self._views[camera].drawn
@@ -347,7 +368,8 @@ class StereoRenderer:
 
     @property
     def _lens_samples(self) -> int:
-        return max(self.supersample, _LEAST_LENS_SAMPLES)
+        most = _MOST_LENS_SAMPLES if self._fine else self.supersample
+        return max(min(self.supersample, most), _LEAST_LENS_SAMPLES)
 
     def _view_depth(self, view: Camera, camera: int, T_world_body: Pose) -> NDArray[np.float32]:
         """Window depth at the view's pixel centres, top row first, in tiles where it is large."""
@@ -361,28 +383,57 @@ class StereoRenderer:
         self, view: Camera, camera: int, T_world_body: Pose, supersample: int = 1
     ) -> tuple[Colours, NDArray[np.float32]]:
         """Colour and window depth (1 near, 0 far) at the samples, bottom row first."""
-        self._render(view, camera, T_world_body, supersample, supersample)
+        clip_m = self._clip_m(None)
+        self._render(SubView(view), camera, T_world_body, supersample, supersample, clip_m)
         return self._target.read(view.height_px * supersample, view.width_px * supersample)
 
-    def _render(self, view: Camera, camera: int, T_world_body: Pose, along: int, down: int) -> None:
+    def _draw_lens(
+        self, mapped: LensMap, camera: int, T_world_body: Pose
+    ) -> tuple[Colours, NDArray[np.float32]]:
+        """The same of all sub-views, side by side; what lies between them is undefined."""
+        for part in mapped.views:
+            self._render(part, camera, T_world_body, 1, 1, self._clip_m(mapped))
+        return self._target.read(*mapped.shape)
+
+    def _render(
+        self, part: SubView, camera: int, T_world_body: Pose, along: int, down: int,
+        clip_m: tuple[float, float],
+    ) -> None:  # fmt: skip
         """Draws a view with so many samples per pixel along a row and down a column."""
         self._gl.make_current()
-        self._place(view, T_world_body @ self.rig.T_body_cam[camera])
+        T_world_view = T_world_body @ self.rig.T_body_cam[camera]
+        if part.R_cam_view is not None:
+            T_world_view[:3, :3] = T_world_view[:3, :3] @ part.R_cam_view
+        self._place(part.camera, T_world_view, *clip_m)
         T_world_lamp = T_world_body if self._lamp_at is None else self._lamp_at
         for lamp in self._head_lamps:
             lamp.pos, lamp.dir = T_world_lamp[:3, 3], T_world_lamp[:3, 2]
-        rect = self._mj.MjrRect(0, 0, view.width_px * along, view.height_px * down)
-        self._mj.mjr_render(rect, self._scene, self._context)
+        size = part.camera.width_px * along, part.camera.height_px * down
+        self._mj.mjr_render(self._mj.MjrRect(*part.corner, *size), self._scene, self._context)
 
-    def _place(self, camera: Camera, T_world_cam: Pose) -> None:
+    def _place(self, camera: Camera, T_world_cam: Pose, near_m: float, far_m: float) -> None:
         """Sets pose and frustum of both eyes; the one place where z forward becomes -z."""
-        left, right, top, bottom = self._near_m * lens.edges(camera)
+        left, right, top, bottom = near_m * lens.edges(camera)
         for eye in self._scene.camera:
             eye.pos, eye.forward = T_world_cam[:3, 3], T_world_cam[:3, 2]
             eye.up = -T_world_cam[:3, 1]
             eye.frustum_center, eye.frustum_width = (left + right) / 2, (right - left) / 2
             eye.frustum_top, eye.frustum_bottom = -top, -bottom
-            eye.frustum_near, eye.frustum_far = self._near_m, self._far_m
+            eye.frustum_near, eye.frustum_far = near_m, far_m
+
+    def _clip_m(self, mapped: LensMap | None) -> tuple[float, float]:
+        """The clipping planes of a picture; of sub-views, so far that no depth of theirs is cut."""
+        if mapped is None:
+            return self._near_m, self._far_m
+        least, most = mapped.ratio_range
+        return self._near_m / most, self._far_m / least
+
+    def _metric_depth(
+        self, window_depth: NDArray[np.float32], mapped: LensMap | None
+    ) -> NDArray[np.float32]:
+        """Z-depth (H, W) in the camera's axes, m, from window depth at pixels' centres."""
+        depth_m = metric_depth(window_depth, *self._clip_m(mapped))
+        return depth_m if mapped is None else depth_m * mapped.ratio[..., 0]
 
 
 def _compiled(spec: Any) -> Any:

@@ -189,9 +189,10 @@ def log_intensity(
         raise InputError(
             f"intensities from {low} to {high}: need finite values of at least 0, full scale 1"
         )
-    shifted = intensity.astype(np.float32, copy=False) + np.float32(log_eps)
-    log: NDArray[np.float32] = np.log(shifted).ravel()
-    return log
+    log: NDArray[np.float32] = (
+        intensity.astype(np.float32, copy=False) + np.float32(log_eps)
+    ).ravel()
+    return np.log(log, out=log)
 
 
 def time_order(offset_us: NDArray[np.int64], step_us: int) -> NDArray[np.int64]:

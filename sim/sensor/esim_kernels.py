@@ -98,11 +98,16 @@ def find(
     Returns:
         n.
     """
-    n = 0
+    # Who may fire is written down without a branch, which would be foreseen wrongly.
+    near, rise, fall = 0, c_pos - NEAR, NEAR - c_neg
     for k in range(len(log_now)):
         change = log_now[k] - reference[k]
-        if change < c_pos - NEAR and -change < c_neg - NEAR:
-            continue
+        fired[near] = k
+        near += int(change >= rise) | int(change <= fall)
+    n = 0
+    for m in range(near):
+        k = fired[m]
+        change = log_now[k] - reference[k]
         log, first = np.float64(log_now[k]), np.float64(memory[k].first_log)
         up, down = memory[k].up, memory[k].down
         if change > 0:
@@ -162,6 +167,8 @@ def emit(
         last_us = memory[k].last_emitted_us
         before = np.float64(log_before[k])
         slope = np.float64(log_now[k]) - before
+        row = k // width_px
+        column = k - row * width_px
         for _ in range(abs(crossings[n])):
             if rise:
                 up += 1
@@ -172,7 +179,7 @@ def emit(
             silent = before_us + offset - last_us < refractory_us
             if not silent:
                 last_us = before_us + offset
-            x[event], y[event], p[event] = k % width_px, k // width_px, rise
+            x[event], y[event], p[event] = column, row, rise
             offset_us[event] = 0 if silent else offset
             event += 1
         memory[k].up, memory[k].down = up, down

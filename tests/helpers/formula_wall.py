@@ -56,6 +56,12 @@ class Wall(AbstractContextManager):
         blocks = samples.light.reshape(height + 2 * b, n, width + 2 * b, n).mean((1, 3))
         return Frame(blocks[b : b + height, b : b + width].copy(), depth_m, samples)
 
+    def glance(self, camera, T_world_body):
+        return Frame(
+            self._seen(camera, T_world_body, *self._pixels(camera)),
+            self.depth(camera, T_world_body),
+        )
+
     def depth(self, camera, T_world_body, view=None, *, border=False):
         seen = view or self.rig.cameras[camera]
         return np.full((seen.height_px, seen.width_px), WALL_M - T_world_body[2, 3], np.float32)

@@ -34,3 +34,15 @@ def centre_depth(window_depth, position):
         moved = (x - j) * min(slopes_x, key=abs) + (y - i) * min(slopes_y, key=abs)
         found[v, u] = max(cross[i, j] + moved, 0) if cross[i, j] > 0 else 0
     return found
+
+
+def inverse_depth(window_depth, supersample, ratio, near_m, far_m):
+    """Of each sample of a sensor, in the lens's axes: 0 where it sees nothing."""
+    found = np.zeros(window_depth.shape)
+    for y, x in np.ndindex(found.shape):
+        v, u = y // supersample, x // supersample
+        dv, du = ((n % supersample + 0.5) / supersample - 0.5 for n in (y, x))
+        z_view_m = 1 / (window_depth[y, x] * (1 / near_m - 1 / far_m) + 1 / far_m)
+        if window_depth[y, x] > 0:
+            found[y, x] = 1 / (z_view_m * (ratio[v, u] @ [1, du, dv]))
+    return found

@@ -29,7 +29,7 @@ def rig_of(camera: Camera) -> Rig:
 
 
 @pytest.mark.parametrize(
-    ("name", "accurate", "fast"), [("davis346", 6, 4), ("tumvie", 3, 2), ("dsec", 3, 2)]
+    ("name", "accurate", "fast"), [("davis346", 6, 4), ("tumvie", 3, 2), ("dsec", 4, 2)]
 )
 def test_samples_go_by_the_angle_of_a_pixel(name, accurate, fast):
     for sampling, expected in (("accurate", accurate), ("fast", fast), ("linear", 2)):
@@ -39,11 +39,24 @@ def test_samples_go_by_the_angle_of_a_pixel(name, accurate, fast):
     assert with_sampling(SimConfig(supersample=5), rig(name)).supersample == 5
 
 
-def test_a_lens_too_wide_for_many_samples_gets_fewer():
+@pytest.mark.parametrize("focal_px", [150, 230, 300, 450, 640, 700, 1100])
+def test_rows_of_samples_can_lie_beside_one_another_unless_they_are_the_fewest(focal_px):
+    one = rig_of(Camera(40, 30, focal_px, focal_px, 19.5, 14.5))
+    eight_bits, floats = (
+        with_sampling(SimConfig(), one, floats=floats).supersample for floats in (False, True)
+    )
+    assert eight_bits % 2 == 0 or eight_bits == 3
+    assert floats >= eight_bits
+    assert eight_bits >= min(1300 / focal_px, 8)
+    plain = with_sampling(SimConfig(), one, "a surface mirrors")
+    assert (plain.sampling, plain.supersample) == ("linear", eight_bits)
+
+
+def test_a_wide_lens_gets_as_many_samples_as_a_pinhole():
     straight = rig_of(Camera(500, 400, 180, 180, 249.5, 199.5))
     round_ = rig_of(Camera(500, 400, 180, 180, 249.5, 199.5, "kb4", (0.0, 0.0, 0.0, 0.0)))
     assert with_sampling(SimConfig(), straight).supersample == 8
-    assert 1 <= with_sampling(SimConfig(), round_).supersample < 8
+    assert with_sampling(SimConfig(), round_).supersample == 8
 
 
 def lit_by_the_head(spec):
@@ -61,7 +74,8 @@ def test_a_scene_with_a_lamp_on_the_head_is_simulated_with_plain_frames_and_says
     config, heard = SimConfig(duration_s=0.01, max_displacement_px=4.0), []
     simulate(scene, made.tiny_rig(), config, 0, tmp_path / "asked", notice=heard.append)
     assert heard == ["plain frames half a pixel apart: there is a lamp on the head"]
-    linear = SimConfig(duration_s=0.01, sampling="linear")
+    samples = with_sampling(SimConfig(), made.tiny_rig()).supersample
+    linear = SimConfig(duration_s=0.01, sampling="linear", supersample=samples)
     simulate(scene, made.tiny_rig(), linear, 0, tmp_path / "linear", notice=heard.append)
     assert len(heard) == 1
     assert contents(tmp_path / "asked") == contents(tmp_path / "linear")

@@ -38,7 +38,8 @@ from check_cases import (
     Planter,
     exported,
 )
-from check_unseen import UNKNOWN, UNSEEN
+from check_opened import OPENED, UNKNOWN
+from check_unseen import UNSEEN
 from eventsweep.emvs.check.findings import Report
 from eventsweep.emvs.check.recording import check, check_path
 from eventsweep.emvs.data.recording import Recording
@@ -79,14 +80,11 @@ def cases(*, development: bool) -> list[Case]:
     bases = DEVELOPMENT if development else HELD_OUT
     every = list(_unspoilt(bases))
     stereo = [one for one in bases if one.scene not in _HARD]
-    turn = 0
-    for fault in FAULTS if development else (*FAULTS, *UNSEEN):
-        for _ in range(1 if development else fault.cases):
-            base, turn = stereo[turn % len(stereo)], turn + 1
-            every.append(Case(base, fault.kind, fault.named, fault.plant))
-    for one in FILE_FAULTS:
-        base, turn = stereo[turn % len(stereo)], turn + 1
-        every.append(Case(base, one.kind, one.named, file_fault=one))
+    faults = (*FAULTS, *OPENED) if development else (*FAULTS, *OPENED, *UNSEEN)
+    for k, fault in enumerate(faults):
+        every.append(Case(stereo[k % len(stereo)], fault.kind, fault.named, fault.plant))
+    for k, one in enumerate(FILE_FAULTS, len(faults)):
+        every.append(Case(stereo[k % len(stereo)], one.kind, one.named, file_fault=one))
     return every
 
 
@@ -97,11 +95,11 @@ _HARD = ("hdr-window", "low-texture", "moving-objects", "reflective", "tumvie-bi
 
 
 def _unspoilt(bases: Sequence[Base]) -> Iterator[Case]:
+    """Each base as simulated and told in one other way, every second one in two."""
+    others = [kind for kind in UNSPOILT if kind != "as simulated"]
     for k, base in enumerate(bases):
-        yield Case(base, "as simulated", (), UNSPOILT["as simulated"])
-        kinds = [kind for kind in UNSPOILT if kind != "as simulated"]
-        kind = kinds[k % len(kinds)]
-        yield Case(base, kind, (), UNSPOILT[kind])
+        for kind in ("as simulated", others[k % 4], *[others[(k + 2) % 4]] * (k % 2)):
+            yield Case(base, kind, (), UNSPOILT[kind])
 
 
 def sequence(base: Base, out: Path) -> Path:
@@ -156,16 +154,24 @@ def _of_file(case: Case, path: Path, out: Path) -> Report:
 
 
 def code_version() -> str:
-    """A hash of the code whose verdicts these are, without its comments and docstrings."""
+    """A hash of the code whose verdicts these are, without comments, docstrings and types."""
     folder = Path(str(eventsweep.emvs.check.__file__)).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py"))]
-    files += [Path(__file__).with_name(f"check_{what}.py") for what in ("cases", "unseen")]
+    here = Path(__file__)
+    files += [here.with_name(f"check_{what}.py") for what in ("cases", "opened", "unseen")]
     code = "".join(ast.dump(_Bare().visit(ast.parse(file.read_text()))) for file in files)
     return hashlib.sha256(code.encode()).hexdigest()[:16]
 
 
 class _Bare(ast.NodeTransformer):
-    """Takes the docstrings away."""
+    """Takes docstrings and types away."""
+
+    def visit_arg(self, node: ast.arg) -> ast.arg:
+        return ast.arg(node.arg)
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
+        node.returns = None
+        return self.generic_visit(node)
 
     def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
         return None if isinstance(node.value, ast.Constant) else node
@@ -192,23 +198,20 @@ def outcome(found: dict[str, Any]) -> str:
 
 def table(every: Sequence[dict[str, Any]]) -> str:
     """The confusion table as Markdown."""
+    unseen = {fault.kind for fault in UNSEEN}
     faults = [one for one in every if one["named"]]
     right = [one for one in every if not one["named"]]
-    count = Counter(map(outcome, faults))
     accused = sum(bool(one["suspects"]) for one in right)
     doubted = sum(bool(one["doubtful"]) and not one["suspects"] for one in right)
     lines = [
-        f"Of {len(faults)} recordings with a planted fault, {count['named']} "
-        f"({count['named'] / len(faults):.1%}) are named first and rightly, {count['unknown']} are "
-        f"called wrong without a cause, {count['wrong cure']} "
-        f"({count['wrong cure'] / len(faults):.1%}) get a wrong cure, {count['unnoticed']} are not "
-        f"noticed. Of {len(right)} unspoilt ones {accused} ({accused / len(right):.1%}) are "
-        f"accused; {doubted} more have a doubtful finding.",
+        _summary("known kinds", [one for one in faults if one["kind"] not in unseen]),
+        _summary("kinds that were not tried before", [o for o in faults if o["kind"] in unseen]),
+        f"Of {len(right)} unspoilt ones {accused} ({accused / len(right):.1%}) are accused; "
+        f"{doubted} more have a doubtful finding.",
         "",
         "| Planted | cases | named | unknown | wrong cure | unnoticed | called instead |",
         "|---|--:|--:|--:|--:|--:|---|",
     ]
-    unseen = {fault.kind for fault in UNSEEN}
     for kind in dict.fromkeys(one["kind"] for one in faults):
         of_kind = [one for one in faults if one["kind"] == kind]
         lines.append(_line(kind + " *" * (kind in unseen), of_kind))
@@ -220,6 +223,17 @@ def table(every: Sequence[dict[str, Any]]) -> str:
         f"{max(seconds):.0f} s at most.", "",
     ]  # fmt: skip
     return "\n".join(lines)
+
+
+def _summary(kinds: str, faults: Sequence[dict[str, Any]]) -> str:
+    count, all_of = Counter(map(outcome, faults)), max(1, len(faults))
+    return (
+        f"Of {len(faults)} recordings with a planted fault of {kinds}, {count['named']} "
+        f"({count['named'] / all_of:.1%}) are named first and rightly, {count['unknown']} are "
+        f"called wrong without a cause, {count['wrong cure']} "
+        f"({count['wrong cure'] / all_of:.1%}) get a wrong cure, {count['unnoticed']} are not "
+        "noticed."
+    )
 
 
 def _line(kind: str, found: Sequence[dict[str, Any]]) -> str:

@@ -22,7 +22,7 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth.depth_map import extract
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.learned.judgement import Judgement, at_reference_px, judge
+from eventsweep.emvs.learned.judgement import Judgement, at_reference_px, judge, on_own_surface
 from eventsweep.emvs.learned.network import Float32s, Network, network
 from eventsweep.emvs.methods.focus import FOCUS as BY_FOCUS
 from eventsweep.eval.cli.exit_codes import exit_code
@@ -95,8 +95,19 @@ def outcome(
     shown = shown_of(swept, config, METHOD)
     found = {BASE: numbers(base.depth_m, base.mask, truth)}
     for title, ranked in rows(shown, networks):
-        found[title] = numbers(*best(shown, ranked, base.points), truth)
+        found[title] = numbers(*best(shown, smoothed(shown, ranked), base.points), truth)
     return found
+
+
+def smoothed(shown: Shown, ranked: Ranked) -> Ranked:
+    """Depths of a network on their own surfaces; those by focus are already."""
+    disparity_px, rank = ranked
+    if disparity_px is shown.chosen.focus_px:
+        return ranked
+    fitted_px = on_own_surface(shown.chosen, disparity_px, shown.kept.codes.shape[2:])
+    if rank is shown.reliability:
+        return fitted_px, rank
+    return fitted_px, rank * np.sqrt(fitted_px / disparity_px)  # as `at_reference_px` has it
 
 
 def best(shown: Shown, ranked: Ranked, points: int) -> tuple[Float32s, NDArray[np.bool_]]:

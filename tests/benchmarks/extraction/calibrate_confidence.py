@@ -20,7 +20,8 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth import precision
 from eventsweep.emvs.depth.precision import Precision, table_name, tables
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.learned.network import network
+from eventsweep.emvs.learned.network import NAME, network
+from eventsweep.emvs.learned.weights import write_weights
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods.learned import precision_of
 from eventsweep.emvs.utils.files import atomic_path
@@ -28,6 +29,7 @@ from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.learning import confidence
 from eventsweep.eval.learning.confidence import Floats, Scored
+from eventsweep.eval.learning.data import simulate_sequence
 from eventsweep.eval.learning.sequences import sequences
 from eventsweep.eval.scoring.run_folder import truth_of
 from markdown_blocks import into_page
@@ -38,26 +40,33 @@ METHODS = (
     *(f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")),
     "EMVS/cam0", "EMVS/cam1", "Focus/H", "Focus/cam0",
 )  # fmt: skip
-ASKED = ("Alg1/H", "EMVS/cam0", "Focus/H", "Learned/H")
+LEARNED = "Learned/H", "Learned/cam0"
+ASKED = ("Alg1/H", "EMVS/cam0", "Focus/H", "Learned/H", "Focus/cam0", "Learned/cam0")
 WANTED = (0.9, 0.95)
 TABLE = precision.PRECISION
+_OF_THE_FILE = "network", "arrays_sha256"
 
 
 def calibrate(folder: Path) -> dict[str, Precision]:
-    """Tables of all methods, from the calibration sequences in a folder.
-
-    Raises:
-        InputError: a sequence that is not there.
-    """
+    """Tables of all methods, from the calibration sequences in a folder; made if not there."""
     wanted = sequences("calibration")
-    missing = [one.name for one in wanted if not (folder / one.name).exists()]
-    if missing:
-        raise InputError(
-            f"{folder}: no sequence {missing[0]} and {len(missing) - 1} others; `eventsweep train` "
-            "makes them"
-        )
-    found = confidence.collect(folder, wanted, METHODS)
-    return {name: confidence.fit(one.score, one.error_px) for name, one in found.items()}
+    for one in wanted:
+        if not (folder / one.name).exists():
+            simulate_sequence(one, folder / one.name)
+    found = confidence.collect(folder, wanted, METHODS + LEARNED)
+    return {name: confidence.fit(one) for name, one in found.items()}
+
+
+def write_tables(made: Mapping[str, Precision]) -> None:
+    """Writes the tables of the learned methods into their manifest, all others into one file."""
+    plain = {name: one.to_json() for name, one in sorted(made.items())}
+    own = {name: plain.pop(name) for name in map(table_name, LEARNED)}
+    with atomic_path(TABLE) as part:
+        part.write_text(json.dumps({"methods": plain}, indent=1) + "\n", encoding="utf-8")
+    tables.cache_clear()
+    weights = network().weights
+    learnt = {k: v for k, v in weights.manifest.items() if k not in _OF_THE_FILE}
+    write_weights(weights.path, NAME, weights.arrays, {**learnt, "precision": own})
 
 
 def held_out(cache: Path, sets: list[str]) -> dict[str, Scored]:
@@ -81,9 +90,7 @@ def table_of(method: str) -> Precision:
         InputError: there is none.
     """
     known = (
-        precision_of(network(), method)
-        if method == "Learned/H"
-        else tables().get(table_name(method))
+        precision_of(network(), method) if method in LEARNED else tables().get(table_name(method))
     )
     if known is None:
         raise InputError(f"{method}: no table of precision; calibrate first")
@@ -158,12 +165,7 @@ def main(arguments: list[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     with exit_code() as code:
         if chosen.sequences is not None:
-            made = {
-                name: one.to_json() for name, one in sorted(calibrate(chosen.sequences).items())
-            }
-            with atomic_path(TABLE) as part:
-                part.write_text(json.dumps({"methods": made}, indent=1) + "\n", encoding="utf-8")
-            tables.cache_clear()
+            write_tables(calibrate(chosen.sequences))
         if chosen.page is not None:
             text = report(held_out(chosen.cache, chosen.sets))
             sys.stdout.write(text)

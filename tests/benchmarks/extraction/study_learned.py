@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.depth.depth_map import DepthMap, without_border
+from eventsweep.emvs.dsi.method import MethodName
 from eventsweep.emvs.learned.judgement import at_reference_px
 from eventsweep.emvs.mapper import map_window
 from eventsweep.eval.cli.exit_codes import exit_code
@@ -34,6 +35,8 @@ from study_samples import SETS, SampleSpec
 
 BASE, FOCUS, LEARNED, DERD = METHODS = ("Alg1/H", "Focus/H", "Learned/H", "DERD/H")
 OTHERS = METHODS[1:]
+JUDGED = ("Focus", "Learned")
+"""Families whose reliability chooses among more candidates than they report."""
 WANTED = ("median_error", "mean_error", "bad_published", "bad_1px", "blocks")
 SUMMARY = "median | mean | bad pixels | bad 1 px | blocks | mean worse than Alg1/H"
 SUMMARY_RULE = "|---|--:|--:|--:|--:|--:|--:|"
@@ -67,14 +70,14 @@ def outcome(
     )  # fmt: skip
     result = map_window(told(sequence, imperfection, spec.seed), config)
     truth = truth_of(sequence, result.view.t_us, EvalConfig())
-    points = result.depth_maps[BASE].points
+    points, per_rho_px = result.depth_maps[BASE].points, truth.baseline_focal_px_m
     found = {
-        name: numbers(depth_map.depth_m, _most_reliable(depth_map, truth, points), truth)
+        name: numbers(depth_map.depth_m, most_reliable(depth_map, per_rho_px, points), truth)
         for name, depth_map in result.depth_maps.items()
     }
     learned = result.depth_maps[LEARNED]
     for error_px in ERRORS_PX:
-        mask = _ranks(learned, truth) >= 1 / error_px
+        mask = ranks(learned, per_rho_px) >= 1 / error_px
         found[_limit(error_px)] = numbers(learned.depth_m, mask, truth)
     return found
 
@@ -83,20 +86,27 @@ def _limit(error_px: float) -> str:
     return f"`learned.error_px` {error_px:g}"
 
 
-def _ranks(depth_map: DepthMap, truth: Truth) -> NDArray[np.float32]:
-    """(H, W) what ranks the pixels of a method; 0 where there is no candidate."""
-    if depth_map.reliability is None or depth_map.method != LEARNED:
-        return np.zeros(depth_map.mask.shape, np.float32)
-    return at_reference_px(depth_map.reliability, truth.baseline_focal_px_m / depth_map.depth_m)
+def ranks(depth_map: DepthMap, per_rho_px: float) -> NDArray[np.float32]:
+    """(H, W) what ranks the pixels of a method, 0 or less where there is no candidate.
+
+    `per_rho_px` is disparity per inverse depth, px m. Methods that hold no pixel more reliable than
+    others rank those that they report.
+    """
+    reliability = depth_map.reliability
+    if reliability is None:
+        return depth_map.mask.astype(np.float32)
+    if MethodName.of(depth_map.method).family == "Learned":
+        return at_reference_px(reliability, per_rho_px / depth_map.depth_m)
+    return reliability
 
 
-def _most_reliable(depth_map: DepthMap, truth: Truth, points: int) -> NDArray[np.bool_]:
-    """As many pixels as wanted, the most reliable first; Alg1/H keeps its own."""
-    if depth_map.method in (BASE, DERD) or depth_map.reliability is None:
-        return depth_map.mask
-    rank = _ranks(depth_map, truth) if depth_map.method == LEARNED else depth_map.reliability
-    candidates = without_border(depth_map.reliability > 0, MapperConfig().border_px)
-    allowed = np.flatnonzero(candidates)
+def most_reliable(depth_map: DepthMap, per_rho_px: float, points: int) -> NDArray[np.bool_]:
+    """As many pixels as wanted, the most reliable first; what votes rank keeps to its own."""
+    judged = MethodName.of(depth_map.method).family in JUDGED
+    candidates = depth_map.mask
+    if judged and depth_map.reliability is not None:
+        candidates = without_border(depth_map.reliability > 0, MapperConfig().border_px)
+    rank, allowed = ranks(depth_map, per_rho_px), np.flatnonzero(candidates)
     mask = np.zeros(rank.shape, np.bool_)
     mask.flat[allowed[np.argsort(-rank.flat[allowed], kind="stable")[:points]]] = True
     return mask

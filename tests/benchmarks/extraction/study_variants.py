@@ -16,6 +16,7 @@ from eventsweep.emvs.depth.focus import (
     FocusConfig,
     FocusEstimate,
     at_least,
+    between_the_ends,
     candidate_mask,
     judge_at,
     on_surface,
@@ -128,10 +129,15 @@ def judge(
     camera_positions: Sequence[Floats],
     disparity_px: NDArray[np.floating],
     config: FocusConfig,
+    allowed: Mask | None = None,
 ) -> FocusEstimate:
-    """`emvs.depth.focus.judge_at` at every pixel; everything is an image."""
+    """`emvs.depth.focus.judge_at` at every pixel; everything is an image.
+
+    `allowed` is where a candidate may be, by default everywhere.
+    """
     everywhere = tuple(np.indices(confidence.shape).reshape(2, -1))
     candidate, cameras = candidate_mask(confidence, config), [c.ravel() for c in camera_positions]
+    candidate = candidate if allowed is None else candidate & allowed
     return judge_at(
         everywhere, candidate, confidence, vote_peak.ravel(), position, cameras, disparity_px,
         config,
@@ -164,15 +170,19 @@ def found_in_volumes(
     """
     vote_peak = maximum_of(fused)
     own, *cameras = (_sharpest(volume, config) for volume in (fused, *votes))
-    judged = judge(vote_peak.value, vote_peak.position(), own, cameras, disparity_px, config)
+    judged = judge(
+        vote_peak.value, vote_peak.position(), own.position(gaussian=True),
+        [one.position(gaussian=True) for one in cameras], disparity_px, config,
+        between_the_ends(own),
+    )  # fmt: skip
     return on_surface(judged, disparity_px, config)
 
 
-def _sharpest(volume: Floats, config: FocusConfig) -> Floats:
-    """(H, W) place between planes where a whole (N, H, W) volume is most in focus."""
+def _sharpest(volume: Floats, config: FocusConfig) -> Maximum:
+    """Where a whole (N, H, W) volume is most in focus."""
     peak = FocusPeak(volume.shape[2], volume.shape[1], config.measure, config.sigma_px)
     peak.update(volume)
-    return peak.maximum().position(gaussian=True)
+    return peak.maximum()
 
 
 def finalists(volumes: Volumes) -> dict[str, VariantEstimate]:

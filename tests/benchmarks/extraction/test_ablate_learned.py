@@ -35,7 +35,7 @@ from eventsweep.eval.learning.sequences import FIRST_SEED, TrainingSequence, seq
 from eventsweep.eval.scoring.run_folder import truth_of
 from lanes import as_rays
 from naive_network import judged
-from study_learned import METHODS, _most_reliable, numbers
+from study_learned import METHODS, most_reliable, numbers
 from study_samples import SampleSpec
 
 SECONDS = 0.2
@@ -50,7 +50,7 @@ def sequence(tmp_path_factory):
     one = TrainingSequence("planes", "oblique", FIRST_SEED + 900, "ideal", SECONDS)
     folder = tmp_path_factory.mktemp("ablation")
     with data._renderer() as renderer:  # torch and a software renderer crash each other
-        renderer.submit(data._simulate, one, folder / one.name).result()
+        renderer.submit(data.simulate_sequence, one, folder / one.name).result()
     return EventSequence.open(folder / one.name)
 
 
@@ -123,7 +123,9 @@ def test_whole_rows_are_what_the_mapper_reports(sequence):
         one = result.depth_maps[name]
         inside = without_border(one.reliability > 0, RIM_PX)
         known = replace(one, reliability=np.where(inside, one.reliability, 0))
-        wanted = numbers(one.depth_m, _most_reliable(known, truth, points), truth)
+        wanted = numbers(
+            one.depth_m, most_reliable(known, truth.baseline_focal_px_m, points), truth
+        )
         for metric in ("points", "median_error", "mean_error", "bad_published", "blocks"):
             assert found[title][metric] == pytest.approx(wanted[metric], rel=2e-3), title
     lines = table([found, found]).splitlines()

@@ -3,10 +3,10 @@
 Events are compared one to one. Each case is a short clip of one camera; of sensors with many
 pixels, of their middle. For scenes of the suite the truth is the finest pictures that are
 practical: 16 x 16 samples per pixel, 0.05 px apart. With `--rays` the cases are worlds of panels,
-and the truth is cast by rays, which shares no code with the simulator; `--seed N` draws other
-sizes, speeds and textures.
+and the truth is cast by rays, which shares no code with the simulator; `--drawn SEED` is the same
+with other sizes, speeds and textures.
 
-Run: python tests/benchmarks fidelity --truth FOLDER [CASE ...] [--parts | --rays [--seed N]]
+Run: python tests/benchmarks fidelity --truth FOLDER [CASE ...] [--parts | --rays | --drawn SEED]
 [--page docs/simulator.md] [--picture docs/images/fidelity.png]. The truth is kept in FOLDER: of a
 scene it takes minutes, of panels seconds.
 """
@@ -199,8 +199,8 @@ def runs(given: argparse.Namespace) -> Iterator[tuple[str, str, Any, Any]]:
     """Case, way, events and true events, one by one."""
     for name in given.cases or (RAY_CASES if given.rays else CLIPS):
         if given.rays:
-            case = panel_case(name, given.seed)
-            drawn = "" if given.seed is None else f", seed {given.seed}"
+            case = panel_case(name, given.drawn)
+            drawn = "" if given.drawn is None else f", seed {given.drawn}"
             true: Any = ray_truth(case, given.truth / f"rays, {name}{drawn}.npz")
             for way, settings in RAY_WAYS.items():
                 yield name, way, simulated_panels(case, settings), true
@@ -218,12 +218,11 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument("--parts", action="store_true", help="what single settings are worth")
     kind.add_argument("--rays", action="store_true", help="worlds of panels, by ray casting")
-    parser.add_argument("--seed", type=int, help="draw other panels")
+    kind.add_argument("--drawn", type=int, metavar="SEED", help="the same, other panels")
     parser.add_argument("--page", type=Path)
     parser.add_argument("--picture", type=Path)
     given = parser.parse_args(arguments)
-    if given.seed is not None and not given.rays:
-        parser.error("--seed draws panels: it needs --rays")
+    given.rays |= given.drawn is not None
     known = RAY_CASES if given.rays else CLIPS
     unknown = set(given.cases) - set(known)
     if unknown:
@@ -245,11 +244,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             curves.setdefault(case, {})[way] = np.array(shares)
         sys.stderr.write(f"{case}, {way}: {same}\n")
     against = (
-        "ray casting"
+        "ray casting" + f", panels drawn by seed {given.drawn}" * (given.drawn is not None)
         if given.rays
         else (f"{FINEST_SAMPLES} × {FINEST_SAMPLES} samples {FINEST_PX:g} px apart")
     )
-    mark = _MARK + "-parts" * given.parts + "-rays" * given.rays
+    drawn = given.drawn is not None
+    mark = _MARK + "-parts" * given.parts + "-drawn" * drawn + "-rays" * (given.rays and not drawn)
     show(table(results, against), given.page, mark)
     if given.picture:
         draw(curves, given.picture)

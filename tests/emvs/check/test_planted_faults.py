@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from check_cases import FAULTS, FILE_FAULTS, UNSPOILT
+from check_opened import OPENED, UNKNOWN
 from dataset_world import rewritten
 from eventsweep.emvs.check.recording import check, check_path
 from eventsweep.emvs.data.altered import AlteredRecording
@@ -40,6 +41,14 @@ def test_a_planted_fault_is_named_first(fault):
 def first_suspects(report):
     """What is called wrong first: several where no recording of this rig can tell them apart."""
     return set(report.suspects[0].split(" or "))
+
+
+@pytest.mark.parametrize(
+    "fault", sometimes({fault.kind: fault for fault in OPENED}, {"poses inverted, stereo pitch"})
+)
+def test_two_faults_at_once_and_nameless_ones_get_no_wrong_cure(fault):
+    report = check(fault.plant(head_recording(), np.random.default_rng(3)))
+    assert set(report.suspects[:1]) <= {*fault.named, *UNKNOWN}
 
 
 def test_causes_that_no_recording_of_this_rig_can_tell_apart_are_named_together():

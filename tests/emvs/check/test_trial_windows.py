@@ -1,12 +1,15 @@
 """Free turns: nothing is gained under right poses, and wrong ones that nothing mends are seen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from eventsweep.emvs.check.alternatives import Chosen
+from eventsweep.emvs.check.alternatives import Chosen, amounts_of_pair, of_poses
 from eventsweep.emvs.check.recording import check
 from eventsweep.emvs.check.trial_windows import TrialWindows
+from eventsweep.emvs.check.trials import CameraTrials, Trial
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -41,6 +44,51 @@ def test_a_rate_that_was_planted_is_taken_out_again(axis):
     lost = right.log_sharpness(lambda r: r, (0, 1)) - coarse.log_sharpness(lambda r: r, (0, 1))
     assert (lost > 0.1).all()
     np.testing.assert_allclose(coarse.free_turn_gains(lambda r: r, (0, 1)), lost, atol=0.05)
+
+
+@pytest.mark.parametrize("amount", [a for a in amounts_of_pair() if a.name.startswith("stereo")])
+def test_a_turn_of_the_second_camera_that_was_planted_is_taken_out_again(amount):
+    """By 1.2 deg, which is a sum of steps: what was lost comes back."""
+    _, right = TrialWindows.of(head_recording(), MapperConfig())
+    before = right.log_sharpness(lambda r: r, (0, 1))
+    lost = before - right.log_sharpness(lambda r: amount.change(r, 1.2), (0, 1))
+    gains = right.free_squint_gains(lambda r: amount.change(r, 1.2), (0, 1))
+    assert (lost > 0.06).all()
+    np.testing.assert_allclose(gains, lost, atol=0.05)
+
+
+def test_camera_0_alone_sees_a_convention_of_the_poses_and_nothing_between_the_cameras():
+    names = ("poses inverted", "rotations inverted", "quaternions w first")
+    few = [a for a in of_poses(head_recording()) if a.name in names]
+    inverted = next(a.change for a in few if a.name == "poses inverted")
+    yaw = amounts_of_pair()[3]
+
+    def alone(recording):
+        return CameraTrials(TrialWindows.of(recording, MapperConfig()), (0, 1)).gain_alone(few)
+
+    assert yaw.name == "stereo yaw"
+    assert alone(yaw.change(head_recording(), 3.0)) <= 0
+    assert alone(inverted(head_recording())) > 0.04
+
+
+def test_an_amount_that_each_window_wants_otherwise_is_no_cause():
+    clock, gains = amounts_of_pair()[0], np.full(3, 0.1)
+
+    def trial(uneven):
+        return Trial(clock, gains, lambda r: r, 0.015, 40.0, uneven=uneven)
+
+    assert trial(0.003).is_cause
+    assert not trial(0.005).is_cause
+
+
+def test_pixels_of_a_large_sensor_are_joined():
+    """Events stay as many, so that on more pixels they would only lie thinner."""
+    rig = head_recording().rig
+    cameras = tuple(replace(c, width_px=1280, height_px=720) for c in rig.cameras)
+    wide = AlteredRecording(head_recording(), rig=replace(rig, cameras=cameras))
+    scales = [[w.sharpness.level.scale for w in TrialWindows.of(r, MapperConfig())]
+              for r in (head_recording(), wide)]  # fmt: skip
+    assert scales == [[1, 2], [3, 6]]
 
 
 def test_poses_that_no_alternative_mends_are_not_blamed_on_one():

@@ -3,9 +3,12 @@
 `python tests/fuzz/fuzz_datasets.py 1000` does the same for as long as one has patience.
 """
 
+import pytest
+
 from fuzz_datasets import KINDS
 from fuzz_events import ran
 
 
-def test_damage_ends_in_a_sound_recording_or_one_clear_line():
-    assert ran("fuzz_datasets", examples=8) == set(KINDS)
+@pytest.mark.parametrize("examples", [2, pytest.param(40, marks=pytest.mark.slow)])
+def test_damage_ends_in_a_sound_recording_or_one_clear_line(examples):
+    assert ran("fuzz_datasets", examples) == set(KINDS)

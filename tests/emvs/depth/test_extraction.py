@@ -17,6 +17,7 @@ from eventsweep.emvs.depth.focus import (
     FocusConfig,
     FocusEstimate,
     at_least,
+    between_the_ends,
     disparity_at,
     estimate_in_focus,
     on_surface,
@@ -249,7 +250,9 @@ def test_candidates_are_judged_as_if_every_pixel_were(refine):
     gaussian = [m.position(gaussian=True) if refine else m.plane.astype(F)
                 for m in (focus.maximum, *focus.camera_maxima)]  # fmt: skip
     peak = votes.position() if refine else votes.plane.astype(F)
-    whole = judge(votes.value, peak, gaussian[0], gaussian[1:], disparity_px, scales)
+    inside = between_the_ends(focus.maximum)
+    assert 0 < inside.mean() < 1
+    whole = judge(votes.value, peak, gaussian[0], gaussian[1:], disparity_px, scales, inside)
     whole = on_surface(whole, disparity_px, scales) if refine else whole
     assert 20 < found.candidate.sum() < found.candidate.size / 2
     np.testing.assert_array_equal(found.position, whole.position)

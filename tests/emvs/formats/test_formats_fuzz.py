@@ -3,8 +3,11 @@
 `python tests/fuzz/fuzz_events.py` does the same for as many examples as one has patience for.
 """
 
+import pytest
+
 from fuzz_events import KINDS, ran
 
 
-def test_damage_ends_in_events_or_in_one_clear_line():
-    assert ran("fuzz_events", examples=20) == set(KINDS)
+@pytest.mark.parametrize("examples", [6, pytest.param(100, marks=pytest.mark.slow)])
+def test_damage_ends_in_events_or_in_one_clear_line(examples):
+    assert ran("fuzz_events", examples) == set(KINDS)

@@ -87,7 +87,7 @@ def test_a_lower_error_keeps_a_part_of_the_points():
 
 def test_the_error_in_metres_grows_with_the_square_of_depth():
     """Law: error_m = error_px Z² / (f b), so two points of one reliability differ by Z² alone."""
-    result = mapped(fronto_parallel(1.23), "Learned/H", "Focus/H")
+    result = mapped(fronto_parallel(1.23), "Learned/H", "Focus/H", planes=100)
     for depth in result.depth_maps.values():
         at = np.argwhere(depth.mask)
         order = np.argsort(depth.reliability[depth.mask])
@@ -153,3 +153,24 @@ def test_a_precision_that_nobody_knows_is_refused_before_any_work(name):
 def test_a_precision_that_cannot_be_reached_says_what_can():
     with pytest.raises(InputError, match="EMVS/cam0 reached at most 0"):
         mapped(fronto_parallel(1.5), "EMVS/cam0", min_precision=0.9999)
+
+
+def test_what_votes_rank_states_no_error():
+    """How far votes stand out says too little: `min_precision` works, an error is not stated."""
+    maps = mapped(fronto_parallel(1.5), "Alg1/H", "EMVS/cam0", "Late/union").depth_maps
+    assert all(one.error_m is None for one in maps.values())
+
+
+def test_planes_farther_apart_than_calibrated_state_no_error():
+    names = "Focus/H", "Learned/H"
+    fine, coarse = (mapped(fronto_parallel(1.5), *names, planes=n).depth_maps for n in (200, 10))
+    assert all(fine[name].error_m is not None for name in names)
+    assert all(coarse[name].error_m is None for name in names)
+
+
+def test_points_lie_on_the_plane_through_their_neighbours():
+    """Law: the fit leaves a slanted or flat plane what it is, and takes noise from it."""
+    fitted = mapped(fronto_parallel(1.23), "Learned/H").depth_maps["Learned/H"]
+    plain = mapped(fronto_parallel(1.23), "Learned/H", interpolate=False).depth_maps["Learned/H"]
+    spread = [np.std(1 / one.depth_m[fitted.mask]) for one in (fitted, plain)]
+    assert spread[0] < spread[1]

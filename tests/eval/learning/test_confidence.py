@@ -9,6 +9,7 @@ from calibrate_confidence import reliability_diagram
 from eventsweep.emvs.depth.precision import BAND, Precision, table_name, tables
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.learning import confidence
+from eventsweep.eval.learning.confidence import Scored
 
 
 def points(seed, count, steepness=1.0):
@@ -18,9 +19,13 @@ def points(seed, count, steepness=1.0):
     return score, rng.exponential(1 / (0.1 + steepness * score))
 
 
+def fit(score, error_px, most_step_px=1.0):
+    return confidence.fit(Scored(score, error_px, most_step_px))
+
+
 @given(st.integers(0, 1000), st.integers(40, 3000))
 def test_errors_never_rise_and_precision_never_falls(seed, count):
-    table = confidence.fit(*points(seed, count))
+    table = fit(*points(seed, count))
     assert np.all(np.diff(table.score) > 0)
     assert np.all(np.diff(table.error_px) <= 0)
     assert np.all(np.diff(table.precision) >= 0)
@@ -28,7 +33,7 @@ def test_errors_never_rise_and_precision_never_falls(seed, count):
 
 
 def test_stated_bands_hold_their_share_of_other_points():
-    table = confidence.fit(*points(0, 40_000))
+    table = fit(*points(0, 40_000))
     score, error_px = points(1, 40_000)
     diagram = reliability_diagram(table, score, error_px)
     assert len(diagram) == 10
@@ -39,7 +44,7 @@ def test_stated_bands_hold_their_share_of_other_points():
 
 @pytest.mark.parametrize("wanted", [0.8, 0.85, 0.9])
 def test_a_threshold_reaches_its_precision_on_other_points(wanted):
-    table = confidence.fit(*points(0, 40_000))
+    table = fit(*points(0, 40_000))
     score, error_px = points(1, 40_000)
     kept = score >= table.least_score(wanted, "Mine/a")
     assert (error_px[kept] <= 1).mean() == pytest.approx(wanted, abs=0.02)
@@ -47,26 +52,36 @@ def test_a_threshold_reaches_its_precision_on_other_points(wanted):
 
 def test_a_score_that_says_nothing_states_the_same_error_everywhere():
     rng = np.random.default_rng(0)
-    table = confidence.fit(rng.uniform(size=5000), rng.exponential(1.0, 5000))
+    table = fit(rng.uniform(size=5000), rng.exponential(1.0, 5000))
     assert table.error_px[0] / table.error_px[-1] < 2
     with pytest.raises(InputError, match=r"Mine/a reached at most 0\.\d+ on the calibration"):
         table.least_score(0.99, "Mine/a")
 
 
+def test_no_error_is_stated_beyond_what_was_calibrated():
+    rng = np.random.default_rng(0)
+    telling = fit(*points(0, 40_000), most_step_px=0.8)
+    assert telling.states_errors(0.8)
+    assert not telling.states_errors(0.81)
+    says_nothing = fit(rng.uniform(size=5000), rng.exponential(1.0, 5000))
+    assert not says_nothing.states_errors(0.1)
+
+
 def test_too_few_points_are_refused():
     with pytest.raises(InputError, match="3 points: calibration needs"):
-        confidence.fit(np.ones(3), np.ones(3))
+        fit(np.ones(3), np.ones(3))
 
 
-ONE = {"error_px": [1], "precision": [1]}
+ONE = {"error_px": [1], "precision": [1], "most_step_px": 1}
 BROKEN = (
+    {"score": [1], **ONE, "most_step_px": 0}, {"score": [1], **ONE, "most_step_px": float("nan")},
     {}, {"score": [1], "error_px": [1]}, {"score": [], "error_px": [], "precision": []},
     {"score": [1, 2], **ONE}, {"score": ["a"], **ONE}, {"score": [float("nan")], **ONE},
 )  # fmt: skip
 
 
 def test_tables_are_numbers_in_files():
-    table = confidence.fit(*points(0, 500))
+    table = fit(*points(0, 500))
     again = Precision.from_json(table.to_json())
     np.testing.assert_allclose(again.error_px, table.error_px, rtol=1e-4)
     for broken in BROKEN:

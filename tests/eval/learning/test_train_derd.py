@@ -30,7 +30,7 @@ WINDOW = TrainingWindow(0.0, 0.1, seed=3)
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("learning")
     with data._renderer() as renderer:  # torch and a software renderer crash each other
-        renderer.submit(data._simulate, TINY, folder / TINY.name).result()
+        renderer.submit(data.simulate_sequence, TINY, folder / TINY.name).result()
     return folder
 
 

@@ -76,7 +76,7 @@ TINY = TrainingSequence("planes", "oblique", FIRST_SEED + 900, "ideal", 0.2)
 def sequence(tmp_path_factory):
     folder = tmp_path_factory.mktemp("learning")
     with data._renderer() as renderer:  # torch and a software renderer crash each other
-        renderer.submit(data._simulate, TINY, folder / TINY.name).result()
+        renderer.submit(data.simulate_sequence, TINY, folder / TINY.name).result()
     return EventSequence.open(folder / TINY.name)
 
 

@@ -6,15 +6,18 @@
 import subprocess
 import sys
 
+import pytest
+
 from fuzz_events import LINE
 from fuzz_results import KINDS
 from places import ROOT
 
 
-def test_odd_values_end_in_a_page_or_one_clear_line():
+@pytest.mark.parametrize("examples", ["2", pytest.param("40", marks=pytest.mark.slow)])
+def test_odd_values_end_in_a_page_or_one_clear_line(examples):
     script = ROOT / "tests" / "fuzz" / "fuzz_results.py"
     done = subprocess.run(
-        [sys.executable, script, "6"], capture_output=True, text=True, check=False
+        [sys.executable, script, examples], capture_output=True, text=True, check=False
     )
     assert done.stderr == ""
     found = {match[1]: match.groups()[1:] for match in LINE.finditer(done.stdout)}

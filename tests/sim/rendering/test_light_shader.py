@@ -135,7 +135,8 @@ def test_no_switch_keeps_numbers_from_the_picture_and_all_stay_as_they_are(tmp_p
         fine.frame(0, OTHER)
         view, samples = fine._views[0], Samples(*map(np.empty_like, expected.samples))
         for picture in view.pictures():
-            fine._render(picture.camera, 0, POSE, *picture.samples)
+            for part in picture.parts:
+                fine._render(part, 0, POSE, *picture.samples, fine._clip_m(view.lens))
             if picture.first_row == 0:
                 fine._light.take(view, picture, samples)
         switches = [getattr(gl, f"GL_{name}") for name in light_shader._SWITCHES]

@@ -43,6 +43,21 @@ def test_a_slide_before_a_textured_plane_gives_the_same_events(tmp_path):
     assert same.precision >= 0.95
 
 
+@pytest.mark.parametrize(("ambient", "floats"), [(0.02, True), (1.0, False), (3.0, True)])
+def test_a_look_at_a_scene_decides_how_light_is_drawn(tmp_path, ambient, floats):
+    """Half of it is white: at 1 that is no brighter than 8 bits, at 3 it is."""
+    grey = np.where(np.arange(64) // 8 % 2 == 0, 255, 128).astype(np.uint8)
+    world = RayWorld(
+        (wall(2.0, 1.0, np.tile(grey, (64, 1))),), DAVIS, gliding((0.4, 0, 0)), ambient
+    )
+    scene, said = panel_scene(world, (1.0, 4.0), tmp_path), []
+    simulated_events(scene, panel_rig(DAVIS), SimConfig(duration_s=0.01), said.append)
+    assert any("drawn in floats" in line for line in said) is floats
+    classic = SimConfig(duration_s=0.01, light={"renderer": "classic"})
+    simulated_events(scene, panel_rig(DAVIS), classic, said.append)
+    assert sum("drawn in floats" in line for line in said) == floats
+
+
 @pytest.mark.parametrize("name", ["fisheye", "barrel lens"])
 def test_a_lens_is_undone(name):
     camera = panel_case(name).world.camera

@@ -1,0 +1,255 @@
+"""Methods on real events, beside depth that no event took part in: `real_check --slider FOLDER`.
+
+The recording is `slider_depth` of the Event Camera Dataset: one camera on a slider, a scene at
+rest. Its own frames give depth (`frame_depth`); events seen 10 cm farther on, restamped, are a real
+second camera (`slid_pair`). All methods report as many pixels as Alg1/H, those that they hold most
+reliable, and are scored where the frames give depth: silhouettes are not among it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets.ecd import EventCameraDataset
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.mapper import map_window
+from eventsweep.eval.cli.exit_codes import exit_code
+from frame_depth import FrameDepth, depth_from_frames, undistorted
+from markdown_blocks import show
+from real_picture import draw
+from slid_pair import SlidPair, straight_way
+from study_learned import most_reliable
+
+BASE = "Alg1/H"
+STEREO = (BASE, "Focus/H", "Learned/H", "DERD/H")
+SINGLE = ("EMVS/cam0", "Focus/cam0", "Learned/cam0")
+DEVELOPMENT_M, HELD_OUT_M = (0.45,), (0.3, 0.6, 0.75)
+WINDOWS_S = (0.8, 0.4, 0.2)
+BASELINE_M = 0.1
+DEPTH_RANGE_M = 0.3, 4.0
+OUTLIER = 0.05  # relative error
+# A flat board at the back of the scene: left, right, top and bottom in the world, and its depth, m
+_BOARD_M, _BOARD_DEPTH_M, _BOARD_REACH_M = (0.34, 0.73, -0.55, -0.17), 2.1, 0.3
+_FEWEST_ON_BOARD, _REFITS = 10, 20
+
+
+@dataclass(frozen=True)
+class Scores:
+    """One method at one view, by one window.
+
+    Attributes:
+        points: that it reports, of as many as it may.
+        with_truth: those of them where the frames give depth.
+        median, mean: relative error of these.
+        over: share of these beyond `OUTLIER`.
+        plane: median distance from the plane through its own points on a flat board, relative;
+            NaN where fewer than ten lie there.
+        within: share of its own points that lie within the error that it states; NaN where it
+            states none.
+    """
+
+    points: int
+    with_truth: int
+    median: float
+    mean: float
+    over: float
+    plane: float
+    within: float
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One view and window: every method's scores by its name."""
+
+    view_m: float
+    window_s: float
+    scores: Mapping[str, Scores]
+
+    def ratio(self, name: str, metric: str, base: str = BASE) -> float:
+        """A method's number over another's."""
+        found = getattr(self.scores[name], metric), getattr(self.scores[base], metric)
+        return float(found[0] / found[1])
+
+
+def frame_depth_at(recording: EventCameraDataset, view_m: float) -> FrameDepth:
+    """What the recording's frames say of the view from `view_m` on the slider's way.
+
+    Raises:
+        InputError: no frames on both sides of it.
+    """
+    t_us, x_m = straight_way(recording)
+    times = [t for t in recording.frame_times_us if t_us[0] <= t <= t_us[-1]]
+    if not times:
+        raise InputError(f"{recording.name}: no frames; needs images.txt and its images")
+    offsets_m = np.interp(times, t_us, x_m) - view_m
+    near = [k for k, offset_m in enumerate(offsets_m) if abs(offset_m) < 0.25]
+    camera = recording.rig.cameras[0]
+    images = [recording.frame(0, times[k]) for k in near]
+    frames = [undistorted(image, camera) for image in images if image is not None]
+    return depth_from_frames(frames, offsets_m[near], camera.fx_px)
+
+
+def samples(
+    recording: EventCameraDataset, views_m: Sequence[float], windows_s: Sequence[float], planes: int
+) -> Iterator[tuple[Sample, FrameDepth, Mapping[str, DepthMap]]]:
+    """Maps every view by every window; beside the scores come truth and depth maps."""
+    pair = SlidPair(recording, BASELINE_M)
+    t_us, x_m = straight_way(recording)
+    first_us, _ = pair.event_span_us(0)
+    for view_m in views_m:
+        truth = frame_depth_at(recording, view_m)
+        reference_s = (round(float(np.interp(view_m, x_m, t_us))) - first_us) / 1e6
+        for window_s in windows_s:
+            config = MapperConfig(
+                methods=STEREO + SINGLE, planes=planes, start_s=reference_s - window_s / 2,
+                duration_s=window_s, reference_s=reference_s, min_depth_m=DEPTH_RANGE_M[0],
+                max_depth_m=DEPTH_RANGE_M[1], max_pose_gap_s=1,
+            )  # fmt: skip
+            maps = map_window(pair, config).depth_maps
+            points = maps[BASE].points
+            scores = {name: scored(one, truth, points, view_m) for name, one in maps.items()}
+            yield Sample(view_m, window_s, scores), truth, maps
+
+
+def scored(depth_map: DepthMap, truth: FrameDepth, points: int, view_m: float) -> Scores:
+    """A method's most reliable points beside the frames' depth."""
+    mask = most_reliable(depth_map, BASELINE_M * depth_map.camera.fx_px, points)
+    relative = np.abs(depth_map.depth_m - truth.depth_m) / truth.depth_m
+    error, own = relative[mask & truth.known], depth_map.mask & truth.known
+    within = float("nan")
+    if depth_map.error_m is not None and own.any():
+        within = float(np.mean((relative * truth.depth_m <= depth_map.error_m)[own]))
+    there = len(error) > 0
+    return Scores(
+        points=int(mask.sum()),
+        with_truth=len(error),
+        median=float(np.median(error)) if there else float("nan"),
+        mean=float(error.mean()) if there else float("nan"),
+        over=float((error > OUTLIER).mean()) if there else float("nan"),
+        plane=board_residual(depth_map, mask, view_m),
+        within=within,
+    )
+
+
+def board_residual(depth_map: DepthMap, mask: NDArray[np.bool_], view_m: float) -> float:
+    """Median distance of points on the board from the plane through them, as a share of depth.
+
+    A plane in space is linear in inverse depth over the image. It is fitted to the points within
+    four of their own deviations, until those are the same.
+    """
+    camera = depth_map.camera
+    left, right, top, bottom = _BOARD_M
+    v, u = np.nonzero(mask)
+    ray_x, ray_y = (u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px
+    x_m, y_m = ray_x * _BOARD_DEPTH_M + view_m, ray_y * _BOARD_DEPTH_M
+    on = (x_m > left) & (x_m < right) & (y_m > top) & (y_m < bottom)
+    rho = 1 / depth_map.depth_m[v, u].astype(np.float64)
+    terms = np.stack([ray_x, ray_y, np.ones(len(u))], axis=1)[on]
+    return _plane_residual(terms, rho[on])
+
+
+def _plane_residual(terms: NDArray[np.float64], rho: NDArray[np.float64]) -> float:
+    used, off = np.abs(1 / rho - _BOARD_DEPTH_M) < _BOARD_REACH_M, np.full_like(rho, np.nan)
+    for _ in range(_REFITS):
+        if used.sum() < _FEWEST_ON_BOARD:
+            return float("nan")
+        plane = np.linalg.lstsq(terms[used], rho[used], rcond=None)[0]
+        off = np.abs(rho - terms @ plane)
+        before, used = used, off < max(4 * 1.4826 * float(np.median(off[used])), 4e-4)
+        if (before == used).all():
+            break
+    return float(np.median(off / rho))
+
+
+def report(found: Sequence[Sample]) -> str:
+    """Markdown: all views together, then each view and window."""
+    return "\n".join((_summary(found), _cases(found, STEREO[:3]), _cases(found, SINGLE)))
+
+
+def _summary(found: Sequence[Sample]) -> str:
+    lines = [
+        f"| Method | median / {BASE} | mean / {BASE} | over 5 % | residual of a plane % "
+        "| stated band holds % |",
+        "|---|--:|--:|--:|--:|--:|",
+    ]
+    for name in STEREO + SINGLE:
+        median, mean = (_mean_of([one.ratio(name, m) for one in found]) for m in ("median", "mean"))
+        scores = [one.scores[name] for one in found]
+        over = 100 * np.mean([one.over for one in scores])
+        plane = _range([100 * one.plane for one in scores], ".2f")
+        within = _range([100 * one.within for one in scores], ".0f")
+        lines.append(f"| `{name}` | {median:.2f} | {mean:.2f} | {over:.2f} | {plane} | {within} |")
+    return "\n".join(lines) + "\n"
+
+
+def _mean_of(ratios: Sequence[float]) -> float:
+    return float(np.exp(np.mean(np.log(ratios))))
+
+
+def _range(values: Sequence[float], digits: str) -> str:
+    known = [value for value in values if np.isfinite(value)]
+    return f"{min(known):{digits}}–{max(known):{digits}}" if known else "none stated"
+
+
+def _cases(found: Sequence[Sample], names: Sequence[str]) -> str:
+    """One line for each view and window; relative errors in per cent."""
+    base, focus, learned = names
+    heads = " | ".join(
+        f"{name} median | mean | over 5 % | plane | holds" for name in (focus, learned)
+    )
+    lines = [
+        f"| View m | window s | points | {base} median | mean | {heads} "
+        "| Learned / Focus median | mean |",
+        f"|--:|--:|{'--:|' * 15}",
+    ]
+    for one in found:
+        scores = one.scores
+        cells = [f"{one.view_m:g}", f"{one.window_s:g}", f"{scores[learned].with_truth}"]
+        cells += [f"{100 * scores[base].median:.2f}", f"{100 * scores[base].mean:.2f}"]
+        for name in (focus, learned):
+            at = scores[name]
+            cells += [f"{100 * v:.2f}" for v in (at.median, at.mean, at.over, at.plane)]
+            cells.append("–" if np.isnan(at.within) else f"{100 * at.within:.0f}")
+        cells += [f"{one.ratio(learned, m, focus):.2f}" for m in ("median", "mean")]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Maps, scores and prints; exit code 2 on bad input."""
+    parser = argparse.ArgumentParser(prog="python tests/benchmarks real_check", description=__doc__)
+    parser.add_argument("--slider", type=Path, required=True, help="folder of slider_depth")
+    parser.add_argument(
+        "--views", type=float, nargs="+", default=[*DEVELOPMENT_M, *HELD_OUT_M],
+        help="places of the reference view on the slider's way, m",
+    )  # fmt: skip
+    parser.add_argument("--windows", type=float, nargs="+", default=list(WINDOWS_S), help="s")
+    parser.add_argument("--planes", type=int, default=MapperConfig().planes)
+    parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
+    parser.add_argument("--mark", default="real", help="name of that part")
+    parser.add_argument("--picture", type=Path, help="draws the last view and window")
+    chosen = parser.parse_args(arguments)
+    with exit_code() as code:
+        recording = open_recording(chosen.slider)
+        if not isinstance(recording, EventCameraDataset):
+            raise InputError(f"{chosen.slider}: needs slider_depth of the Event Camera Dataset")
+        found = list(samples(recording, chosen.views, chosen.windows, chosen.planes))
+        show(report([one for one, _, _ in found]), chosen.page, chosen.mark)
+        if chosen.picture is not None:
+            _, truth, maps = found[-1]
+            draw(truth, [maps[name] for name in STEREO[:3]], BASELINE_M, chosen.picture)
+    return code.value
+
+
+if __name__ == "__main__":
+    sys.exit(main())
