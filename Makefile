@@ -120,10 +120,10 @@ measurements: setup studies
 	$(BIN)/eventsweep train --out out/trained
 	$(BIN)/python tests/benchmarks calibrate_confidence --sequences out/trained/sequences \
 		--page docs/learned.md
-	$(BIN)/python tests/benchmarks study_learned --page docs/learned.md
-	$(BIN)/python tests/benchmarks study_learned --sets noisy --page docs/learned.md --mark learned-noisy
-	$(BIN)/python tests/benchmarks study_learned --sets other --page docs/learned.md --mark learned-other
-	$(BIN)/python tests/benchmarks study_learned --imperfection mvsec --page docs/learned.md \
+	$(BIN)/python tests/benchmarks study_learned --tables summary --page docs/learned.md
+	$(BIN)/python tests/benchmarks study_learned --tables summary --sets noisy --page docs/learned.md --mark learned-noisy
+	$(BIN)/python tests/benchmarks study_learned --tables summary --sets other --page docs/learned.md --mark learned-other
+	$(BIN)/python tests/benchmarks study_learned --tables summary --imperfection mvsec --page docs/learned.md \
 		--mark learned-imperfect
 	$(BIN)/python tests/benchmarks ablate_learned --samples out/trained --page docs/learned.md
 	$(BIN)/python tests/benchmarks check_faults --out out/checks --page docs/check.md

@@ -57,7 +57,8 @@ COUNTS = {
     ),
     "rigs": ("learned.md", r"(\w+) rigs, forward", lambda: [trained("training", "rig")]),
     "scenes never seen": (
-        "learned.md", r"without the (\w+) scenes of these samples .* with the (\w+)\s+others",
+        "learned.md",
+        r"without the (\w+)\s+scenes\s+of\s+these\s+samples\s.*with\s+the\s+(\w+)\s+others",
         lambda: [len({one.case for one in UNSEEN}), len(left_in_training())],
     ),
     "what DERD-Net learns from": (

@@ -171,9 +171,10 @@ def _plane_residual(terms: NDArray[np.float64], rho: NDArray[np.float64]) -> flo
     return float(np.median(off / rho))
 
 
-def report(found: Sequence[Sample]) -> str:
-    """Markdown: all views together, then each view and window."""
-    return "\n".join((_summary(found), _cases(found, STEREO[:3]), _cases(found, SINGLE)))
+def report(found: Sequence[Sample], *, cases: bool = True) -> str:
+    """Markdown: all views together, then with `cases` each view and window."""
+    each = (_cases(found, STEREO[:3]), _cases(found, SINGLE)) if cases else ()
+    return "\n".join((_summary(found), *each))
 
 
 def _summary(found: Sequence[Sample]) -> str:
@@ -235,6 +236,7 @@ def main(arguments: list[str] | None = None) -> int:
     )  # fmt: skip
     parser.add_argument("--windows", type=float, nargs="+", default=list(WINDOWS_S), help="s")
     parser.add_argument("--planes", type=int, default=MapperConfig().planes)
+    parser.add_argument("--cases", action="store_true", help="also a line for each view and window")
     parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
     parser.add_argument("--mark", default="real", help="name of that part")
     parser.add_argument("--picture", type=Path, help="draws the last view and window")
@@ -244,7 +246,8 @@ def main(arguments: list[str] | None = None) -> int:
         if not isinstance(recording, EventCameraDataset):
             raise InputError(f"{chosen.slider}: needs slider_depth of the Event Camera Dataset")
         found = list(samples(recording, chosen.views, chosen.windows, chosen.planes))
-        show(report([one for one, _, _ in found]), chosen.page, chosen.mark)
+        text = report([one for one, _, _ in found], cases=chosen.cases)
+        show(text, chosen.page, chosen.mark)
         if chosen.picture is not None:
             _, truth, maps = found[-1]
             draw(truth, [maps[name] for name in STEREO[:3]], BASELINE_M, chosen.picture)
