@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field
 
 from eventsweep.emvs.parameters import ParameterGroup
 
-PresetName = Literal["ideal", "davis240", "davis346", "gen4"]
+PresetName = Literal["ideal", "davis240", "davis346", "gen4", "low-light"]
 
 _Level = Annotated[float, Field(ge=0)] | None
 _Share = Annotated[float, Field(ge=0, le=1)] | None
@@ -27,6 +27,9 @@ class SensorConfig(FiniteGroup):
     preset: PresetName = "ideal"
     """Named sensor, whose values other settings override; it also sets thresholds not given."""
 
+    lens_blur_px: _Level = None
+    """Standard deviation of the lens's Gaussian point spread function, px; acts on light."""
+
     threshold_sigma: _Level = None
     """Standard deviation of every pixel's own C+ and C-, natural logarithm; drawn once."""
 
@@ -40,7 +43,10 @@ class SensorConfig(FiniteGroup):
     """Intensity below which the dark current keeps cut-off and latency constant."""
 
     leak_rate_hz: _Level = None
-    """Leak events of a pixel in constant light, Hz."""
+    """Leak events of a pixel in the dark, Hz."""
+
+    leak_light_hz: _Level = None
+    """Additional leak events at full-scale intensity, Hz; in proportion to intensity."""
 
     leak_jitter: Annotated[float, Field(ge=0, le=0.5)] | None = None
     """Standard deviation of the time between leak events, relative to its mean."""
@@ -50,6 +56,14 @@ class SensorConfig(FiniteGroup):
 
     shot_rate_bright_hz: _Level = None
     """Shot noise events of a pixel at full-scale intensity and above, Hz; linear in between."""
+
+    shot_pair_rate_hz: _Level = None
+    """Inverse of the mean time after which a shot noise event is followed by its opposite, Hz; 0:
+    single events."""
+
+    noise_spread_decades: _Level = None
+    """Standard deviation over the pixels of the decimal logarithm of leak and shot rates; the rates
+    above are the median pixel's. Drawn once."""
 
     hot_pixel_fraction: _Share = None
     """Share of the pixels that are hot; drawn once."""
@@ -86,15 +100,19 @@ class SensorConfig(FiniteGroup):
 class SensorParameters:
     """All values of a sensor; names, units and meaning as in `SensorConfig`. Defaults: ideal."""
 
+    lens_blur_px: float = 0.0
     threshold_sigma: float = 0.0
     bandwidth_hz: float = 0.0
     bandwidth_order: int = 1
     # v2e adds 20 of 255 grey levels.
     dark_level: float = 20 / 255
     leak_rate_hz: float = 0.0
+    leak_light_hz: float = 0.0
     leak_jitter: float = 0.1
     shot_rate_dark_hz: float = 0.0
     shot_rate_bright_hz: float = 0.0
+    shot_pair_rate_hz: float = 0.0
+    noise_spread_decades: float = 0.0
     hot_pixel_fraction: float = 0.0
     hot_pixel_rate_hz: float = 0.0
     latency_us: float = 0.0
@@ -106,14 +124,20 @@ class SensorParameters:
 
     @property
     def ideal_pixels(self) -> bool:
-        """Whether the pixels are ESIM's: no mismatch, no noise, no limit of bandwidth."""
+        """Whether the pixels are ESIM's: no blur, mismatch or noise, no limit of bandwidth."""
         return not (
-            self.threshold_sigma
+            self.lens_blur_px
+            or self.threshold_sigma
             or self.bandwidth_hz
-            or self.leak_rate_hz
+            or self.leaks
             or max(self.shot_rate_dark_hz, self.shot_rate_bright_hz)
             or self.hot_pixel_fraction * self.hot_pixel_rate_hz
         )
+
+    @property
+    def leaks(self) -> bool:
+        """Whether references fall by themselves, in the dark or in light."""
+        return bool(self.leak_rate_hz or self.leak_light_hz)
 
     @property
     def ideal_readout(self) -> bool:
@@ -154,6 +178,10 @@ _GEN4 = SensorParameters(
     hot_pixel_rate_hz=50.0, latency_us=20.0, latency_jitter=0.3,
     readout_events_per_s=1.066e9, readout_queue_events=65536,
 )  # fmt: skip
+_LOW_LIGHT = SensorParameters(
+    threshold_sigma=0.05, bandwidth_hz=30.0, leak_rate_hz=0.1, leak_jitter=0.1,
+    shot_rate_dark_hz=5.0, shot_rate_bright_hz=1.25, noise_spread_decades=0.1,
+)  # fmt: skip
 
 PRESETS: dict[PresetName, Preset] = {
     "ideal": Preset("ESIM's pixels: no noise, no mismatch, no latency", SensorParameters(), {}),
@@ -171,5 +199,10 @@ PRESETS: dict[PresetName, Preset] = {
         "Prophesee Gen 4: less noise, more bandwidth, 1.066e9 events/s",
         _GEN4,
         _thresholds(0.2, 0.2, 100),
+    ),
+    "low-light": Preset(
+        "a DAVIS in dim light: 30 Hz of bandwidth, 5 Hz of noise (v2e's `noisy`)",
+        _LOW_LIGHT,
+        _thresholds(0.2, 0.2, 10_000),
     ),
 }
