@@ -1,7 +1,8 @@
 """One camera's sensor: frames in, labelled events out, with everything that is wrong with it.
 
 The chain, in this order: lens (blur), photoreceptor (bandwidth), leak and comparator (mismatch),
-shot noise and hot pixels, refractory period, latency, row arbiter, clock. The page `sensor` has the sources.
+shot noise and hot pixels, refractory period, latency, row arbiter, clock. The page `sensor` has the
+sources.
 """
 
 from __future__ import annotations
