@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
+from eventsweep.emvs.errors import InputError, said
 from eventsweep.emvs.parameters import ParameterGroup
 
 PresetName = Literal["ideal", "davis240", "davis346", "gen4", "low-light"]
@@ -24,8 +26,9 @@ class FiniteGroup(ParameterGroup):
 class SensorConfig(FiniteGroup):
     """Imperfections of the sensor; what is None is taken from the preset, 0 switches it off."""
 
-    preset: PresetName = "ideal"
-    """Named sensor, whose values other settings override; it also sets thresholds not given."""
+    preset: PresetName | Path = "ideal"
+    """Named sensor, or a file sensor.toml that `eventsweep fit` wrote; other settings override its
+    values, and it also sets thresholds not given."""
 
     lens_blur_px: _Level = None
     """Standard deviation of the lens's Gaussian point spread function, px; acts on light."""
@@ -90,10 +93,18 @@ class SensorConfig(FiniteGroup):
     """Time stamps are multiples of this, rounded down, µs."""
 
     def resolved(self) -> SensorParameters:
-        """The preset's parameters with the given ones in their place."""
+        """The preset's parameters with the given ones in their place.
+
+        Raises:
+            InputError: a preset's file that cannot be read.
+        """
         given = {f.name: getattr(self, f.name) for f in fields(SensorParameters)}
         given = {name: value for name, value in given.items() if value is not None}
-        return replace(PRESETS[self.preset].parameters, **given)
+        return replace(find_preset(self.preset).parameters, **given)
+
+    def expanded(self) -> SensorConfig:
+        """The same without a file: its values stand here, so that a result says all of them."""
+        return SensorConfig(**asdict(self.resolved()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,3 +217,51 @@ PRESETS: dict[PresetName, Preset] = {
         _thresholds(0.2, 0.2, 10_000),
     ),
 }
+
+
+class SensorFile(FiniteGroup):
+    """What a file sensor.toml may hold: thresholds, and a table of imperfections."""
+
+    contrast_threshold_pos: Annotated[float, Field(ge=1e-6)] | None = None
+    contrast_threshold_neg: Annotated[float, Field(ge=1e-6)] | None = None
+    refractory_period_us: Annotated[int, Field(ge=0)] | None = None
+    sensor: SensorConfig = SensorConfig()
+
+
+def find_preset(name: PresetName | Path) -> Preset:
+    """A preset by its name, or from a file.
+
+    Raises:
+        InputError: a file that is missing, too large, no TOML, or holds something else.
+    """
+    return read_preset(name) if isinstance(name, Path) else PRESETS[name]
+
+
+def read_preset(path: Path) -> Preset:
+    """The sensor of a file sensor.toml.
+
+    Raises:
+        InputError: as `find_preset`.
+    """
+    import tomllib
+
+    from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, read_text
+
+    try:
+        table = tomllib.loads(read_text(path, SETTINGS_BYTES, "utf-8"))
+    except (OSError, ValueError) as error:
+        names = ", ".join(PRESETS)
+        raise InputError(
+            f"sensor preset {path}: neither one of {names} nor a readable TOML file ({said(error)})"
+        ) from error
+    try:
+        file = SensorFile.model_validate(table)
+        if isinstance(file.sensor.preset, Path):
+            raise InputError("names another file as its preset; write the values themselves")
+    except InputError as error:
+        raise InputError(f"sensor preset {path}: {error}") from error
+    thresholds = PRESETS[file.sensor.preset].thresholds | {
+        name: value for name in SensorFile.model_fields
+        if name != "sensor" and (value := getattr(file, name)) is not None
+    }  # fmt: skip
+    return Preset(f"from {path.name}", file.sensor.resolved(), thresholds)

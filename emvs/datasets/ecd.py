@@ -67,6 +67,11 @@ class EventCameraDataset:
         name = min(self._frames, key=lambda entry: abs(entry[0] - t_us))[1]
         return read_grey(self.path / name)
 
+    def frame_times_us(self, camera: int) -> NDArray[np.int64]:
+        """(T,) times of the frames of `images.txt`, µs, in order; none where there are none."""
+        del camera
+        return np.array(sorted(t_us for t_us, _ in self._frames), np.int64)
+
     def _events(self, camera: int) -> SortedText:
         if camera != 0:
             raise InputError(f"{self.path}: no camera {camera}, there is only camera 0")

@@ -15,6 +15,8 @@ REPLACE = {
     "map",
     "convert",
     "events",
+    "fit",
+    "realism",
     "submission make",
     "suite",
     "gate",
