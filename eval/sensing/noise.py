@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.eval.sensing.estimates import Estimate, half_width, refused, resampled
-from eventsweep.eval.sensing.pixel_events import PixelEvents
+from eventsweep.eval.sensing.pixel_events import HOT_RATIO, PixelEvents
 
 _FEW, _RANK = 30, 5
 # Frames may lead one to expect this share of what is seen in quiet places, at most.
 _SCENE_SHARE = 0.25
 # Shares of the value by which the development sensors were off beyond their scatter.
 SYSTEMATIC = {
-    "refractory": 0.03, "noise": 0.12, "noise without frames": 0.3, "spread": 0.1,
+    "refractory": 0.04, "noise": 0.12, "noise without frames": 0.3, "spread": 0.1,
 }  # fmt: skip
 Floats = NDArray[np.float64]
 
@@ -141,16 +141,25 @@ def _spread(pixels: PixelEvents, own: Floats) -> Estimate:
 
 
 def hot_estimates(pixels: PixelEvents) -> list[Estimate]:
-    """How many pixels are hot, and how much they send."""
+    """How many pixels are hot, and how much they send, where hot pixels would stand out.
+
+    Before a moving scene only the hottest do: their number is then a lower bound, and refused.
+    """
     hot, number = pixels.hot, pixels.counts.size
-    count = int(hot.sum())
-    share = Estimate(
-        "hot_pixel_fraction", "", count / number, 1.96 * float(np.sqrt(count + 1)) / number
-    )
+    names, count = ("hot_pixel_fraction", "hot_pixel_rate_hz"), int(hot.sum())
+    busy_hz = float(np.quantile(pixels.counts, 0.9)) / pixels.seconds
+    seen_hz = HOT_RATIO * busy_hz
+    hidden = f"pixels under {seen_hz:.3g} Hz would not stand out from the scene"
     if not count:
-        return [share, refused("hot_pixel_rate_hz", "Hz", "no pixel is hot")]
+        why = f"no pixel is hot; {hidden}"
+        return [refused(names[0], "", why), refused(names[1], "Hz", why)]
     rates = pixels.counts[hot] / pixels.seconds
-    width = 1.96 * float(np.std(rates)) / np.sqrt(count) + 1.96 * float(
-        np.sqrt(rates.mean() / pixels.seconds / count)
-    )
-    return [share, Estimate("hot_pixel_rate_hz", "Hz", float(rates.mean()), float(width))]
+    if rates.mean() < 2 * seen_hz:
+        why = f"{count} pixels are, and {hidden}"
+        return [refused(names[0], "", why), refused(names[1], "Hz", why)]
+    share_width = 1.96 * float(np.sqrt(count + 1)) / number
+    chance = float(np.sqrt(rates.var() / count + rates.mean() / pixels.seconds / count))
+    return [
+        Estimate(names[0], "", count / number, share_width),
+        Estimate(names[1], "Hz", float(rates.mean()), 1.96 * chance),
+    ]

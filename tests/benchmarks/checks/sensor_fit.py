@@ -1,9 +1,9 @@
 """Do fitted sensors have the parameters that they were simulated with? Writes a table to the docs.
 
 Sensors are drawn by a seed, recorded on three scenes with frames beside, and fitted. Numbers were
-chosen on seeds below 100; those from 100 on are for one run at the end.
+chosen on seeds below 200; those from 200 on are for one run at the end.
 
-    python tests/benchmarks sensor_fit --first 100 --count 12 --table
+    python tests/benchmarks sensor_fit --first 200 --count 6 --table
 """
 
 from __future__ import annotations
