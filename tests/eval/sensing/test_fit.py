@@ -50,6 +50,7 @@ def test_light_that_fades_in_the_frames_is_a_larger_threshold_and_nothing_else(m
     assert fit["contrast_threshold_neg"].value == pytest.approx(0.125, rel=0.02)
 
 
+@pytest.mark.slow
 def test_noise_of_a_still_scene_is_recovered():
     sensor = {
         "shot_rate_dark_hz": 1.0, "shot_rate_bright_hz": 1.0, "leak_rate_hz": 0.5,

@@ -71,6 +71,7 @@ def noise(seed, rate_hz, on_share=0.5, shape=(60, 80)):
     return portrait(f"noise {seed}", events, shape, (0, 2_000_000))
 
 
+@pytest.mark.slow
 def test_two_streams_of_one_kind_and_of_two_kinds():
     alike = compared(noise(0, 10), noise(1, 10))
     assert alike.auc == pytest.approx(0.5, abs=0.12)
