@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from eventsweep.emvs.errors import InputError, shown
 from eventsweep.emvs.parameters import RUNS_CODE, ParameterGroup
-from eventsweep.sim.sensor_presets import PRESETS, FiniteGroup, SensorConfig
+from eventsweep.sim.sensor_presets import FiniteGroup, SensorConfig, find_preset
 
 TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
 """Ground truth on request, see the page `truth`."""
@@ -237,10 +237,12 @@ class PixelConfig(FiniteGroup):
 
     @model_validator(mode="after")
     def _thresholds_of_preset(self) -> PixelConfig:
-        for name, value in PRESETS[self.sensor.preset].thresholds.items():
+        for name, value in find_preset(self.sensor.preset).thresholds.items():
             if name not in self.model_fields_set:
                 # Not marked as set: a file's own value still beats a flag's preset.
                 self.__dict__[name] = value
+        if isinstance(self.sensor.preset, Path):
+            self.__dict__["sensor"] = self.sensor.expanded()
         return self
 
 

@@ -223,7 +223,8 @@ def _run(
     committed_s = time.monotonic()
     with ThreadPoolExecutor(len(job.rig)) as pool:
         cameras = Cameras(job, pool, state)
-        frame_camera = FrameCamera(job.config.frames, job.duration_us, state)
+        blur_px = job.config.sensor.resolved().lens_blur_px
+        frame_camera = FrameCamera(job.config.frames, job.duration_us, state, blur_px)
         for frame in frames:
             done += _write_events(folder.writer, cameras.collect())
             cameras.take(frame)

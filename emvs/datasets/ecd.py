@@ -67,10 +67,10 @@ class EventCameraDataset:
         name = min(self._frames, key=lambda entry: abs(entry[0] - t_us))[1]
         return read_grey(self.path / name)
 
-    @property
-    def frame_times_us(self) -> tuple[int, ...]:
-        """Times of the frames, µs; none where there are no frames."""
-        return tuple(t_us for t_us, _ in self._frames)
+    def frame_times_us(self, camera: int) -> NDArray[np.int64]:
+        """(T,) times of the frames of `images.txt`, µs, in order; none where there are none."""
+        del camera
+        return np.array(sorted(t_us for t_us, _ in self._frames), np.int64)
 
     def _events(self, camera: int) -> SortedText:
         if camera != 0:

@@ -16,9 +16,9 @@ from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.cli.help import refusal
 
 VERBS = (
-    "archive", "calibrate", "check", "compare", "completion", "convert", "events", "fuse", "gate",
-    "info", "list", "map", "ranking", "report", "run", "score", "simulate", "study", "submission",
-    "suite", "train",
+    "archive", "calibrate", "check", "compare", "completion", "convert", "events", "fit", "fuse",
+    "gate", "info", "list", "map", "ranking", "realism", "report", "run", "score", "simulate",
+    "study", "submission", "suite", "train",
 )  # fmt: skip
 for _verb in VERBS:  # importing its module registers a verb
     import_module(f"eventsweep.eval.cli.verbs.{_verb}")

@@ -179,6 +179,19 @@ def log_intensity(
     """(P,) logarithm of a frame (H, W) plus `log_eps`.
 
     Raises:
+        InputError: what `check_intensity` refuses.
+    """
+    check_intensity(intensity, shape)
+    log: NDArray[np.float32] = (
+        intensity.astype(np.float32, copy=False) + np.float32(log_eps)
+    ).ravel()
+    return np.log(log, out=log)
+
+
+def check_intensity(intensity: NDArray[np.float32], shape: tuple[int, int]) -> None:
+    """Refuses what is no picture of linear light.
+
+    Raises:
         InputError: another shape, or values that are negative or not finite.
     """
     check_array("intensity", intensity, f"an array {shape} of numbers")
@@ -189,10 +202,6 @@ def log_intensity(
         raise InputError(
             f"intensities from {low} to {high}: need finite values of at least 0, full scale 1"
         )
-    log: NDArray[np.float32] = (
-        intensity.astype(np.float32, copy=False) + np.float32(log_eps)
-    ).ravel()
-    return np.log(log, out=log)
 
 
 def time_order(offset_us: NDArray[np.int64], step_us: int) -> NDArray[np.int64]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.image_stores import Photo
 from eventsweep.emvs.errors import InputError
 from eventsweep.sim.config import FramesConfig, ShutterConfig
+from eventsweep.sim.sensor.lens_blur import blurred
 
 DENSE_PX = 0.5
 """Pictures this far apart, at most, are taken for linear in time, px."""
@@ -100,14 +101,17 @@ def exposure_spans_us(frames: FramesConfig, duration_us: int) -> list[tuple[int,
 
 
 class FrameCamera:
-    """One ordinary camera in the place of each event camera.
+    """One ordinary camera in the place of each event camera, behind the same lens.
 
-    `state` says where another camera of the same arguments stopped.
+    `state` says where another camera of the same arguments stopped; `lens_blur_px` is the lens's,
+    see `sim.sensor.lens_blur`.
     """
 
     def __init__(
-        self, frames: FramesConfig, duration_us: int, state: Mapping[str, NDArray[Any]] | None
-    ) -> None:
+        self, frames: FramesConfig, duration_us: int, state: Mapping[str, NDArray[Any]] | None,
+        lens_blur_px: float = 0.0,
+    ) -> None:  # fmt: skip
+        self._lens_blur_px = lens_blur_px
         self._frames, self._spans_us = frames, exposure_spans_us(frames, duration_us)
         self._next = 0
         self._open: list[Exposure] = []
@@ -167,7 +171,7 @@ class FrameCamera:
         return self._open
 
     def _developed(self, exposing: Exposure) -> Photo:
-        light = exposing.light()
+        light = blurred(exposing.light(), self._lens_blur_px)
         shutter = auto_shutter(light, self._frames)
         image = develop(light, shutter)
         return Photo(exposing.start_us, exposing.end_us, shutter.gain, image)

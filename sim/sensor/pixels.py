@@ -42,6 +42,15 @@ class Batch:
         byte = np.empty(0, np.uint8)
         return cls(np.empty(0, np.int32), np.empty(0, np.int64), byte, byte)
 
+    @classmethod
+    def from_columns(cls, columns: Mapping[str, NDArray[Any]]) -> Batch:
+        """A copy of what `columns` gave."""
+        return cls(*(columns[f.name].copy() for f in fields(cls)))
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """The arrays by name, for states."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
     def __len__(self) -> int:
         return len(self.t_us)
 
@@ -65,6 +74,16 @@ class Batch:
         return self.take(time_order(offset_us, int(offset_us.max())))
 
 
+def rate_factors(
+    number: int, parameters: SensorParameters, randomness: Randomness
+) -> NDArray[np.float64]:
+    """(P,) how many times the median pixel's noise each pixel has, log-normal, after v2e."""
+    if not parameters.noise_spread_decades:
+        return np.ones(number)
+    normal = randomness.at(Use.NOISE_SPREAD).standard_normal(number)
+    return np.asarray(10.0 ** (parameters.noise_spread_decades * normal))
+
+
 class Pixels:
     """Photoreceptor, leak and comparator of every pixel (H, W) of one camera."""
 
@@ -86,6 +105,7 @@ class Pixels:
         self.c_pos, self.c_neg = self._drawn_thresholds(thresholds, number)
         key = randomness.at(Use.LEAK).integers(2**64, dtype=np.uint64)
         self._leak_key = np.uint64(key)
+        self._factors = rate_factors(number, parameters, randomness)
         self._allocate(number)
 
     def start(self, intensity: NDArray[np.float32]) -> None:
@@ -99,7 +119,7 @@ class Pixels:
         number = self._log.size
         self._leaked, self._leaked_last = np.zeros(number), np.zeros(number)
         self._speed = np.zeros(number)
-        if self._parameters.leak_rate_hz:
+        if self._parameters.leaks:
             self._start_leak()
 
     def step(self, intensity: NDArray[np.float32], before_us: int, t_us: int) -> Batch:
@@ -108,14 +128,14 @@ class Pixels:
         frame = np.array(intensity, np.float32).ravel()
         step_us = t_us - before_us
         self._respond(log, frame, step_us)
-        self._leak_on(step_us)
+        self._leak_on(frame, step_us)
         now = (self._light_now, self._leaked_now)
         fixed = self.c_pos, self.c_neg, self._reference
         n = kernels.find(*now, *fixed, self._memory, self._fired, self._crossings)
         events = self._emit(n, before_us, step_us) if n else Batch.empty()
         self.frame_before, self._log, self._frame = self._frame, log, frame
         self._light, self._light_now = self._light_now, self._light
-        if self._parameters.leak_rate_hz:
+        if self._parameters.leaks:
             self._leaked, self._leaked_now = self._leaked_now, self._leaked
         return events
 
@@ -149,9 +169,9 @@ class Pixels:
         """Pixels have been on for long: they are anywhere on their way to the next leak event."""
         number = self._log.size
         self._leaked = self._randomness.at(Use.LEAK).random((2, number))[1]
-        rate_hz, jitter = self._parameters.leak_rate_hz, self._parameters.leak_jitter
         self._leaked_last = self._leaked.copy()
-        kernels.leak_speeds(self._leak_key, rate_hz, jitter, self._speed)
+        jitter = self._parameters.leak_jitter
+        kernels.leak_speeds(self._leak_key, self._leak_base_hz, jitter, self._speed)
 
     def _respond(self, log: NDArray[np.float32], frame: NDArray[np.float32], step_us: int) -> None:
         p = self._parameters
@@ -163,12 +183,24 @@ class Pixels:
             p.dark_level, p.bandwidth_order, self._inner, self._light, self._light_now,
         )  # fmt: skip
 
-    def _leak_on(self, step_us: int) -> None:
+    @property
+    def _leak_base_hz(self) -> float:
+        """The rate that `_pace` counts in."""
+        return self._parameters.leak_rate_hz or self._parameters.leak_light_hz
+
+    def _pace(self, frame: NDArray[np.float32]) -> NDArray[np.float64]:
+        """(P,) leak of each pixel in the interval that ends with a frame, over the base rate."""
         p = self._parameters
-        if p.leak_rate_hz:
+        if not p.leak_light_hz:
+            return self._factors
+        light = 0.5 * (self._frame.astype(np.float64) + frame)
+        return self._factors * (p.leak_rate_hz + p.leak_light_hz * light) / self._leak_base_hz
+
+    def _leak_on(self, frame: NDArray[np.float32], step_us: int) -> None:
+        if self._parameters.leaks:
             kernels.leak(
-                self._leak_key, p.leak_rate_hz, p.leak_jitter, step_us * 1e-6,
-                self._speed, self._leaked, self._leaked_now,
+                self._leak_key, self._leak_base_hz, self._parameters.leak_jitter, step_us * 1e-6,
+                self._pace(frame), self._speed, self._leaked, self._leaked_now,
             )  # fmt: skip
 
     def _emit(self, n: int, before_us: int, step_us: int) -> Batch:

@@ -65,6 +65,7 @@ def leak(
     rate_hz: float,
     jitter: float,
     step_s: float,
+    pace: NDArray[np.float64],
     speed: NDArray[np.float64],
     before: NDArray[np.float64],
     now: NDArray[np.float64],
@@ -76,12 +77,13 @@ def leak(
         rate_hz: mean leak events per second.
         jitter: standard deviation of the time for one threshold, share of its mean.
         step_s: interval, s.
+        pace: (P,) how many times faster than that each pixel leaks: by its light, and by itself.
         speed: in and out, (P,) present speed, thresholds per second.
         before: (P,) thresholds leaked at the interval's start.
         now: out, (P,) at its end.
     """
     for k in range(len(now)):
-        leaked, left_s = before[k], step_s
+        leaked, left_s = before[k], step_s * pace[k]
         after = leaked + left_s * speed[k]
         slot = math.floor(leaked)
         while after >= slot + 1:

@@ -18,6 +18,7 @@ class Use(IntEnum):
     SHOT_EVENTS = 3
     HOT_EVENTS = 4
     LATENCY = 5
+    NOISE_SPREAD = 6
 
 
 class Randomness:

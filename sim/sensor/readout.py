@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -53,12 +52,12 @@ class Latency:
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything that later events depend on."""
-        return {"last_us": self._last_us.copy(), **_columns(self._pending)}
+        return {"last_us": self._last_us.copy(), **self._pending.columns()}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Goes on from `state`."""
         self._last_us = state["last_us"].copy()
-        self._pending = _from_columns(state)
+        self._pending = Batch.from_columns(state)
 
 
 class Arbiter:
@@ -95,20 +94,12 @@ class Arbiter:
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything that later events depend on."""
-        return {"free_us": np.array(self._free_us), **_columns(self._waiting)}
+        return {"free_us": np.array(self._free_us), **self._waiting.columns()}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Goes on from `state`."""
-        self._free_us, self._waiting = float(state["free_us"]), _from_columns(state)
+        self._free_us, self._waiting = float(state["free_us"]), Batch.from_columns(state)
 
 
 def _period_us(rate_hz: float) -> float:
     return 1e6 / rate_hz if rate_hz else 0.0
-
-
-def _columns(batch: Batch) -> dict[str, NDArray[Any]]:
-    return {f.name: getattr(batch, f.name) for f in fields(batch)}
-
-
-def _from_columns(state: Mapping[str, NDArray[Any]]) -> Batch:
-    return Batch(*(state[f.name].copy() for f in fields(Batch)))

@@ -1,7 +1,8 @@
 """One camera's sensor: frames in, labelled events out, with everything that is wrong with it.
 
-The chain, in this order: photoreceptor (bandwidth), leak and comparator (mismatch), shot noise and
-hot pixels, refractory period, latency, row arbiter, clock. The page `sensor` has the sources.
+The chain, in this order: lens (blur), photoreceptor (bandwidth), leak and comparator (mismatch),
+shot noise and hot pixels, refractory period, latency, row arbiter, clock. The page `sensor` has the
+sources.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.sim.compensation.interval import Passage
 from eventsweep.sim.config import PixelConfig
 from eventsweep.sim.sensor import pixels_kernels
-from eventsweep.sim.sensor.esim import NEVER_US, EventSimulator, time_before
+from eventsweep.sim.sensor.esim import NEVER_US, EventSimulator, check_intensity, time_before
 from eventsweep.sim.sensor.frame_camera import DENSE_PX
 from eventsweep.sim.sensor.labels import Drop, Label, LabelledEvents, count_names
+from eventsweep.sim.sensor.lens_blur import blurred
 from eventsweep.sim.sensor.noise import Noise
 from eventsweep.sim.sensor.pixels import Batch, Pixels
 from eventsweep.sim.sensor.random_streams import Randomness
@@ -136,7 +138,7 @@ class _FullChain:
     def __init__(self, shape: tuple[int, int], config: PixelConfig, randomness: Randomness) -> None:
         p, number = config.sensor.resolved(), shape[0] * shape[1]
         thresholds = config.contrast_threshold_pos, config.contrast_threshold_neg
-        self._parameters, self._width_px = p, shape[1]
+        self._parameters, self._shape = p, shape
         self._refractory_us = config.refractory_period_us
         self._pixels = Pixels(shape, thresholds, config.log_eps, p, randomness)
         self._noise = Noise(number, p, randomness)
@@ -146,14 +148,14 @@ class _FullChain:
         self._t_us = NEVER_US
 
     def start(self, intensity: NDArray[np.float32], t_us: int) -> None:
-        self._pixels.start(intensity)
+        self._pixels.start(self._seen(intensity))
         self._t_us = t_us
 
     def step(
         self, intensity: NDArray[np.float32], t_us: int
     ) -> tuple[LabelledEvents, NDArray[np.int64]]:
         before_us, dropped = self._t_us, np.zeros(len(Drop), np.int64)
-        events = self._pixels.step(intensity, before_us, t_us)
+        events = self._pixels.step(self._seen(intensity), before_us, t_us)
         light = self._pixels.frame_before, self._pixels.frame
         noise = self._noise.step(*light, before_us, t_us)
         events = events.joined(noise).in_time_order()
@@ -166,7 +168,7 @@ class _FullChain:
         return self._labelled(events), dropped
 
     def discard(self) -> int:
-        return self._latency.discard() + self._arbiter.discard()
+        return self._noise.discard() + self._latency.discard() + self._arbiter.discard()
 
     def state(self) -> State:
         head = {"t_us": np.array(self._t_us), "last_us": self._last_us.copy()}
@@ -180,8 +182,18 @@ class _FullChain:
             part.restore(part_of(state, name))
 
     @property
-    def _parts(self) -> dict[str, Pixels | Latency | Arbiter]:
-        return {"pixels": self._pixels, "latency": self._latency, "arbiter": self._arbiter}
+    def _parts(self) -> dict[str, Pixels | Noise | Latency | Arbiter]:
+        return {
+            "pixels": self._pixels, "noise": self._noise,
+            "latency": self._latency, "arbiter": self._arbiter,
+        }  # fmt: skip
+
+    def _seen(self, intensity: NDArray[np.float32]) -> NDArray[np.float32]:
+        """What the lens leaves of a picture; blur must not hide what is no light."""
+        if self._parameters.lens_blur_px:
+            check_intensity(intensity, self._shape)
+            intensity = intensity.astype(np.float32, copy=False)
+        return blurred(intensity, self._parameters.lens_blur_px)
 
     def _awake(self, events: Batch) -> tuple[Batch, int]:
         if not (self._refractory_us and len(events)):
@@ -191,7 +203,7 @@ class _FullChain:
         return events.take(kept), int(len(kept) - np.count_nonzero(kept))
 
     def _labelled(self, events: Batch) -> LabelledEvents:
-        y, x = np.divmod(events.pixel, np.int32(self._width_px))
+        y, x = np.divmod(events.pixel, np.int32(self._shape[1]))
         clock_us = self._parameters.timestamp_resolution_us
         t_us = events.t_us if clock_us == 1 else events.t_us // clock_us * clock_us
         columns = Events(x.astype(np.uint16), y.astype(np.uint16), t_us, events.p)

@@ -88,7 +88,7 @@ def frame_depth_at(recording: EventCameraDataset, view_m: float) -> FrameDepth:
         InputError: no frames on both sides of it.
     """
     t_us, x_m = straight_way(recording)
-    times = [t for t in recording.frame_times_us if t_us[0] <= t <= t_us[-1]]
+    times = [int(t) for t in recording.frame_times_us(0) if t_us[0] <= t <= t_us[-1]]
     if not times:
         raise InputError(f"{recording.name}: no frames; needs images.txt and its images")
     offsets_m = np.interp(times, t_us, x_m) - view_m

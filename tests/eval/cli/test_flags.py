@@ -16,6 +16,8 @@ REPLACE = {
     "map",
     "convert",
     "events",
+    "fit",
+    "realism",
     "submission make",
     "suite",
     "gate",

@@ -22,6 +22,7 @@ from eventsweep.sim.sensor.frame_camera import (
     develop,
     exposure_spans_us,
 )
+from eventsweep.sim.sensor.lens_blur import blurred
 from eventsweep.sim.simulate import make_job, simulate
 from exposed import captured_light, mean_light
 from noise_scene import Killed, contents, stop_at
@@ -118,6 +119,17 @@ def test_streamed_pictures_are_those_of_the_whole_light(steps_us, cut):
             scaled = [(t, factor * light) for t, light in lights]
             light = mean_light(scaled, photo.start_us, photo.end_us)
             assert np.array_equal(photo.image, develop(light, auto_shutter(light, frames)))
+
+
+def test_pictures_are_taken_through_the_sensors_lens():
+    frames = FramesConfig(rate_hz=400, exposure_us=2_500, gain=1.0)
+    light = np.random.default_rng(0).random((20, 30), np.float32)
+    sharp, blurry = (FrameCamera(frames, 10_000, None, sigma_px) for sigma_px in (0.0, 1.2))
+    for camera in (sharp, blurry):
+        camera.take(0, (light,))
+    (photo,), *_ = blurry.take(10_000, (light,))
+    assert np.array_equal(photo.image, develop(blurred(light, 1.2), ShutterConfig()))
+    assert np.array_equal(sharp.take(10_000, (light,))[0][0].image, develop(light, ShutterConfig()))
 
 
 def test_automatic_gain_meets_the_level_and_leaves_the_dark_dark():

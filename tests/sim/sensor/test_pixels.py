@@ -146,6 +146,26 @@ def test_leak_rate_and_jitter_of_intervals():
     assert gaps_us.std() == pytest.approx(0.2 * 50_000, rel=0.05)
 
 
+@pytest.mark.parametrize("dark_hz", [0.0, 5.0])
+@pytest.mark.parametrize("level", [0.0, 0.25, 1.0, 3.0])
+def test_leak_grows_in_proportion_to_light(dark_hz, level):
+    shape, times_us = (10, 12), irregular_times_us(10_000_000)
+    settings = config(leak_rate_hz=dark_hz, leak_light_hz=8.0, leak_jitter=0.1)
+    labelled, _ = run(constant(level, shape, times_us), times_us, settings)
+    rate_hz = counts_per_pixel(labelled.events, shape) / 10
+    assert rate_hz.mean() == pytest.approx(dark_hz + 8 * level, rel=0.01, abs=0.01)
+    assert set(labelled.label.tolist()) <= {Label.LEAK}
+
+
+def test_leak_in_light_that_rises_and_falls_is_that_of_its_mean():
+    shape, times_us = (10, 12), list(range(0, 10_000_001, 5000))
+    # Too faint a flicker for an event of its own: thresholds are far away.
+    frames = [np.full(shape, 0.5 + 0.4 * (k % 2), np.float32) for k in range(len(times_us))]
+    settings = config(c_pos=50, c_neg=50, leak_light_hz=10.0)
+    labelled, _ = run(frames, times_us, settings)
+    assert len(labelled) / 120 / 10 == pytest.approx(7, rel=0.01)
+
+
 def test_leak_does_not_depend_on_the_frames():
     shape, few_us = (6, 6), [0, 900_000, 1_000_000]
     many_us = list(range(0, 1_000_001, 500))

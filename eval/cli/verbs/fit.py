@@ -1,0 +1,70 @@
+"""`eventsweep fit`: what sensor made a recording."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from eventsweep.eval.cli.app import COMMON, Common, Force, app
+
+if TYPE_CHECKING:
+    from eventsweep.eval.cli.console import Part
+    from eventsweep.eval.sensing.fit import SensorFit
+
+
+@app.command
+def fit(
+    recording: Path,
+    /,
+    *,
+    out: Path,
+    camera: int = 0,
+    start_s: float | None = None,
+    duration_s: float | None = None,
+    force: Force = False,
+    common: Common = COMMON,
+) -> None:
+    """Fit the sensor model to a recording: thresholds, bandwidth, refractory period, noise.
+
+    What the recording does not determine is refused, with the reason. Thresholds and bandwidth need
+    frames beside the events.
+
+    Args:
+        recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
+        out: Folder to write: sensor.toml, for `--sim.sensor.preset`, and report.html.
+        camera: Which camera.
+        start_s: Where to begin, s after the recording's start; by default there.
+        duration_s: How long, s; by default to the end.
+    """
+    from eventsweep.emvs.datasets import open_recording
+    from eventsweep.emvs.utils.outputs import atomic_dir, check_output
+    from eventsweep.eval.sensing.fit import fit_sensor
+    from eventsweep.eval.sensing.folder import part_of, write_fit
+
+    check_output(out, force=force, inputs=(recording,))
+    console = common.console()
+    opened = open_recording(recording)
+    with console.progress.stage("fit", 1.0) as update:
+        fitted = fit_sensor(opened, camera, part_of(opened, camera, start_s, duration_s))
+        command = " ".join(["eventsweep", *sys.argv[1:]])
+        with atomic_dir(out, force=force, inputs=(recording,)) as folder:
+            write_fit(folder, fitted, opened.name, command)
+        update(1.0, f"{len(fitted.pixels):,} events")
+    console.result({"estimates": [e.facts() for e in fitted.estimates]}, _summary(fitted))
+    console.wrote(out / "report.html")
+
+
+def _summary(fitted: SensorFit) -> Iterator[Part]:
+    from eventsweep.eval.cli.console import dim, table
+
+    rows = (
+        (e.name, "refused" if e.refused else f"{e.value:.4g}",
+         "" if e.refused else f"{e.uncertainty:.2g}", e.unit)
+        for e in fitted.estimates
+    )  # fmt: skip
+    yield table("sensor", ("parameter", ">value", ">95 % ±", ">unit"), rows)
+    for estimate in fitted.estimates:
+        if estimate.refused:
+            yield dim(f"{estimate.name}: {estimate.refused}")

@@ -1,0 +1,202 @@
+"""The pages of `fit` and `realism`: tables and pictures."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from eventsweep.emvs.utils.runtime import versions
+from eventsweep.eval.figures.images import data_uri
+from eventsweep.eval.figures.laid_out import LaidOutFigure
+from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, TRUTH_COLOUR
+from eventsweep.eval.report.html import Grid, GridCell, Head, Page, Picture, Section, page_text
+from eventsweep.eval.sensing.estimates import Estimate
+from eventsweep.eval.sensing.fit import SensorFit
+from eventsweep.eval.sensing.realism import Portrait, Realism
+from eventsweep.sim.sensor.sensor import Sensor
+
+_DOTS_PER_INCH = 110
+
+
+def fit_page(fit: SensorFit, name: str, command: str, files: tuple[str, ...]) -> str:
+    """The page of a fitted sensor, as HTML."""
+    known = [estimate for estimate in fit.estimates if not estimate.refused]
+    findings = [
+        f"{len(known)} parameters determined, {len(fit.estimates) - len(known)} refused.",
+        f"{len(fit.pixels):,} events in {fit.pixels.seconds:.2f} s; {fit.on_share:.1%} of them "
+        "brighten.",
+    ]
+    if fit.effective:
+        findings.append(
+            f"The thresholds in sensor.toml, {fit.effective[0]:.3g} and {fit.effective[1]:.3g}, "
+            "are not measured: with them the frames make as many events of each polarity."
+        )
+    pictures: tuple[Picture, ...] = (
+        Picture("Intervals", _drawn(_intervals, fit), "time between two events of a pixel"),
+        Picture("Events per pixel", _drawn(_map, fit), "log10 of events per second"),
+    )
+    if fit.pairs is not None and len(fit.pairs.sample):
+        about = "change of log light between events near frames, against events"
+        pictures = (*pictures, Picture("Light and events", _drawn(_changes, fit), about))
+    section = Section(
+        "fit", "Parameters", ("fit",), (estimates_grid(fit.estimates),), pictures=pictures
+    )
+    return _page(f"sensor of {name}", findings, section, command, files)
+
+
+def realism_page(realism: Realism, command: str, files: tuple[str, ...]) -> str:
+    """The page of two recordings side by side, as HTML."""
+    real, simulated = realism.real, realism.simulated
+    findings = [
+        f"A classifier on event statistics tells them apart with an AUC of {realism.auc:.3f} "
+        "(0.5: not at all, 1: always).",
+    ]
+    heads = (Head("statistic", text=True), Head(real.name), Head(simulated.name))
+    lines = tuple(
+        (GridCell(name), *(GridCell(f"{v:.4g}", v) for v in (value, simulated.statistics[name])))
+        for name, value in real.statistics.items()
+    )
+    single = tuple((GridCell(name), GridCell(f"{v:.3f}", v)) for name, v in realism.single.items())
+    grids = (
+        Grid(heads, lines, "whole recordings"),
+        Grid(
+            (Head("statistic of a window", text=True), Head("AUC alone")), single, "one at a time"
+        ),
+    )
+    pictures = tuple(
+        Picture(title, _drawn(_distribution, real, simulated, field, label), label)
+        for title, field, label in (
+            ("Intervals", "gap_us", "time between two events of a pixel [µs]"),
+            ("Bursts", "burst", "events per burst"),
+            ("Rates", "per_pixel", "events per second of a pixel"),
+        )
+    )
+    section = Section("realism", "Side by side", ("whole", "windows"), grids, pictures=pictures)
+    return _page(f"{simulated.name} beside {real.name}", findings, section, command, files)
+
+
+def estimates_grid(estimates: tuple[Estimate, ...]) -> Grid:
+    """A line per parameter: value, uncertainty, or why it is refused."""
+    heads = (Head("parameter", text=True), Head("value"), Head("95 % ±"), Head("unit", text=True),
+             Head("result", text=True))  # fmt: skip
+    return Grid(heads, tuple(map(_line, estimates)))
+
+
+def _line(estimate: Estimate) -> tuple[GridCell, ...]:
+    refused = estimate.refused
+    return (
+        GridCell(estimate.name),
+        GridCell("–" if refused else f"{estimate.value:.4g}", estimate.value),
+        GridCell("–" if refused else f"{estimate.uncertainty:.2g}", estimate.uncertainty),
+        GridCell(estimate.unit),
+        GridCell(f"refused: {refused}" if refused else "determined",
+                 kind="worse" if refused else "better"),
+    )  # fmt: skip
+
+
+def _page(
+    title: str, findings: list[str], section: Section, command: str, files: tuple[str, ...]
+) -> str:
+    libraries = versions()
+    provenance = Grid((Head("command", text=True),), ((GridCell(command or "Python"),),))
+    return page_text(
+        Page(title, "", (section,), provenance, findings=tuple(findings),
+             version=libraries["eventsweep"], files=files)
+    )  # fmt: skip
+
+
+def _drawn(draw: Callable[..., Figure], *content: Any) -> str:
+    stream = io.BytesIO()
+    draw(*content).savefig(stream, format="png", dpi=_DOTS_PER_INCH, facecolor="white")
+    return data_uri("image/png", stream.getvalue())
+
+
+def _intervals(fit: SensorFit) -> Figure:
+    figure = LaidOutFigure(figsize=(5, 3))
+    axes = figure.subplots()
+    bins = np.geomspace(10, 1e6, 80).tolist()
+    axes.hist(
+        fit.pixels.gaps[0],
+        bins,
+        density=True,
+        histtype="step",
+        color=TRUTH_COLOUR,
+        label="recorded",
+    )
+    modelled = _modelled_gaps(fit)
+    if len(modelled):
+        axes.hist(modelled, bins, density=True, histtype="step", color=ESTIMATE_COLOUR,
+                  label="fitted sensor on the frames")  # fmt: skip
+    axes.set(xscale="log", yscale="log", xlabel="interval [µs]", ylabel="density [1/µs]")
+    axes.legend(frameon=False)
+    return figure
+
+
+def _modelled_gaps(fit: SensorFit) -> Any:
+    """Intervals of the fitted sensor that watches the recording's frames; none without."""
+    from eventsweep.emvs.data.events import Events
+    from eventsweep.eval.sensing.pixel_events import PixelEvents
+
+    frames = fit.frames
+    if frames is None:
+        return np.empty(0)
+    height, width = fit.pixels.shape
+    sensor = Sensor(0, width, height, fit.config(), 0)
+    sensor.start(frames.light[0], int(frames.t_us[0]))
+    parts = [
+        sensor.step(light, t_us).events
+        for light, t_us in zip(frames.light[1:], frames.t_us[1:].tolist(), strict=True)
+    ]
+    span_us = int(frames.t_us[0]), int(frames.t_us[-1])
+    return PixelEvents.of(Events.concat(parts), (height, width), span_us).gaps[0]
+
+
+def _map(fit: SensorFit) -> Figure:
+    figure = LaidOutFigure(figsize=(5, 3.6))
+    axes = figure.subplots()
+    shown = axes.imshow(np.log10(0.1 + fit.pixels.counts / fit.pixels.seconds), cmap="cividis")
+    y, x = np.nonzero(fit.pixels.hot)
+    axes.plot(x, y, "o", mfc="none", color=ESTIMATE_COLOUR, ms=6)
+    axes.set(xticks=[], yticks=[])
+    figure.colorbar(shown, ax=axes, shrink=0.8)
+    return figure
+
+
+def _changes(fit: SensorFit) -> Figure:
+    assert fit.pairs is not None
+    change, plus, minus = fit.pairs.sample[:: max(1, len(fit.pairs.sample) // 4000)].T
+    figure = LaidOutFigure(figsize=(5, 3.6))
+    axes = figure.subplots()
+    jitter = np.random.default_rng(0).uniform(-0.3, 0.3, len(change))
+    axes.plot(plus - minus + jitter, change, ".", ms=2, color=TRUTH_COLOUR, alpha=0.4)
+    values = fit.values()
+    net = np.array([(plus - minus).min(), 0, (plus - minus).max()])
+    slopes = (
+        values.get("contrast_threshold_neg", math.nan),
+        values.get("contrast_threshold_pos", math.nan),
+    )
+    axes.plot(net, [net[0] * slopes[0], 0, net[2] * slopes[1]], color=ESTIMATE_COLOUR)
+    axes.set(xlabel="brighter less darker events", ylabel="change of ln(light)")
+    return figure
+
+
+def _distribution(real: Portrait, simulated: Portrait, field: str, label: str) -> Figure:
+    figure = LaidOutFigure(figsize=(5, 3))
+    axes = figure.subplots()
+    both = [np.asarray(getattr(each, field), float) for each in (real, simulated)]
+    positive = np.concatenate(both)
+    positive = positive[positive > 0]
+    bins = np.geomspace(positive.min(), positive.max() * 1.01, 60).tolist()
+    for values, each, colour in zip(
+        both, (real, simulated), (TRUTH_COLOUR, ESTIMATE_COLOUR), strict=True
+    ):
+        axes.hist(values, bins, weights=np.full(len(values), 1 / len(values)), histtype="step",
+                  color=colour, label=each.name)  # fmt: skip
+    axes.set(xscale="log", yscale="log", xlabel=label, ylabel="share")
+    axes.legend(frameon=False)
+    return figure

@@ -1,0 +1,48 @@
+"""`eventsweep fit` and `realism`: what they write, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+
+import pytest
+
+from dataset_world import write_sequence
+from eventsweep.eval.cli.main import main
+from eventsweep.sim.config import SimConfig
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    return write_sequence(tmp_path_factory.mktemp("fit") / "seq", "pinhole", steps=600)
+
+
+def test_fit_writes_a_preset_that_a_simulation_takes(sequence, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["fit", str(sequence), "--out", str(out), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    names = {estimate["name"] for estimate in facts["estimates"]}
+    assert {"contrast_threshold_pos", "refractory_period_us", "shot_rate_hz"} <= names
+    assert sorted(p.name for p in out.iterdir()) == [
+        ".eventsweep.json", "fit.json", "report.html", "sensor.toml",
+    ]  # fmt: skip
+    values = tomllib.loads((out / "sensor.toml").read_text())
+    config = SimConfig(sensor={"preset": out / "sensor.toml"})
+    for name, value in values["sensor"].items():
+        assert getattr(config.sensor.resolved(), name) == value
+    assert "refused" in (out / "report.html").read_text()
+    assert main(["fit", str(sequence), "--out", str(out)]) == 2
+
+
+def test_too_short_a_recording_is_refused(sequence, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["realism", str(sequence), str(sequence), "--out", str(out)]) == 2
+    assert "take a longer recording" in capsys.readouterr().err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("flags", [["--camera", "7"], ["--start-s", "1e9"], ["--duration-s", "-1"]])
+def test_a_part_that_is_not_there_is_refused_in_one_line(sequence, tmp_path, capsys, flags):
+    assert main(["fit", str(sequence), "--out", str(tmp_path / "out"), *flags]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
