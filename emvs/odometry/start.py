@@ -1,0 +1,148 @@
+"""The first map and the first poses: static stereo, then maps on the poses that it gives.
+
+Static stereo knows no motion, so it has few points, some of them wrong. It is used from the middle
+of the first stretch of events, forwards and backwards in time; then the whole stretch is mapped on
+those poses and tracked anew, from the middle again. Nothing of the stereo map remains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.odometry.batches import Batch, Sizes
+from eventsweep.emvs.odometry.cloud import points_of
+from eventsweep.emvs.odometry.online import Arrived
+from eventsweep.emvs.odometry.registration import Fit, Motion, Prior, Registration
+from eventsweep.emvs.windows import Window
+
+Matrix = NDArray[np.float64]
+START_US = 200_000
+LEAST_POINTS = 500
+_STEREO = "SGM/ts"
+_ROUNDS = 2  # of mapping the stretch and tracking it anew
+_SPEED_M_S, _TURN_RAD_S = 1.0, 2.0  # of a head, where nothing is known yet
+_SETTLING = 3  # registrations of the first batch, whose twist nothing predicts
+_LEAST_INLIERS = 100
+
+
+def begin(
+    arrived: Arrived, batches: Sequence[Batch], registration: Registration, sizes: Sizes,
+    config: MapperConfig, prior: PriorOf, given: tuple[Motion, Matrix] | None = None,
+) -> tuple[list[Motion], list[Fit], Matrix] | str:  # fmt: skip
+    """Motions at the batches, how well each fits, and the (N, 3) points of the map.
+
+    Args:
+        arrived: events; its poses are replaced.
+        batches: those of the first stretch, times rising.
+        registration: what registers; in the end it uses the map that is returned.
+        sizes: numbers that follow from the sensor.
+        config: of the maps.
+        prior: what is believed before a registration.
+        given: a pose and the points of a map, instead of static stereo.
+
+    Returns:
+        A reason where there is no beginning yet.
+    """
+    middle = batches[len(batches) // 2]
+    try:
+        start, points = _stereo(arrived, middle, config) if given is None else given
+    except InputError as error:
+        return str(error)
+    if len(points) < LEAST_POINTS:
+        return f"the first map has {len(points)} points: needs {LEAST_POINTS}"
+    rounds = _ROUNDS + 1 if given is None else 1
+    for k in range(rounds):
+        registration.use_map(points, few(points, sizes))
+        motions, fits = _both_ways(batches, start, registration, prior)
+        if min(fit.inliers for fit in fits) < _LEAST_INLIERS:
+            return f"{min(fit.inliers for fit in fits)} inliers on the first map"
+        if k + 1 < rounds:
+            start, points = motions[len(batches) // 2], _mapped(arrived, motions, config)
+            if len(points) < LEAST_POINTS:
+                return f"the map of the first poses has {len(points)} points"
+    return motions, fits, points
+
+
+class PriorOf:
+    """What constant velocity lets expect: the faster it may change, the less is believed."""
+
+    def __init__(self, strength: float = 1e-3, acc_m_s2: float = 8.0, turn_rad_s2: float = 80.0):
+        self._strength, self._change = strength, np.repeat([acc_m_s2, turn_rad_s2], 3)
+
+    def __call__(self, motion: Motion, t_us: int) -> Prior:
+        """What to believe of `t_us`, after a motion."""
+        dt_s = abs(t_us - motion.t_us) * 1e-6
+        pose_sigma = self._change * dt_s**2 + 5e-4
+        twist_sigma = self._change * dt_s + 1e-2
+        return Prior(motion.at(t_us), self._strength / pose_sigma**2, 1 / twist_sigma**2)
+
+
+def few(points: Matrix, sizes: Sizes) -> Matrix:
+    """Of points in any order as many as take part in distances."""
+    return np.ascontiguousarray(points[:: max(1, len(points) // sizes.distances)])
+
+
+def _stereo(arrived: Arrived, middle: Batch, config: MapperConfig) -> tuple[Motion, Matrix]:
+    """The map of a rig that stands at the origin, at the time of a batch."""
+    first_us = min(arrived.event_span_us(k)[0] for k in range(len(arrived.rig)))
+    standing = np.array([[0, 0, 0, 1.0]] * 2)
+    arrived.poses = Trajectory(np.array([first_us, middle.t_us + 1]), np.zeros((2, 3)), standing)
+    window = Window(first_us, middle.t_us, middle.t_us, (0,) * len(arrived.rig))
+    stereo = config.model_copy(update={"methods": (_STEREO,)})
+    points = points_of(map_window(arrived, stereo, window=window).depth_maps[_STEREO])
+    return Motion(middle.t_us, np.eye(4), np.zeros(6)), points
+
+
+def _mapped(arrived: Arrived, motions: Sequence[Motion], config: MapperConfig) -> Matrix:
+    arrived.poses = trajectory_of(motions)
+    first_us, last_us = arrived.poses.span_us
+    window = Window(first_us, last_us, (first_us + last_us) // 2, (0,) * len(arrived.rig))
+    result = map_window(arrived, config, window=window)
+    return points_of(result.depth_maps[config.methods[0]])
+
+
+def trajectory_of(motions: Sequence[Motion]) -> Trajectory:
+    """Motions as poses."""
+    poses = np.stack([motion.T_world_body for motion in motions])
+    return Trajectory.from_matrices([motion.t_us for motion in motions], poses)
+
+
+def _both_ways(
+    batches: Sequence[Batch], start: Motion, registration: Registration, prior: PriorOf
+) -> tuple[list[Motion], list[Fit]]:
+    """Tracks from the middle batch to the last, and from it back to the first."""
+    k = len(batches) // 2
+    fit = Fit()
+    for _ in range(_SETTLING):
+        # The pose is where the world begins; how it moves is open.
+        open_twist = np.repeat([_SPEED_M_S, _TURN_RAD_S], 3) ** -2.0
+        believed = prior(start, batches[k].t_us)
+        start, fit = registration(
+            batches[k].events, Prior(believed.motion, believed.pose_weight, open_twist)
+        )
+    motions, fits = [start], [fit]
+    for batch in batches[k + 1 :]:
+        motion, fit = registration(batch.events, prior(motions[-1], batch.t_us))
+        motions, fits = [*motions, motion], [*fits, fit]
+    for batch in reversed(batches[:k]):
+        motion, fit = registration(batch.events, prior(motions[0], batch.t_us))
+        motions, fits = [motion, *motions], [fit, *fits]
+    return motions, fits
+
+
+def regauged(motion: Motion, T_new_old: Matrix) -> Motion:
+    """A motion in another world frame."""
+    return Motion(motion.t_us, T_new_old @ motion.T_world_body, motion.twist)
+
+
+def moved(points: Matrix, T_new_old: Matrix) -> Matrix:
+    """Points in another world frame."""
+    return se3.transform(T_new_old, points)
