@@ -66,6 +66,14 @@ def is_rigid(T_a_b: Matrix, tolerance: float = 1e-6) -> bool:
     )
 
 
+def nearest_rigid(T_a_b: Matrix) -> Matrix:
+    """The rigid motion nearest to a (4, 4) matrix that is one but for rounding errors."""
+    left, _, right = np.linalg.svd(T_a_b[:3, :3])
+    rigid = T_a_b.copy()
+    rigid[:3, :3] = left @ right
+    return rigid
+
+
 def exp(xi: ArrayLike) -> Matrix:
     """The motion (4, 4) of a twist (6,), m then rad, that acts for a unit of time."""
     twist = np.asarray(xi, np.float64)
@@ -95,6 +103,15 @@ def log(T_a_b: Matrix) -> Matrix:
     position = T_a_b[:3, 3]
     way: Matrix = position - 0.5 * (W @ position) + c * (W @ (W @ position))
     return np.concatenate([way, turn])
+
+
+def adjoint(T_a_b: Matrix) -> Matrix:
+    """The (6, 6) matrix that turns a twist of frame b, (v, w), into that of frame a."""
+    R, p = T_a_b[:3, :3], T_a_b[:3, 3]
+    adjoint = np.zeros((6, 6))
+    adjoint[:3, :3] = adjoint[3:, 3:] = R
+    adjoint[:3, 3:] = _cross(p) @ R
+    return adjoint
 
 
 def _cross(w: Matrix) -> Matrix:

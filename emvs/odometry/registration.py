@@ -1,4 +1,7 @@
-"""Registers a batch of events with a map: Gauss-Newton over a pose and a twist, coarse to fine."""
+"""Registers a batch of events with a map: Gauss-Newton over a pose and a twist, coarse to fine.
+
+With the belief of `motion` this is the update of an iterated extended Kalman filter.
+"""
 
 from __future__ import annotations
 
@@ -10,49 +13,18 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.odometry.motion import Motion
 from eventsweep.emvs.odometry.residuals_kernels import events_to_map, map_to_events
 from eventsweep.emvs.odometry.views import DrawnEvents, DrawnMap, View
 
 Matrix = NDArray[np.float64]
 _CAUCHY_PX, _GATE_PX = 0.7, 2.5  # at the finest level; twice as much at each coarser one
+# What a squared residual of a pixel counts: events of one edge, and of batches that overlap, err
+# together.
+_TRUST = 0.03
 _STEPS = 4  # of Gauss-Newton per level, associations anew in each
 _ENOUGH = 2e-5  # m, rad: a smaller step changes nothing
 _REDRAW_PX = 6.0  # the map is drawn anew once it has moved by so much
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Where a body is and how it moves.
-
-    Attributes:
-        t_us: time, µs.
-        T_world_body: (4, 4).
-        twist: (6,) of the body in its own frame, m/s and rad/s.
-    """
-
-    t_us: int
-    T_world_body: Matrix
-    twist: Matrix
-
-    def at(self, t_us: int) -> Motion:
-        """The same motion, gone on to another time."""
-        step = se3.exp(self.twist * ((t_us - self.t_us) * 1e-6))
-        return Motion(t_us, self.T_world_body @ step, self.twist)
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """What is believed before a registration, and how much.
-
-    Attributes:
-        motion: the expected pose and twist.
-        pose_weight: (6,) inverse variances of the pose's correction, per m² and rad².
-        twist_weight: (6,) inverse variances of the twist, per (m/s)² and (rad/s)².
-    """
-
-    motion: Motion
-    pose_weight: Matrix
-    twist_weight: Matrix
 
 
 @dataclass(frozen=True)
@@ -107,29 +79,32 @@ class Registration:
         """Takes (N, 3) points for lines, and (M, 3) of them for distances, instead of the last."""
         self._points, self._few, self._drawn_at = points_world, few_world, None
 
-    def __call__(self, batches: Sequence[Events], prior: Prior) -> tuple[Motion, Fit]:
+    def __call__(self, batches: Sequence[Events], expected: Motion) -> tuple[Motion, Fit]:
         """The motion that fits a batch of every camera best, near what is expected."""
-        T_body_world = se3.inverse(prior.motion.T_world_body)
+        T_body_world = se3.inverse(expected.T_world_body)
         T_drawn_world = self._draw_map(T_body_world)
-        twist, t_us = prior.motion.twist.copy(), prior.motion.t_us
+        twist, t_us = expected.twist, expected.t_us
         for events, drawn, lines in zip(batches, self._maps, self._events, strict=True):
             if drawn.count:
                 lines.draw(events, t_us, drawn, twist, self._most)
-        T_now_drawn = expected = T_body_world @ se3.inverse(T_drawn_world)
-        fit = Fit()
+        T_now_drawn = T_as_expected = T_body_world @ se3.inverse(T_drawn_world)
+        belief = np.linalg.inv(expected.covariance)
+        fit, H = Fit(), belief
         for level in reversed(range(self._levels)):
             for _ in range(_STEPS):
                 H, g, fit = self._normal_equations(
                     batches, level, T_now_drawn, T_drawn_world, twist
                 )
-                H[range(12), range(12)] += np.concatenate([prior.pose_weight, prior.twist_weight])
-                g[:6] += prior.pose_weight * se3.log(T_now_drawn @ se3.inverse(expected))
-                g[6:] += prior.twist_weight * (twist - prior.motion.twist)
+                off = se3.log(T_now_drawn @ se3.inverse(T_as_expected))
+                H, g = _TRUST * H + belief, _TRUST * g
+                g += belief @ np.concatenate([off, twist - expected.twist])
                 step = np.linalg.solve(H, -g)
                 T_now_drawn, twist = se3.exp(step[:6]) @ T_now_drawn, twist + step[6:]
                 if np.abs(step[:6]).max() < _ENOUGH:
                     break
-        return Motion(t_us, se3.inverse(T_now_drawn @ T_drawn_world), twist), fit
+        # Rounding errors of products of poses would otherwise grow from batch to batch.
+        T_world_body = se3.nearest_rigid(se3.inverse(T_now_drawn @ T_drawn_world))
+        return Motion(t_us, T_world_body, twist, np.linalg.inv(H)), fit
 
     def _normal_equations(
         self,

@@ -19,7 +19,7 @@ LEAST_WEIGHT = 0.1  # of a line
 
 @njit(cache=True, nogil=True)
 def later(x, y, z, twist, dt_s):
-    """A point at rest, from the body's frame into that `dt_s` later: exp(-twist dt), second order."""
+    """A point at rest, from the body's frame into that `dt_s` later: exp(-twist dt) to order 2."""
     vx, vy, vz, wx, wy, wz = twist
     ax, ay, az = -vx - (wy * z - wz * y), -vy - (wz * x - wx * z), -vz - (wx * y - wy * x)
     h = 0.5 * dt_s * dt_s

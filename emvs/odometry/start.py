@@ -8,19 +8,20 @@ those poses and tracked anew, from the middle again. Nothing of the stereo map r
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.odometry.batches import Batch, Sizes
 from eventsweep.emvs.odometry.cloud import points_of
+from eventsweep.emvs.odometry.motion import Motion
 from eventsweep.emvs.odometry.online import Arrived
-from eventsweep.emvs.odometry.registration import Fit, Motion, Prior, Registration
+from eventsweep.emvs.odometry.registration import Fit, Registration
 from eventsweep.emvs.windows import Window
 
 Matrix = NDArray[np.float64]
@@ -28,14 +29,13 @@ START_US = 200_000
 LEAST_POINTS = 500
 _STEREO = "SGM/ts"
 _ROUNDS = 2  # of mapping the stretch and tracking it anew
-_SPEED_M_S, _TURN_RAD_S = 1.0, 2.0  # of a head, where nothing is known yet
 _SETTLING = 3  # registrations of the first batch, whose twist nothing predicts
 _LEAST_INLIERS = 100
 
 
 def begin(
     arrived: Arrived, batches: Sequence[Batch], registration: Registration, sizes: Sizes,
-    config: MapperConfig, prior: PriorOf, given: tuple[Motion, Matrix] | None = None,
+    config: MapperConfig, given: tuple[Motion, Matrix] | None = None,
 ) -> tuple[list[Motion], list[Fit], Matrix] | str:  # fmt: skip
     """Motions at the batches, how well each fits, and the (N, 3) points of the map.
 
@@ -45,7 +45,6 @@ def begin(
         registration: what registers; in the end it uses the map that is returned.
         sizes: numbers that follow from the sensor.
         config: of the maps.
-        prior: what is believed before a registration.
         given: a pose and the points of a map, instead of static stereo.
 
     Returns:
@@ -61,28 +60,18 @@ def begin(
     rounds = _ROUNDS + 1 if given is None else 1
     for k in range(rounds):
         registration.use_map(points, few(points, sizes))
-        motions, fits = _both_ways(batches, start, registration, prior)
+        motions, fits = _both_ways(batches, start, registration)
         if min(fit.inliers for fit in fits) < _LEAST_INLIERS:
             return f"{min(fit.inliers for fit in fits)} inliers on the first map"
         if k + 1 < rounds:
-            start, points = motions[len(batches) // 2], _mapped(arrived, motions, config)
+            middle_pose = motions[len(batches) // 2].T_world_body
+            start, points = (
+                Motion.unknown(middle.t_us, middle_pose),
+                _mapped(arrived, motions, config),
+            )
             if len(points) < LEAST_POINTS:
                 return f"the map of the first poses has {len(points)} points"
     return motions, fits, points
-
-
-class PriorOf:
-    """What constant velocity lets expect: the faster it may change, the less is believed."""
-
-    def __init__(self, strength: float = 1e-3, acc_m_s2: float = 8.0, turn_rad_s2: float = 80.0):
-        self._strength, self._change = strength, np.repeat([acc_m_s2, turn_rad_s2], 3)
-
-    def __call__(self, motion: Motion, t_us: int) -> Prior:
-        """What to believe of `t_us`, after a motion."""
-        dt_s = abs(t_us - motion.t_us) * 1e-6
-        pose_sigma = self._change * dt_s**2 + 5e-4
-        twist_sigma = self._change * dt_s + 1e-2
-        return Prior(motion.at(t_us), self._strength / pose_sigma**2, 1 / twist_sigma**2)
 
 
 def few(points: Matrix, sizes: Sizes) -> Matrix:
@@ -98,7 +87,7 @@ def _stereo(arrived: Arrived, middle: Batch, config: MapperConfig) -> tuple[Moti
     window = Window(first_us, middle.t_us, middle.t_us, (0,) * len(arrived.rig))
     stereo = config.model_copy(update={"methods": (_STEREO,)})
     points = points_of(map_window(arrived, stereo, window=window).depth_maps[_STEREO])
-    return Motion(middle.t_us, np.eye(4), np.zeros(6)), points
+    return Motion.unknown(middle.t_us, np.eye(4)), points
 
 
 def _mapped(arrived: Arrived, motions: Sequence[Motion], config: MapperConfig) -> Matrix:
@@ -116,33 +105,19 @@ def trajectory_of(motions: Sequence[Motion]) -> Trajectory:
 
 
 def _both_ways(
-    batches: Sequence[Batch], start: Motion, registration: Registration, prior: PriorOf
+    batches: Sequence[Batch], start: Motion, registration: Registration
 ) -> tuple[list[Motion], list[Fit]]:
     """Tracks from the middle batch to the last, and from it back to the first."""
     k = len(batches) // 2
     fit = Fit()
     for _ in range(_SETTLING):
-        # The pose is where the world begins; how it moves is open.
-        open_twist = np.repeat([_SPEED_M_S, _TURN_RAD_S], 3) ** -2.0
-        believed = prior(start, batches[k].t_us)
-        start, fit = registration(
-            batches[k].events, Prior(believed.motion, believed.pose_weight, open_twist)
-        )
-    motions, fits = [start], [fit]
+        settled, fit = registration(batches[k].events, start)
+        start = replace(Motion.unknown(start.t_us, settled.T_world_body), twist=settled.twist)
+    motions, fits = [settled], [fit]
     for batch in batches[k + 1 :]:
-        motion, fit = registration(batch.events, prior(motions[-1], batch.t_us))
+        motion, fit = registration(batch.events, motions[-1].at(batch.t_us))
         motions, fits = [*motions, motion], [*fits, fit]
     for batch in reversed(batches[:k]):
-        motion, fit = registration(batch.events, prior(motions[0], batch.t_us))
+        motion, fit = registration(batch.events, motions[0].at(batch.t_us))
         motions, fits = [motion, *motions], [fit, *fits]
     return motions, fits
-
-
-def regauged(motion: Motion, T_new_old: Matrix) -> Motion:
-    """A motion in another world frame."""
-    return Motion(motion.t_us, T_new_old @ motion.T_world_body, motion.twist)
-
-
-def moved(points: Matrix, T_new_old: Matrix) -> Matrix:
-    """Points in another world frame."""
-    return se3.transform(T_new_old, points)

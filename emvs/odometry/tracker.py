@@ -21,15 +21,13 @@ from eventsweep.emvs.odometry.batches import LONGEST_US, Batch, Sizes, batch_bef
 from eventsweep.emvs.odometry.cloud import MapCloud, points_of
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.events_kernels import NEVER_US, in_company
+from eventsweep.emvs.odometry.motion import Motion
 from eventsweep.emvs.odometry.online import Arrived, OnlineMap, OnlineMapper, check_packet
-from eventsweep.emvs.odometry.registration import Fit, Motion, Registration
+from eventsweep.emvs.odometry.registration import Fit, Registration
 from eventsweep.emvs.odometry.start import (
     START_US,
-    PriorOf,
     begin,
     few,
-    moved,
-    regauged,
     trajectory_of,
 )
 from eventsweep.emvs.odometry.views import View
@@ -102,12 +100,12 @@ class Tracker:
         self._on_pose, self._on_map = on_pose, on_map
         views = [View.of(c, T) for c, T in zip(rig.cameras, rig.T_body_cam, strict=True)]
         self._registration = Registration(views, self._sizes.levels, self._sizes.own_time)
-        self._prior = PriorOf()
         self._arrived = Arrived(rig, depth_range_m, most_events=self._config.map_events)
         self._fired_us = [np.full((c.height_px, c.width_px), NEVER_US) for c in rig.cameras]
         self._cloud = MapCloud(self._config.maps)
         self._mapper: OnlineMapper | None = None
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
+        self._motion: Motion | None = None
         self._until_us: int | None = None
         self._begin_us: int | None = None
         self._step_us = round(1e6 / self._config.rate_hz)
@@ -178,7 +176,7 @@ class Tracker:
             return None
         begun = begin(
             self._arrived, batches, self._registration, self._sizes, self._map_config(),
-            self._prior, self._given(batches),
+            self._given(batches),
         )  # fmt: skip
         if isinstance(begun, str):
             self._wait(begun)
@@ -186,8 +184,8 @@ class Tracker:
         motions, fits, points = begun
         if self._first_map is None:
             T_new_old = self._origin @ se3.inverse(motions[0].T_world_body)
-            motions = [regauged(motion, T_new_old) for motion in motions]
-            points = moved(points, T_new_old)
+            motions = [motion.seen_from(T_new_old) for motion in motions]
+            points = se3.transform(T_new_old, points)
         self._cloud.replace(points)
         self._use_cloud()
         self._mapper = OnlineMapper(
@@ -210,18 +208,18 @@ class Tracker:
             return None
         T_world_body = self._first_map.T_world_rv @ se3.inverse(self._rig.T_body_cam[0])
         t_us = batches[len(batches) // 2].t_us
-        return Motion(t_us, T_world_body, np.zeros(6)), points_of(self._first_map)
+        return Motion.unknown(t_us, T_world_body), points_of(self._first_map)
 
     def _track(self, t_us: int) -> Pose | None:
         batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
         last = self._poses[-1]
-        motion = Motion(last.t_us, last.T_world_body, last.twist)
+        assert self._motion is not None
         if batch.t_us <= last.t_us:
             return None
         if len(batch) < self._sizes.still:
-            held = Motion(batch.t_us, motion.T_world_body, np.zeros(6))
+            held = self._motion.held(batch.t_us)
             return self._go_on(held, Fit(), Status.STILL, t_us)
-        motion, fit = self._registration(batch.events, self._prior(motion, batch.t_us))
+        motion, fit = self._registration(batch.events, self._motion.at(batch.t_us))
         if fit.inliers < _LEAST_INLIERS:
             self._change(Status.LOST, f"{fit.inliers} inliers", batch.t_us)
             return None
@@ -236,6 +234,7 @@ class Tracker:
     def _found(self, motion: Motion, fit: Fit, status: Status) -> Pose:
         pose = Pose(motion.t_us, motion.T_world_body, motion.twist, status, fit)
         self._poses.append(pose)
+        self._motion = motion
         if self._on_pose is not None:
             self._on_pose(pose)
         return pose
