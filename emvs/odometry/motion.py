@@ -1,4 +1,4 @@
-"""Where a body is and how it moves, and how sure that is: at constant velocity, but for white noise.
+"""Where a body is and how it moves, and how sure that is: constant velocity with white noise.
 
 The errors of pose and twist are those of `T_body_world' = exp(xi) T_body_world` and
 `tau' = tau + d_tau`; their covariance grows as in Barfoot, *State Estimation for Robotics* (2017),
@@ -40,6 +40,12 @@ class Motion:
     def unknown(cls, t_us: int, T_world_body: Matrix) -> Motion:
         """A pose that says where the world begins, and a motion that may be any head's."""
         sigma = np.repeat([1e-3, 1e-3, 1.0, 2.0], 3)
+        return cls(t_us, T_world_body, np.zeros(6), np.diag(sigma**2))
+
+    @classmethod
+    def near(cls, t_us: int, T_world_body: Matrix) -> Motion:
+        """Somewhere near a pose, moving as any head may."""
+        sigma = np.repeat([0.05, 0.1, 1.0, 2.0], 3)
         return cls(t_us, T_world_body, np.zeros(6), np.diag(sigma**2))
 
     def at(self, t_us: int) -> Motion:

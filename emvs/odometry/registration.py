@@ -64,14 +64,14 @@ class Registration:
 
     Args:
         views: the cameras.
-        levels: scales of line fields.
+        levels: scales of line fields; a wide search has one more.
         most_events: events of each camera that take part by themselves.
     """
 
     def __init__(self, views: Sequence[View], levels: int, most_events: int) -> None:
         self._views, self._levels, self._most = tuple(views), levels, most_events
-        self._maps = [DrawnMap(view, levels) for view in views]
-        self._events = [DrawnEvents(view, levels) for view in views]
+        self._maps = [DrawnMap(view, levels + 1) for view in views]
+        self._events = [DrawnEvents(view, levels + 1) for view in views]
         self._drawn_at: Matrix | None = None
         self._points = self._few = np.empty((0, 3))
 
@@ -79,8 +79,10 @@ class Registration:
         """Takes (N, 3) points for lines, and (M, 3) of them for distances, instead of the last."""
         self._points, self._few, self._drawn_at = points_world, few_world, None
 
-    def __call__(self, batches: Sequence[Events], expected: Motion) -> tuple[Motion, Fit]:
-        """The motion that fits a batch of every camera best, near what is expected."""
+    def __call__(
+        self, batches: Sequence[Events], expected: Motion, *, wide: bool = False
+    ) -> tuple[Motion, Fit]:
+        """The motion that fits a batch of every camera best, near what is expected, or wider."""
         T_body_world = se3.inverse(expected.T_world_body)
         T_drawn_world = self._draw_map(T_body_world)
         twist, t_us = expected.twist, expected.t_us
@@ -90,7 +92,7 @@ class Registration:
         T_now_drawn = T_as_expected = T_body_world @ se3.inverse(T_drawn_world)
         belief = np.linalg.inv(expected.covariance)
         fit, H = Fit(), belief
-        for level in reversed(range(self._levels)):
+        for level in reversed(range(self._levels + wide)):
             for _ in range(_STEPS):
                 H, g, fit = self._normal_equations(
                     batches, level, T_now_drawn, T_drawn_world, twist

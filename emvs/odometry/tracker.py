@@ -37,6 +37,8 @@ _COMPANY_US = 20_000
 _KEPT_POSES = 1024
 _COAST_US = 100_000
 _LEAST_INLIERS = 100
+_LEAST_SHARE = 0.1  # of events near lines of the map
+_FOUND_AGAIN = 0.25  # the same after being lost
 
 
 class Status(Enum):
@@ -106,6 +108,8 @@ class Tracker:
         self._mapper: OnlineMapper | None = None
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
         self._motion: Motion | None = None
+        self._seen_from: deque[Matrix] = deque(maxlen=self._config.maps)
+        self._searched = 0
         self._until_us: int | None = None
         self._begin_us: int | None = None
         self._step_us = round(1e6 / self._config.rate_hz)
@@ -156,8 +160,8 @@ class Tracker:
         return Trajectory.from_matrices([pose.t_us for pose in self._poses], poses)
 
     def _step(self, t_us: int) -> Pose | None:
-        starting = self.status is Status.STARTING
-        pose = self._start(t_us) if starting else self._track(t_us)
+        steps = {Status.STARTING: self._start, Status.LOST: self._search}
+        pose = steps.get(self.status, self._track)(t_us)
         horizon_us = START_US if self.status is Status.STARTING else 2 * LONGEST_US
         for stream in self._arrived.streams:
             stream.drop_before(t_us - horizon_us)
@@ -220,13 +224,41 @@ class Tracker:
             held = self._motion.held(batch.t_us)
             return self._go_on(held, Fit(), Status.STILL, t_us)
         motion, fit = self._registration(batch.events, self._motion.at(batch.t_us))
-        if fit.inliers < _LEAST_INLIERS:
-            self._change(Status.LOST, f"{fit.inliers} inliers", batch.t_us)
+        if _is_good(fit, _LEAST_SHARE):
+            return self._go_on(motion, fit, Status.TRACKING, t_us)
+        return self._doubt(batch, fit, t_us)
+
+    def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
+        """Goes on as it moved, for a moment; then it is lost."""
+        assert self._motion is not None
+        reason = (
+            f"{fit.events_near} of {fit.events} events near the map, {fit.points_near} of "
+            f"{fit.points} map points near events"
+        )
+        if self.status is not Status.COASTING:
+            self._change(Status.COASTING, reason, batch.t_us)
+        if batch.t_us - self.since_us < _COAST_US:
+            return self._go_on(self._motion.at(batch.t_us), fit, Status.COASTING, t_us)
+        self._change(Status.LOST, reason, batch.t_us)
+        return None
+
+    def _search(self, t_us: int) -> Pose | None:
+        """Tries one of the places from which the map was seen, in turns."""
+        batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
+        if len(batch) < self._sizes.still:
+            return None
+        places = [self._poses[-1].T_world_body, *self._seen_from]
+        place = places[self._searched % len(places)]
+        self._searched += 1
+        near = Motion.near(batch.t_us, place)
+        motion, fit = self._registration(batch.events, near, wide=True)
+        if not _is_good(fit, _FOUND_AGAIN):
             return None
         return self._go_on(motion, fit, Status.TRACKING, t_us)
 
     def _go_on(self, motion: Motion, fit: Fit, status: Status, t_us: int) -> Pose:
-        self._change(status, "", motion.t_us)
+        if status is not Status.COASTING:
+            self._change(status, "", motion.t_us)
         pose = self._found(motion, fit, status)
         self._feed_mapper(t_us, trajectory_of([motion]))
         return pose
@@ -251,6 +283,7 @@ class Tracker:
             if online.result is not None:
                 self._cloud.add(points_of(online.result.depth_maps[self._method]))
                 self._use_cloud()
+                self._seen_from.append(self._poses[-1].T_world_body)
             if self._on_map is not None:
                 self._on_map(online)
 
@@ -269,6 +302,10 @@ class Tracker:
             stride_s=1 / config.map_rate_hz, min_depth_m=config.min_depth_m,
             max_depth_m=config.max_depth_m, threads=config.threads,
         )  # fmt: skip
+
+
+def _is_good(fit: Fit, share: float) -> bool:
+    return fit.inliers >= _LEAST_INLIERS and fit.events_share >= share
 
 
 def _rising(batches: Sequence[Batch]) -> list[Batch]:
