@@ -31,6 +31,7 @@ TABLES = ("scenes", "eval.cli.verbs")
 SMALL = {
     "eval.cli.main": "the program: interrupts are heeded up to its frame, whoever calls it",
     "eval.calibration": "runs a refinement; its page only shows one",
+    "eval.odometry": "tracks into a folder; its page only shows what was tracked",
     "eval.suite.stages.perturb": "a stage of jobs: its version is that of its own code",
 }
 
