@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
@@ -14,7 +13,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
-from eventsweep.emvs.odometry.stream import Stream
+from eventsweep.emvs.odometry.stream import Arrived
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.emvs.windows import Window, check_poses
 
@@ -35,69 +34,6 @@ class OnlineMap:
     result: WindowResult | None
     reason: str
     latency_us: int
-
-
-class Arrived:
-    """A recording of what has arrived and was not let go: events per camera, and poses.
-
-    Attributes:
-        streams: events, one per camera.
-        most_events: of each camera that `events` returns, evenly through them; None for all.
-    """
-
-    def __init__(
-        self, rig: Rig, depth_range_m: tuple[float, float] | None = None, *,
-        most_events: int | None = None,
-    ) -> None:  # fmt: skip
-        self.name, self.rig, self.depth_range_m = "online", rig, depth_range_m
-        self.streams = tuple(Stream() for _ in rig.cameras)
-        self.most_events = most_events
-        self.poses: Trajectory | None = None
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """The poses that have arrived."""
-        if self.poses is None:
-            raise InputError("no poses have been pushed: push some first")
-        return self.poses
-
-    def add_poses(self, poses: Trajectory) -> None:
-        """Takes further poses.
-
-        Raises:
-            InputError: poses that are not later than those before.
-        """
-        if self.poses is None:
-            self.poses = poses
-            return
-        parts = (self.poses, poses)
-        names = ("t_us", "positions_m", "quats_xyzw")
-        self.poses = Trajectory(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
-
-    def drop_before(self, t_us: int) -> None:
-        """Lets go of what is older, but for the pose that the time lies behind."""
-        for stream in self.streams:
-            stream.drop_before(t_us)
-        if self.poses is not None:
-            k = max(int(np.searchsorted(self.poses.t_us, t_us, side="right")) - 1, 0)
-            p = self.poses
-            self.poses = Trajectory(p.t_us[k:], p.positions_m[k:], p.quats_xyzw[k:])
-
-    def event_span_us(self, camera: int) -> tuple[int, int]:
-        """Times of a camera's first and last event that are there, µs."""
-        events = self.streams[camera].between(-(1 << 62), 1 << 62)
-        if not len(events):
-            raise InputError(f"camera {self.rig.camera_names[camera]} has sent no events")
-        return int(events.t_us[0]), int(events.t_us[-1])
-
-    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
-        """Events of a camera with `t0_us <= t < t1_us`."""
-        events = self.streams[camera].between(t0_us, t1_us)
-        return events if self.most_events is None else events.thinned(self.most_events)
-
-    def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
-        """No image: only events arrive."""
-        del camera, t_us
 
 
 class OnlineMapper:

@@ -21,7 +21,7 @@ Matrix = NDArray[np.float64]
 _CAUCHY_PX, _GATE_PX = 0.7, 2.5  # at the finest level; twice as much at each coarser one
 # What a squared residual of a pixel counts: events of one edge, and of batches that overlap, err
 # together.
-_TRUST = 0.03
+_TRUST = 0.2
 _STEPS = 4  # of Gauss-Newton per level, associations anew in each
 _ENOUGH = 2e-5  # m, rad: a smaller step changes nothing
 _REDRAW_PX = 6.0  # the map is drawn anew once it has moved by so much
@@ -36,12 +36,22 @@ class Fit:
         events_near: of those, the ones near a line of the map.
         points: map points in view.
         points_near: of those, the ones near a line of the events.
+        closeness: mean weight of the residuals, 0.36 where they are as large as it happens, 1 where
+            they are 0.
     """
 
     events: int = 0
     events_near: int = 0
     points: int = 0
     points_near: int = 0
+    closeness: float = 0.0
+
+    @classmethod
+    def of(cls, counts: Matrix) -> Fit:
+        """From events, those near a line and their closeness, and the same of points: (6,)."""
+        near = max(counts[1] + counts[4], 1)
+        whole = (round(float(counts[k])) for k in (0, 1, 3, 4))
+        return cls(*whole, closeness=float(counts[2] + counts[5]) / near)
 
     @property
     def inliers(self) -> int:
@@ -116,7 +126,7 @@ class Registration:
         T_drawn_world: Matrix,
         twist: Matrix,
     ) -> tuple[Matrix, Matrix, Fit]:
-        H, g, counts = np.zeros((12, 12)), np.zeros(12), np.zeros(4, np.int64)
+        H, g, counts = np.zeros((12, 12)), np.zeros(12), np.zeros(6)
         wide, gate = _CAUCHY_PX * (1 << level), _GATE_PX * (1 << level)
         T_body_world = T_now_drawn @ T_drawn_world
         for view, batch, drawn, events in zip(
@@ -125,17 +135,17 @@ class Registration:
             if not drawn.count or not len(batch):
                 continue
             lines = drawn.lines[level]
-            counts[:2] += events_to_map(
+            counts[:3] += events_to_map(
                 events.events, events.count, lines.moments, lines.cell_px, lines.least,
                 drawn.depth.rho, drawn.depth.cell_px, T_now_drawn, twist, view.T_cam_body,
                 view.T_body_cam, view.intrinsics, wide, gate, H, g,
             )  # fmt: skip
             lines = events.lines[level]
-            counts[2:] += map_to_events(
+            counts[3:] += map_to_events(
                 self._few, T_body_world, view.T_cam_body, view.intrinsics, view.size,
                 lines.moments, lines.cell_px, lines.least, wide, gate, H[:6, :6], g[:6],
             )  # fmt: skip
-        return H, g, Fit(*counts.tolist())
+        return H, g, Fit.of(counts)
 
     def _draw_map(self, T_body_world: Matrix) -> Matrix:
         """Draws the map at a pose, unless it is drawn at one nearby; returns where."""

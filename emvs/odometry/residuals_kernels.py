@@ -51,10 +51,11 @@ def map_to_events(
 ):
     """`mls`: distances of projected map points from lines of motion-compensated events.
 
-    Adds to the (6, 6) and (6,) normal equations; returns points in view, and those near a line.
+    Adds to the (6, 6) and (6,) normal equations; returns points in view, those near a line, and the
+    sum of their closeness, 1 / (1 + (r / width)²).
     """
     J = np.empty(6)
-    seen, near = 0, 0
+    seen, near, closeness = 0, 0, 0.0
     for k in range(len(points)):
         body = moved(T_body_world, points[k, 0], points[k, 1], points[k, 2])
         x, y, z = moved(T_cam_body, body[0], body[1], body[2])
@@ -70,13 +71,15 @@ def map_to_events(
         if weight < LEAST_WEIGHT or abs(r) > gate:
             continue
         near += 1
-        weight /= 1 + (r / width) ** 2
+        close = 1 / (1 + (r / width) ** 2)
+        closeness += close
+        weight *= close
         slope(n_u, n_v, x, y, z, body, T_cam_body, intrinsics, J)
         for a in range(6):
             g[a] += weight * J[a] * r
             for b in range(6):
                 H[a, b] += weight * J[a] * J[b]
-    return seen, near
+    return seen, near, closeness
 
 
 @njit(cache=True, nogil=True)
@@ -93,11 +96,11 @@ def events_to_map(
         r = n . (u - pi(T_cam_body exp(-tau dt) T_now_drawn T_body_cam P)).
 
     Adds to the (12, 12) and (12,) normal equations of (xi, tau); the Jacobian leaves out what is
-    of second order in tau dt. Returns events looked at, and those near a line.
+    of second order in tau dt. Returns events looked at, those near a line, and their closeness.
     """
     fx, fy, cx, cy = intrinsics
     J, parts = np.empty(6), np.zeros((3, 6, 6))
-    seen, near = 0, 0
+    seen, near, closeness = 0, 0, 0.0
     for k in range(count):
         u, v, dt = events[k, 0], events[k, 1], events[k, 2]
         z = 1 / rho[int(v / rho_cell_px + 0.5), int(u / rho_cell_px + 0.5)]
@@ -125,7 +128,9 @@ def events_to_map(
         if abs(r) > gate:
             continue
         near += 1
-        weight /= 1 + (r / width) ** 2
+        close = 1 / (1 + (r / width) ** 2)
+        closeness += close
+        weight *= close
         slope(-n_u, -n_v, x, y, z, body, T_cam_body, intrinsics, J)
         for a in range(6):
             weighted = weight * J[a]
@@ -142,4 +147,4 @@ def events_to_map(
             H[a, 6 + b] -= parts[1, i, j]
             H[6 + a, b] -= parts[1, i, j]
             H[6 + a, 6 + b] += parts[2, i, j]
-    return seen, near
+    return seen, near, closeness

@@ -20,8 +20,8 @@ from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.odometry.batches import Batch, Sizes
 from eventsweep.emvs.odometry.cloud import points_of
 from eventsweep.emvs.odometry.motion import Motion
-from eventsweep.emvs.odometry.online import Arrived
 from eventsweep.emvs.odometry.registration import Fit, Registration
+from eventsweep.emvs.odometry.stream import Arrived
 from eventsweep.emvs.windows import Window
 
 Matrix = NDArray[np.float64]
@@ -31,6 +31,7 @@ _STEREO = "SGM/ts"
 _ROUNDS = 2  # of mapping the stretch and tracking it anew
 _SETTLING = 3  # registrations of the first batch, whose twist nothing predicts
 _LEAST_INLIERS = 100
+_LEAST_SHARE = 0.6  # of the batches, around the middle one
 
 
 def begin(
@@ -45,12 +46,14 @@ def begin(
         registration: what registers; in the end it uses the map that is returned.
         sizes: numbers that follow from the sensor.
         config: of the maps.
-        given: a pose and the points of a map, instead of static stereo.
+        given: a pose and the points of a map, instead of static stereo; it begins there.
 
     Returns:
         A reason where there is no beginning yet.
     """
-    middle = batches[len(batches) // 2]
+    times = np.array([batch.t_us for batch in batches])
+    k_start = len(batches) // 2 if given is None else int(np.abs(times - given[0].t_us).argmin())
+    middle = batches[k_start]
     try:
         start, points = _stereo(arrived, middle, config) if given is None else given
     except InputError as error:
@@ -58,17 +61,15 @@ def begin(
     if len(points) < LEAST_POINTS:
         return f"the first map has {len(points)} points: needs {LEAST_POINTS}"
     rounds = _ROUNDS + 1 if given is None else 1
-    for k in range(rounds):
+    for done in range(1, rounds + 1):
         registration.use_map(points, few(points, sizes))
-        motions, fits = _both_ways(batches, start, registration)
-        if min(fit.inliers for fit in fits) < _LEAST_INLIERS:
-            return f"{min(fit.inliers for fit in fits)} inliers on the first map"
-        if k + 1 < rounds:
-            middle_pose = motions[len(batches) // 2].T_world_body
-            start, points = (
-                Motion.unknown(middle.t_us, middle_pose),
-                _mapped(arrived, motions, config),
-            )
+        motions, fits = _both_ways(batches, k_start, start, registration)
+        if len(motions) < _LEAST_SHARE * len(batches):
+            return f"only {len(motions)} of {len(batches)} batches fit the first map"
+        if done < rounds:
+            middle_pose = next(m.T_world_body for m in motions if m.t_us == middle.t_us)
+            start = Motion.unknown(middle.t_us, middle_pose)
+            points = _mapped(arrived, motions, config)
             if len(points) < LEAST_POINTS:
                 return f"the map of the first poses has {len(points)} points"
     return motions, fits, points
@@ -105,10 +106,9 @@ def trajectory_of(motions: Sequence[Motion]) -> Trajectory:
 
 
 def _both_ways(
-    batches: Sequence[Batch], start: Motion, registration: Registration
+    batches: Sequence[Batch], k: int, start: Motion, registration: Registration
 ) -> tuple[list[Motion], list[Fit]]:
-    """Tracks from the middle batch to the last, and from it back to the first."""
-    k = len(batches) // 2
+    """Tracks from batch `k` to both ends, as far as the map goes."""
     fit = Fit()
     for _ in range(_SETTLING):
         settled, fit = registration(batches[k].events, start)
@@ -116,8 +116,12 @@ def _both_ways(
     motions, fits = [settled], [fit]
     for batch in batches[k + 1 :]:
         motion, fit = registration(batch.events, motions[-1].at(batch.t_us))
+        if fit.inliers < _LEAST_INLIERS:
+            break
         motions, fits = [*motions, motion], [*fits, fit]
     for batch in reversed(batches[:k]):
         motion, fit = registration(batch.events, motions[0].at(batch.t_us))
+        if fit.inliers < _LEAST_INLIERS:
+            break
         motions, fits = [motion, *motions], [fit, *fits]
     return motions, fits

@@ -22,7 +22,7 @@ from eventsweep.emvs.odometry.cloud import MapCloud, points_of
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.events_kernels import NEVER_US, in_company
 from eventsweep.emvs.odometry.motion import Motion
-from eventsweep.emvs.odometry.online import Arrived, OnlineMap, OnlineMapper, check_packet
+from eventsweep.emvs.odometry.online import OnlineMap, OnlineMapper, check_packet
 from eventsweep.emvs.odometry.registration import Fit, Registration
 from eventsweep.emvs.odometry.start import (
     START_US,
@@ -30,6 +30,7 @@ from eventsweep.emvs.odometry.start import (
     few,
     trajectory_of,
 )
+from eventsweep.emvs.odometry.stream import Arrived
 from eventsweep.emvs.odometry.views import View
 
 Matrix = NDArray[np.float64]
@@ -37,8 +38,8 @@ _COMPANY_US = 20_000
 _KEPT_POSES = 1024
 _COAST_US = 100_000
 _LEAST_INLIERS = 100
-_LEAST_SHARE = 0.1  # of events near lines of the map
-_FOUND_AGAIN = 0.25  # the same after being lost
+# Mean weight of residuals: 0.36 by chance. Once lost, more is needed to go on.
+_AGREES, _FOUND_AGAIN = 0.6, 0.65
 
 
 class Status(Enum):
@@ -208,11 +209,12 @@ class Tracker:
         self._next_us += START_US // 4 - self._step_us
 
     def _given(self, batches: Sequence[Batch]) -> tuple[Motion, Matrix] | None:
-        if self._first_map is None:
+        first_map = self._first_map
+        if first_map is None:
             return None
-        T_world_body = self._first_map.T_world_rv @ se3.inverse(self._rig.T_body_cam[0])
-        t_us = batches[len(batches) // 2].t_us
-        return Motion.unknown(t_us, T_world_body), points_of(self._first_map)
+        T_world_body = first_map.T_world_rv @ se3.inverse(self._rig.T_body_cam[0])
+        nearest = min(batches, key=lambda batch: abs(batch.t_us - first_map.t_us))
+        return Motion.near(nearest.t_us, T_world_body), points_of(first_map)
 
     def _track(self, t_us: int) -> Pose | None:
         batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
@@ -224,7 +226,7 @@ class Tracker:
             held = self._motion.held(batch.t_us)
             return self._go_on(held, Fit(), Status.STILL, t_us)
         motion, fit = self._registration(batch.events, self._motion.at(batch.t_us))
-        if _is_good(fit, _LEAST_SHARE):
+        if _is_good(fit, _AGREES):
             return self._go_on(motion, fit, Status.TRACKING, t_us)
         return self._doubt(batch, fit, t_us)
 
@@ -232,8 +234,9 @@ class Tracker:
         """Goes on as it moved, for a moment; then it is lost."""
         assert self._motion is not None
         reason = (
-            f"{fit.events_near} of {fit.events} events near the map, {fit.points_near} of "
-            f"{fit.points} map points near events"
+            f"events and map agree to {fit.closeness:.2f}, by chance to 0.36: {fit.events_near} of "
+            f"{fit.events} events are near lines of the map, {fit.points_near} of {fit.points} map "
+            "points near lines of events"
         )
         if self.status is not Status.COASTING:
             self._change(Status.COASTING, reason, batch.t_us)
@@ -304,8 +307,8 @@ class Tracker:
         )  # fmt: skip
 
 
-def _is_good(fit: Fit, share: float) -> bool:
-    return fit.inliers >= _LEAST_INLIERS and fit.events_share >= share
+def _is_good(fit: Fit, closeness: float) -> bool:
+    return fit.inliers >= _LEAST_INLIERS and fit.closeness >= closeness
 
 
 def _rising(batches: Sequence[Batch]) -> list[Batch]:
