@@ -1,6 +1,6 @@
 """Compiled loops over events: which have company, where they lie in the undistorted image."""
 
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-overload"
 
 from __future__ import annotations
 

@@ -50,8 +50,9 @@ class Fit:
     def of(cls, counts: Matrix) -> Fit:
         """From events, those near a line and their closeness, and the same of points: (6,)."""
         near = max(counts[1] + counts[4], 1)
-        whole = (round(float(counts[k])) for k in (0, 1, 3, 4))
-        return cls(*whole, closeness=float(counts[2] + counts[5]) / near)
+        events, events_near, points, points_near = (round(float(counts[k])) for k in (0, 1, 3, 4))
+        closeness = float(counts[2] + counts[5]) / near
+        return cls(events, events_near, points, points_near, closeness)
 
     @property
     def inliers(self) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +20,7 @@ class Stream:
     """Events in order of time, as one stretch of memory; what was let go takes none."""
 
     def __init__(self) -> None:
-        self._columns = {name: np.empty(_ROOM, kind) for name, kind in _COLUMNS}
+        self._columns: dict[str, NDArray[Any]] = {n: np.empty(_ROOM, kind) for n, kind in _COLUMNS}
         self._first = self._last = 0
 
     def __len__(self) -> int:
@@ -121,3 +123,4 @@ class Arrived:
     def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
         """No image: only events arrive."""
         del camera, t_us
+        return None
