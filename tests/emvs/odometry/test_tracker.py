@@ -78,7 +78,13 @@ def test_poses_of_the_recording_are_never_read(recording, tracked):
     np.testing.assert_array_equal(again.trajectory.positions_m, tracked.trajectory.positions_m)
 
 
-@pytest.mark.parametrize("steps", [range(7000, END_US + 7000, 7000), [1, 333_333, END_US + 9]])
+@pytest.mark.parametrize(
+    "steps",
+    [
+        pytest.param(range(7000, END_US + 7000, 7000), id="small"),
+        pytest.param([1, 333_333, END_US + 9], marks=pytest.mark.slow, id="large"),
+    ],
+)
 def test_packets_of_any_size_give_the_same_poses(recording, tracked, steps):
     poses = []
     tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
@@ -106,6 +112,7 @@ def test_without_events_it_stands_still_and_says_so(recording):
     assert len(tracker.known()) <= 1024
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "camera", [pytest.param(0, id="left is silent"), pytest.param(1, id="right is silent")]
 )
@@ -135,6 +142,7 @@ def noise(rng, packet, rate, camera):
     return mixed.take(np.argsort(mixed.t_us, kind="stable"))
 
 
+@pytest.mark.slow
 def test_hot_pixels_and_a_burst_of_noise_do_not_lead_it_astray(recording):
     rng = np.random.default_rng(0)
     tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0))

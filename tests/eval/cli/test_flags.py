@@ -19,6 +19,7 @@ REPLACE = {
     "suite",
     "gate",
     "info",
+    "track",
 }
 NO_FACTS = {"archive unpack", "convert", "report", "completion"}
 
