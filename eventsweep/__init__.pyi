@@ -32,6 +32,12 @@ from .emvs.geometry.trajectory import Trajectory as Trajectory
 from .emvs.maps.folder import StoredMap as StoredMap
 from .emvs.methods.method import Extraction as Extraction
 from .emvs.methods.method import Method as Method
+from .emvs.odometry.config import TrackConfig as TrackConfig
+from .emvs.odometry.online import OnlineMap as OnlineMap
+from .emvs.odometry.online import OnlineMapper as OnlineMapper
+from .emvs.odometry.recorded import Tracked as Tracked
+from .emvs.odometry.tracker import Pose as Pose
+from .emvs.odometry.tracker import Tracker as Tracker
 from .emvs.window_result import WindowResult as WindowResult
 from .eval.config import EvalConfig as EvalConfig
 from .eval.config import TrajectoryConfig as TrajectoryConfig
@@ -47,6 +53,7 @@ from .mapping import map_windows as map_windows
 from .mapping import methods as methods
 from .mapping import read_map as read_map
 from .mapping import register_method as register_method
+from .odometry import track as track
 from .scoring import METRICS as METRICS
 from .scoring import confidence_interval as confidence_interval
 from .scoring import rank_methods as rank_methods

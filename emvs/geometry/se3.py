@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 Matrix = NDArray[np.float64]
+_SMALL_ANGLE = 1e-3  # rad: below it series are more precise
 
 
 def from_rotation(rotation: Rotation, position_m: ArrayLike) -> Matrix:
@@ -63,3 +64,55 @@ def is_rigid(T_a_b: Matrix, tolerance: float = 1e-6) -> bool:
         and np.linalg.det(R) > 0
         and np.allclose(T_a_b[3], [0, 0, 0, 1])
     )
+
+
+def nearest_rigid(T_a_b: Matrix) -> Matrix:
+    """The rigid motion nearest to a (4, 4) matrix that is one but for rounding errors."""
+    left, _, right = np.linalg.svd(T_a_b[:3, :3])
+    rigid = T_a_b.copy()
+    rigid[:3, :3] = left @ right
+    return rigid
+
+
+def exp(xi: ArrayLike) -> Matrix:
+    """The motion (4, 4) of a twist (6,), m then rad, that acts for a unit of time."""
+    twist = np.asarray(xi, np.float64)
+    angle = float(np.linalg.norm(twist[3:]))
+    W = _cross(twist[3:])
+    if angle > _SMALL_ANGLE:
+        a, b = np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2
+        c = (angle - np.sin(angle)) / angle**3
+    else:
+        a, b, c = 1 - angle**2 / 6, 0.5 - angle**2 / 24, 1 / 6 - angle**2 / 120
+    W2 = W @ W
+    T_a_b = np.eye(4)
+    T_a_b[:3, :3] += a * W + b * W2
+    T_a_b[:3, 3] = twist[:3] + b * (W @ twist[:3]) + c * (W2 @ twist[:3])
+    return T_a_b
+
+
+def log(T_a_b: Matrix) -> Matrix:
+    """The twist (6,), m then rad, of a motion (4, 4) whose turn is less than half a turn."""
+    turn = Rotation.from_matrix(T_a_b[:3, :3]).as_rotvec()
+    angle = float(np.linalg.norm(turn))
+    W = _cross(turn)
+    if angle > _SMALL_ANGLE:
+        c = (1 - angle * np.sin(angle) / (2 * (1 - np.cos(angle)))) / angle**2
+    else:
+        c = 1 / 12 + angle**2 / 720
+    position = T_a_b[:3, 3]
+    way: Matrix = position - 0.5 * (W @ position) + c * (W @ (W @ position))
+    return np.concatenate([way, turn])
+
+
+def adjoint(T_a_b: Matrix) -> Matrix:
+    """The (6, 6) matrix that turns a twist of frame b, (v, w), into that of frame a."""
+    R, p = T_a_b[:3, :3], T_a_b[:3, 3]
+    adjoint = np.zeros((6, 6))
+    adjoint[:3, :3] = adjoint[3:, 3:] = R
+    adjoint[:3, 3:] = _cross(p) @ R
+    return adjoint
+
+
+def _cross(w: Matrix) -> Matrix:
+    return np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])

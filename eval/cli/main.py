@@ -18,7 +18,7 @@ from eventsweep.eval.cli.help import refusal
 VERBS = (
     "archive", "calibrate", "check", "compare", "completion", "convert", "events", "fit", "fuse",
     "gate", "info", "list", "map", "ranking", "realism", "report", "run", "score", "simulate",
-    "study", "submission", "suite", "train",
+    "study", "submission", "suite", "track", "train",
 )  # fmt: skip
 for _verb in VERBS:  # importing its module registers a verb
     import_module(f"eventsweep.eval.cli.verbs.{_verb}")

@@ -11,7 +11,6 @@ from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
-from eventsweep.emvs.tracking import Tracker
 from eventsweep.emvs.windows import Window, choose_window
 
 CONFIG = MapperConfig(methods=("Alg1/H",), planes=30, min_depth_m=1.0, max_depth_m=4.0)
@@ -48,7 +47,7 @@ def window_until(t_us):
 
 def test_maps_of_a_tracker_are_those_of_its_poses(recording):
     """Tracked and mapped in turns: the same bits as with the whole trajectory at hand."""
-    tracker: Tracker = Follower(recording.trajectory)
+    tracker = Follower(recording.trajectory)
     tracked = AlteredRecording(recording, trajectory=tracker)
     for t_us in range(STEP_US, 500_001, STEP_US):
         tracker.push(tuple(recording.events(k, t_us - STEP_US, t_us) for k in (0, 1)), t_us)

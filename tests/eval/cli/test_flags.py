@@ -22,6 +22,7 @@ REPLACE = {
     "suite",
     "gate",
     "info",
+    "track",
 }
 NO_FACTS = {"archive unpack", "convert", "report", "completion"}
 

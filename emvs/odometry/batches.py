@@ -1,0 +1,74 @@
+"""Batches of events: the newest of every camera, as many as an image of this size needs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.odometry.stream import Stream
+
+LONGEST_US = 40_000
+_EVENTS_PER_COLUMN = 30  # that make the edges of an image visible, for half of its pixels' height
+_STILL_PER_PIXEL = 0.005  # with fewer events no edge has moved by a pixel
+_POINTS_PER_COLUMN = 24
+_USUAL_COLUMNS = 400
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Numbers that follow from the cameras' sizes.
+
+    Attributes:
+        events: newest events of each camera that make a batch.
+        own_time: of those, how many take part each at its own time.
+        still: events of all cameras together below which nothing moves.
+        lines: map points that lines are made of.
+        distances: map points whose distances from lines of the events count.
+        levels: scales of line fields.
+    """
+
+    events: int
+    own_time: int
+    still: int
+    lines: int
+    distances: int
+    levels: int
+
+    @classmethod
+    def of(cls, rig: Rig) -> Sizes:
+        """Numbers for a rig."""
+        columns = max(camera.width_px for camera in rig.cameras)
+        pixels = sum(camera.width_px * camera.height_px for camera in rig.cameras)
+        return cls(
+            events=_EVENTS_PER_COLUMN * columns,
+            own_time=2500,
+            still=round(_STILL_PER_PIXEL * pixels),
+            lines=_POINTS_PER_COLUMN * columns,
+            distances=2000,
+            levels=2 + max(0, round(math.log2(columns / _USUAL_COLUMNS))),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Events of every camera, and the time that their pose belongs to: the middle of theirs."""
+
+    t_us: int
+    events: tuple[Events, ...]
+
+    def __len__(self) -> int:
+        return sum(map(len, self.events))
+
+
+def batch_before(streams: Sequence[Stream], t_us: int, count: int, since_us: int) -> Batch:
+    """The newest `count` events of each camera before `t_us`, of the same stretch of time.
+
+    The camera with most events decides how long that is; it begins at `since_us` at the earliest.
+    """
+    begins = [stream.time_of_newest(count, t_us) for stream in streams]
+    begin_us = max([t_us - LONGEST_US, since_us, *(b for b in begins if b is not None)])
+    events = tuple(stream.between(begin_us, t_us) for stream in streams)
+    return Batch((begin_us + t_us) // 2, events)

@@ -1,0 +1,28 @@
+"""Parameters of the odometry, beside what follows from sensor and rig; imports no numpy."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from eventsweep.emvs.config import Positive
+from eventsweep.emvs.parameters import ParameterGroup
+
+
+class TrackConfig(ParameterGroup):
+    """How poses are found and maps made; every field has a default that works."""
+
+    rate_hz: Positive = Field(default=100.0, le=10_000, description="poses per second, Hz")
+    map_rate_hz: Positive = Field(default=10.0, le=1000, description="maps per second, Hz")
+    map_s: Positive = Field(default=0.2, description="length of a map's window, s")
+    maps: int = Field(default=8, ge=1, le=1000, description="maps whose points are tracked")
+    planes: int = Field(default=100, ge=2, le=100_000, description="depth planes of a map")
+    map_events: int = Field(
+        default=200_000, ge=1000, description="most events of each camera that make a map"
+    )
+    min_depth_m: Positive | None = Field(
+        default=None, description="nearest depth, m; by default the recording's own, else 0.2"
+    )
+    max_depth_m: Positive | None = Field(
+        default=None, description="farthest depth, m; by default the recording's own, else 5"
+    )
+    threads: int = Field(default=0, ge=0, description="threads of the kernels; 0: all")

@@ -1,0 +1,76 @@
+"""Compiled loops over events: which have company, where they lie in the undistorted image."""
+
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-overload"
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.emvs.odometry.lines_kernels import NEAREST_M, moved
+from eventsweep.emvs.odometry.residuals_kernels import later
+
+NEVER_US = -(1 << 62)
+
+
+@njit(cache=True, nogil=True)
+def in_company(x, y, t_us, within_us, last_us, out):
+    """Says of each event whether one of the 8 pixels around fired at most `within_us` before.
+
+    `last_us`, (H, W) int64, holds the time of every pixel's last event and is kept up to date.
+    """
+    height, width = last_us.shape
+    for k in range(len(t_us)):
+        i, j, t = np.int64(x[k]), np.int64(y[k]), t_us[k]
+        since = t - within_us
+        found = False
+        for v in range(max(j - 1, 0), min(j + 2, height)):
+            for u in range(max(i - 1, 0), min(i + 2, width)):
+                if last_us[v, u] >= since and (u != i or v != j):
+                    found = True
+        out[k] = found
+        last_us[j, i] = t
+
+
+@njit(cache=True, nogil=True)
+def place(x, y, t_us, t_mid_us, table, out):
+    """Fills rows (u, v, dt_s) of `out` with as many events as it has rows, evenly through them.
+
+    `table` is (H, W, 2) float32, the undistorted pixel of every pixel, below 0 where there is none.
+    Returns how many have a place.
+    """
+    n, most = 0, min(len(t_us), len(out))
+    for number in range(most):
+        k = number * len(t_us) // most
+        u, v = table[y[k], x[k], 0], table[y[k], x[k], 1]
+        if u >= 0 and v >= 0:
+            out[n, 0], out[n, 1], out[n, 2] = u, v, (t_us[k] - t_mid_us) * 1e-6
+            n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def compensate(
+    placed, count, rho, rho_cell_px, twist, T_cam_body, T_body_cam, intrinsics, size, out
+):
+    """Moves (u, v, dt) events to dt 0 at the depths of `rho`: rows (u, v, rho); returns how many.
+
+    `twist` is that of the body, (v, w) in its own frame, m/s and rad/s; `size` is width and height.
+    """
+    n = 0
+    fx, fy, cx, cy = intrinsics
+    for k in range(count):
+        u, v, dt = placed[k, 0], placed[k, 1], placed[k, 2]
+        inverse = rho[int(v / rho_cell_px + 0.5), int(u / rho_cell_px + 0.5)]
+        z = 1 / inverse
+        x, y, z = moved(T_body_cam, (u - cx) / fx * z, (v - cy) / fy * z, z)
+        x, y, z = later(x, y, z, twist, -dt)
+        x, y, z = moved(T_cam_body, x, y, z)
+        if z < NEAREST_M:
+            continue
+        u, v = fx * x / z + cx, fy * y / z + cy
+        if u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1:
+            out[n, 0], out[n, 1], out[n, 2] = u, v, inverse
+            n += 1
+    return n

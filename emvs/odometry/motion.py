@@ -1,0 +1,77 @@
+"""Where a body is and how it moves, and how sure that is: constant velocity with white noise.
+
+The errors of pose and twist are those of `T_body_world' = exp(xi) T_body_world` and
+`tau' = tau + d_tau`; their covariance grows as in Barfoot, *State Estimation for Robotics* (2017),
+section 11.1, with a spectral density that covers the heads of people and small drones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.geometry import se3
+
+Matrix = NDArray[np.float64]
+# Of accelerations: about 5 m/s² and 50 rad/s² that last for a tenth of a second.
+_DENSITY = np.diag(np.repeat([2.5, 250.0], 3))
+_STILL_M_S, _STILL_RAD_S = 0.02, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A pose and a twist at a time.
+
+    Attributes:
+        t_us: time, µs.
+        T_world_body: (4, 4).
+        twist: (6,) of the body in its own frame, m/s and rad/s.
+        covariance: (12, 12) of the errors of pose and twist.
+    """
+
+    t_us: int
+    T_world_body: Matrix
+    twist: Matrix
+    covariance: Matrix
+
+    @classmethod
+    def unknown(cls, t_us: int, T_world_body: Matrix) -> Motion:
+        """A pose that says where the world begins, and a motion that may be any head's."""
+        sigma = np.repeat([1e-3, 1e-3, 1.0, 2.0], 3)
+        return cls(t_us, T_world_body, np.zeros(6), np.diag(sigma**2))
+
+    @classmethod
+    def near(cls, t_us: int, T_world_body: Matrix) -> Motion:
+        """Somewhere near a pose, moving as any head may."""
+        sigma = np.repeat([0.05, 0.1, 1.0, 2.0], 3)
+        return cls(t_us, T_world_body, np.zeros(6), np.diag(sigma**2))
+
+    def at(self, t_us: int) -> Motion:
+        """What is to be expected of another time, before or after."""
+        dt_s = (t_us - self.t_us) * 1e-6
+        step = se3.exp(self.twist * dt_s)
+        F = np.eye(12)
+        F[:6, :6] = se3.adjoint(se3.inverse(step))
+        F[:6, 6:] = -dt_s * np.eye(6)
+        length_s = abs(dt_s)
+        grown = np.block(
+            [
+                [_DENSITY * length_s**3 / 3, -_DENSITY * dt_s * length_s / 2],
+                [-_DENSITY * dt_s * length_s / 2, _DENSITY * length_s],
+            ]
+        )
+        covariance = F @ self.covariance @ F.T + grown
+        return Motion(t_us, self.T_world_body @ step, self.twist, covariance)
+
+    def held(self, t_us: int) -> Motion:
+        """The body standing where it is, at another time."""
+        covariance = np.zeros((12, 12))
+        covariance[:6, :6] = self.covariance[:6, :6]
+        covariance[6:, 6:] = np.diag(np.repeat([_STILL_M_S, _STILL_RAD_S], 3) ** 2)
+        return Motion(t_us, self.T_world_body, np.zeros(6), covariance)
+
+    def seen_from(self, T_new_world: Matrix) -> Motion:
+        """The motion in another world frame."""
+        return replace(self, T_world_body=T_new_world @ self.T_world_body)

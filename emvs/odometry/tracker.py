@@ -1,0 +1,320 @@
+"""The odometry: fed packets of events, it says where the body is, and how sure of that it is."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.odometry.batches import LONGEST_US, Batch, Sizes, batch_before
+from eventsweep.emvs.odometry.cloud import MapCloud, points_of
+from eventsweep.emvs.odometry.config import TrackConfig
+from eventsweep.emvs.odometry.events_kernels import NEVER_US, in_company
+from eventsweep.emvs.odometry.motion import Motion
+from eventsweep.emvs.odometry.online import OnlineMap, OnlineMapper, check_packet
+from eventsweep.emvs.odometry.registration import Fit, Registration
+from eventsweep.emvs.odometry.start import (
+    START_US,
+    begin,
+    few,
+    trajectory_of,
+)
+from eventsweep.emvs.odometry.stream import Arrived
+from eventsweep.emvs.odometry.views import View
+
+Matrix = NDArray[np.float64]
+_COMPANY_US = 20_000
+_KEPT_POSES = 1024
+_COAST_US = 100_000
+_LEAST_INLIERS = 100
+# Mean weight of residuals: 0.36 by chance. Once lost, more is needed to go on.
+_AGREES, _FOUND_AGAIN = 0.6, 0.65
+
+
+class Status(Enum):
+    """What a tracker does at the moment."""
+
+    STARTING = "starting"
+    TRACKING = "tracking"
+    STILL = "still"
+    COASTING = "coasting"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """One pose of a tracker.
+
+    Attributes:
+        t_us: the time that it belongs to, µs: the middle of the events that it is made of.
+        T_world_body: (4, 4).
+        twist: (6,) velocity and turn of the body in its own frame, m/s and rad/s.
+        status: what it comes from.
+        fit: how well events and map agree.
+    """
+
+    t_us: int
+    T_world_body: Matrix
+    twist: Matrix
+    status: Status
+    fit: Fit
+
+
+class Tracker:
+    """Finds poses from events alone.
+
+    Packets of any size give the same poses. Memory is bounded, however long it runs.
+
+    Args:
+        rig: the cameras; with one camera a `first_map` is needed, since one camera sees no scale.
+        config: rates, sizes of maps, depth range.
+        depth_range_m: nearest and farthest depth where the configuration has none.
+        first_map: a depth map of what is seen first, whose world is that of the poses.
+        T_world_body: (4, 4) where the first pose lies; by default the origin. Not with `first_map`.
+        on_pose: called with every pose.
+        on_map: called with every map.
+
+    Raises:
+        InputError: a rig of one camera without a first map.
+    """
+
+    def __init__(
+        self, rig: Rig, config: TrackConfig | None = None, *,
+        depth_range_m: tuple[float, float] | None = None, first_map: DepthMap | None = None,
+        T_world_body: Matrix | None = None, on_pose: Callable[[Pose], None] | None = None,
+        on_map: Callable[[OnlineMap], None] | None = None,
+    ) -> None:  # fmt: skip
+        if len(rig) == 1 and first_map is None:
+            raise InputError("rig of 1 camera: it sees no scale; give a first_map of the place")
+        self._rig, self._config = rig, TrackConfig.or_default(config)
+        self._sizes, self._first_map = Sizes.of(rig), first_map
+        self._origin = np.eye(4) if T_world_body is None else np.asarray(T_world_body, np.float64)
+        self._on_pose, self._on_map = on_pose, on_map
+        views = [View.of(c, T) for c, T in zip(rig.cameras, rig.T_body_cam, strict=True)]
+        self._registration = Registration(views, self._sizes.levels, self._sizes.own_time)
+        self._arrived = Arrived(rig, depth_range_m, most_events=self._config.map_events)
+        self._fired_us = [np.full((c.height_px, c.width_px), NEVER_US) for c in rig.cameras]
+        self._cloud = MapCloud(self._config.maps)
+        self._mapper: OnlineMapper | None = None
+        self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
+        self._motion: Motion | None = None
+        self._seen_from: deque[Matrix] = deque(maxlen=self._config.maps)
+        self._searched = 0
+        self._until_us: int | None = None
+        self._begin_us: int | None = None
+        self._step_us = round(1e6 / self._config.rate_hz)
+        self._next_us = self._fed_us = 0
+        self.status, self.reason, self.since_us = Status.STARTING, "no events yet", 0
+
+    def push(self, events: Sequence[Events], t_us: int) -> Pose | None:
+        """Takes the events since the last call, and finds the poses that they allow.
+
+        Args:
+            events: one packet per camera, all before `t_us`.
+            t_us: up to when the events are all there, µs.
+
+        Returns:
+            The newest pose that this call found, if any.
+
+        Raises:
+            InputError: events out of order, or not one packet per camera.
+        """
+        check_packet(events, self._rig, self._until_us, t_us)
+        self._until_us = t_us
+        for k, packet in enumerate(events):
+            kept = np.empty(len(packet), np.bool_)
+            columns = packet.x, packet.y, packet.t_us
+            in_company(*columns, _COMPANY_US, self._fired_us[k], kept)
+            self._arrived.streams[k].push(packet.take(kept))
+        if self._begin_us is None:
+            first = [int(packet.t_us[0]) for packet in events if len(packet)]
+            if not first:
+                return None
+            self._begin_us = min(first)
+            self._next_us = self._begin_us + START_US
+        newest = None
+        while self._next_us <= t_us:
+            newest = self._step(self._next_us) or newest
+            self._next_us += self._step_us
+        return newest
+
+    def known(self) -> Trajectory:
+        """The newest poses.
+
+        Raises:
+            InputError: there are none yet.
+        """
+        if not self._poses:
+            raise InputError(f"no poses yet: {self.reason}")
+        poses = np.stack([pose.T_world_body for pose in self._poses])
+        return Trajectory.from_matrices([pose.t_us for pose in self._poses], poses)
+
+    def _step(self, t_us: int) -> Pose | None:
+        steps = {Status.STARTING: self._start, Status.LOST: self._search}
+        pose = steps.get(self.status, self._track)(t_us)
+        horizon_us = START_US if self.status is Status.STARTING else 2 * LONGEST_US
+        for stream in self._arrived.streams:
+            stream.drop_before(t_us - horizon_us)
+        return pose
+
+    def _start(self, t_us: int) -> Pose | None:
+        """Tries to find the first map and the poses of the stretch that ends at `t_us`."""
+        streams, begin_us = self._arrived.streams, t_us - START_US
+        ends = range(begin_us + self._step_us, t_us + 1, self._step_us)
+        batches = _rising(
+            [batch_before(streams, end, self._sizes.events, begin_us) for end in ends]
+        )
+        batches = [batch for batch in batches if len(batch) >= self._sizes.still]
+        if len(batches) < len(ends) // 2:
+            self._wait("too few events: nothing moves")
+            return None
+        begun = begin(
+            self._arrived, batches, self._registration, self._sizes, self._map_config(),
+            self._given(batches),
+        )  # fmt: skip
+        if isinstance(begun, str):
+            self._wait(begun)
+            return None
+        motions, fits, points = begun
+        if self._first_map is None:
+            T_new_old = self._origin @ se3.inverse(motions[0].T_world_body)
+            motions = [motion.seen_from(T_new_old) for motion in motions]
+            points = se3.transform(T_new_old, points)
+        self._cloud.replace(points)
+        self._use_cloud()
+        self._mapper = OnlineMapper(
+            self._rig, self._map_config(), depth_range_m=self._arrived.depth_range_m,
+            start_us=motions[0].t_us, most_events=self._config.map_events,
+        )  # fmt: skip
+        self._fed_us = begin_us
+        self._change(Status.TRACKING, "", motions[0].t_us)
+        for motion, fit in zip(motions, fits, strict=True):
+            self._found(motion, fit, Status.TRACKING)
+        self._feed_mapper(t_us, trajectory_of(motions))
+        return self._poses[-1]
+
+    def _wait(self, reason: str) -> None:
+        self.reason = reason
+        self._next_us += START_US // 4 - self._step_us
+
+    def _given(self, batches: Sequence[Batch]) -> tuple[Motion, Matrix] | None:
+        first_map = self._first_map
+        if first_map is None:
+            return None
+        T_world_body = first_map.T_world_rv @ se3.inverse(self._rig.T_body_cam[0])
+        nearest = min(batches, key=lambda batch: abs(batch.t_us - first_map.t_us))
+        return Motion.near(nearest.t_us, T_world_body), points_of(first_map)
+
+    def _track(self, t_us: int) -> Pose | None:
+        batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
+        last = self._poses[-1]
+        assert self._motion is not None
+        if batch.t_us <= last.t_us:
+            return None
+        if len(batch) < self._sizes.still:
+            held = self._motion.held(batch.t_us)
+            return self._go_on(held, Fit(), Status.STILL, t_us)
+        motion, fit = self._registration(batch.events, self._motion.at(batch.t_us))
+        if _is_good(fit, _AGREES):
+            return self._go_on(motion, fit, Status.TRACKING, t_us)
+        return self._doubt(batch, fit, t_us)
+
+    def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
+        """Goes on as it moved, for a moment; then it is lost."""
+        assert self._motion is not None
+        reason = (
+            f"events and map agree to {fit.closeness:.2f}, by chance to 0.36: {fit.events_near} of "
+            f"{fit.events} events are near lines of the map, {fit.points_near} of {fit.points} map "
+            "points near lines of events"
+        )
+        if self.status is not Status.COASTING:
+            self._change(Status.COASTING, reason, batch.t_us)
+        if batch.t_us - self.since_us < _COAST_US:
+            return self._go_on(self._motion.at(batch.t_us), fit, Status.COASTING, t_us)
+        self._change(Status.LOST, reason, batch.t_us)
+        return None
+
+    def _search(self, t_us: int) -> Pose | None:
+        """Tries one of the places from which the map was seen, in turns."""
+        batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
+        if len(batch) < self._sizes.still:
+            return None
+        places = [self._poses[-1].T_world_body, *self._seen_from]
+        place = places[self._searched % len(places)]
+        self._searched += 1
+        near = Motion.near(batch.t_us, place)
+        motion, fit = self._registration(batch.events, near, wide=True)
+        if not _is_good(fit, _FOUND_AGAIN):
+            return None
+        return self._go_on(motion, fit, Status.TRACKING, t_us)
+
+    def _go_on(self, motion: Motion, fit: Fit, status: Status, t_us: int) -> Pose:
+        if status is not Status.COASTING:
+            self._change(status, "", motion.t_us)
+        pose = self._found(motion, fit, status)
+        self._feed_mapper(t_us, trajectory_of([motion]))
+        return pose
+
+    def _found(self, motion: Motion, fit: Fit, status: Status) -> Pose:
+        pose = Pose(motion.t_us, motion.T_world_body, motion.twist, status, fit)
+        self._poses.append(pose)
+        self._motion = motion
+        if self._on_pose is not None:
+            self._on_pose(pose)
+        return pose
+
+    def _change(self, status: Status, reason: str, t_us: int) -> None:
+        if status is not self.status:
+            self.status, self.reason, self.since_us = status, reason, t_us
+
+    def _feed_mapper(self, t_us: int, poses: Trajectory) -> None:
+        assert self._mapper is not None
+        packets = tuple(s.between(self._fed_us, t_us) for s in self._arrived.streams)
+        self._fed_us = t_us
+        for online in self._mapper.push(packets, t_us, poses):
+            if online.result is not None:
+                self._cloud.add(points_of(online.result.depth_maps[self._method]))
+                self._use_cloud()
+                self._seen_from.append(self._poses[-1].T_world_body)
+            if self._on_map is not None:
+                self._on_map(online)
+
+    def _use_cloud(self) -> None:
+        points = self._cloud.chosen(self._sizes.lines)
+        self._registration.use_map(points, few(points, self._sizes))
+
+    @property
+    def _method(self) -> str:
+        return "Focus/H" if len(self._rig) > 1 else "Focus/cam0"
+
+    def _map_config(self) -> MapperConfig:
+        config = self._config
+        return MapperConfig(
+            methods=(self._method,), planes=config.planes, window_s=config.map_s,
+            stride_s=1 / config.map_rate_hz, min_depth_m=config.min_depth_m,
+            max_depth_m=config.max_depth_m, threads=config.threads,
+        )  # fmt: skip
+
+
+def _is_good(fit: Fit, closeness: float) -> bool:
+    return fit.inliers >= _LEAST_INLIERS and fit.closeness >= closeness
+
+
+def _rising(batches: Sequence[Batch]) -> list[Batch]:
+    """Batches whose times rise."""
+    kept: list[Batch] = []
+    for batch in batches:
+        if not kept or batch.t_us > kept[-1].t_us:
+            kept.append(batch)
+    return kept

@@ -1,0 +1,48 @@
+"""`eventsweep track`: a folder with poses, facts, cloud and page; nothing overwritten."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import line_world
+import point_world as world
+from eventsweep.emvs.data.poses import read_poses, write_tum
+from eventsweep.eval.cli.main import main
+
+
+@pytest.fixture(scope="module")
+def recording():
+    trajectory = world.swinging(turn_deg=(3, 4, 2), way_m=(0.08, 0.05, 0.04), duration_us=260_000)
+    return line_world.recorded(trajectory)
+
+
+def test_the_folder_holds_poses_facts_cloud_and_page(recording, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("eventsweep.emvs.datasets.open_recording", lambda _path: recording)
+    start = recording.trajectory.times(np.eye(4))
+    write_tum(tmp_path / "start.txt", start)
+    out = tmp_path / "out"
+    command = ["track", str(tmp_path / "recording"), "--out", str(out), "--planes", "40"]
+    assert main([*command, "--start", str(tmp_path / "start.txt"), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    poses = read_poses(out / "trajectory.txt")
+    assert len(poses) == facts["poses"] > 15
+    np.testing.assert_allclose(poses.at(poses.t_us[0]), start.at(start.t_us[0]), atol=1e-9)
+    stored = json.loads((out / "track.json").read_text())
+    assert stored["changes"] == facts["changes"]
+    assert stored["config"]["planes"] == 40
+    assert [change["status"] for change in stored["changes"]] == ["starting", "tracking"]
+    assert (out / "cloud.ply").read_bytes().startswith(b"ply")
+    page = (out / "report.html").read_text()
+    assert "from above" in page or "path and map" in page
+    assert main(command) == 2
+    assert "exists" in capsys.readouterr().err
+
+
+def test_a_first_map_that_is_none_is_refused(tmp_path, capsys):
+    flags = ["--out", str(tmp_path / "out"), "--first-map", str(tmp_path)]
+    assert main(["track", str(tmp_path), *flags]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
