@@ -145,9 +145,9 @@ class Reached(NamedTuple):
 
     Attributes:
         number: (H, W) how many ranges of inverse depth it knows.
-        way: (H, W, MOST) whose they are.
-        low: (H, W, MOST) least inverse depth half-way in time, 1/m.
-        high: (H, W, MOST) greatest.
+        way: (MOST, H, W) whose they are; most pixels have one, so the first ones lie side by side.
+        low: (MOST, H, W) least inverse depth half-way in time, 1/m.
+        high: (MOST, H, W) greatest.
         dark: (H, W) least light of all samples that come.
         bright: (H, W) greatest.
     """
@@ -198,13 +198,20 @@ def tell(
     """Adds a range to what one pixel knows; arguments as in `walk`."""
     reached.dark[y, x] = min(reached.dark[y, x], dark)
     reached.bright[y, x] = max(reached.bright[y, x], bright)
-    for k in range(reached.number[y, x]):
-        within = low >= reached.low[y, x, k] and high <= reached.high[y, x, k]
-        if within and reached.way[y, x, k] == way:
+    number = reached.number[y, x]
+    if number == 1 and reached.way[0, y, x] == way:
+        # Nearly always, and much faster than a list.
+        least, most = reached.low[0, y, x], reached.high[0, y, x]
+        if low <= most + gap and high >= least - gap:
+            reached.low[0, y, x], reached.high[0, y, x] = min(low, least), max(high, most)
+            return
+    for k in range(number):
+        within = low >= reached.low[k, y, x] and high <= reached.high[k, y, x]
+        if within and reached.way[k, y, x] == way:
             return
     reached.number[y, x] = add_range(
-        way, low, high, gap, reached.way[y, x], reached.low[y, x], reached.high[y, x],
-        reached.number[y, x],
+        way, low, high, gap, reached.way[:, y, x], reached.low[:, y, x], reached.high[:, y, x],
+        number,
     )  # fmt: skip
 
 
@@ -230,12 +237,17 @@ def walk(
     """
     height, width = reached.number.shape
     steps = int(max(abs(u - x), abs(v - y))) + 1
+    last_left, last_top = x - 2, y - 2
     for s in range(steps + 1):
         left = math.floor(x + (u - x) * s / steps)
         top = math.floor(y + (v - y) * s / steps)
         for i in range(max(top, 0), min(top + 2, height)):
+            knows_row = last_top <= i < last_top + 2
             for j in range(max(left, 0), min(left + 2, width)):
-                tell(j, i, way, low, high, gap, dark, bright, reached)
+                # It goes straight: who was left behind is not met again.
+                if not (knows_row and last_left <= j < last_left + 2):
+                    tell(j, i, way, low, high, gap, dark, bright, reached)
+        last_left, last_top = left, top
 
 
 @numba.njit(cache=True, nogil=True)
@@ -332,8 +344,8 @@ def chosen(reached: Reached) -> Layers:
         for x in range(width):
             k = slot[y, x]
             if k >= 0:
-                layers.number[k], layers.way[k] = reached.number[y, x], reached.way[y, x]
-                layers.low[k], layers.high[k] = reached.low[y, x], reached.high[y, x]
+                layers.number[k], layers.way[k] = reached.number[y, x], reached.way[:, y, x]
+                layers.low[k], layers.high[k] = reached.low[:, y, x], reached.high[:, y, x]
                 layers.dark[k], layers.bright[k] = reached.dark[y, x], reached.bright[y, x]
                 sort_layers(layers.way[k], layers.low[k], layers.high[k], layers.number[k])
     return layers
@@ -365,7 +377,7 @@ def find_layers(
         mixed: ...
     """
     height, width = before.body.shape[0] - 2 * border, before.body.shape[1] - 2 * border
-    shape, lists = (height, width), (height, width, MOST)
+    shape, lists = (height, width), (MOST, height, width)
     reached = Reached(
         np.zeros(shape, np.int64), np.empty(lists, np.int64), np.empty(lists), np.empty(lists),
         np.full(shape, np.inf, np.float32), np.full(shape, -np.inf, np.float32),
