@@ -34,7 +34,7 @@ def make(
 
     Args:
         folder: Depth maps as CASE/seedN/TIME.npz, beside them submission.toml.
-        suite: Such as suite-v2, quick, or FILE.toml.
+        suite: Such as suite-v4, quick, or FILE.toml.
         out: File to write, such as mine.tar.zst.
         archive: Folder of the archive whose sequences were read: its cases and seeds.
     """
@@ -61,7 +61,7 @@ def check(
 
     Args:
         path: File of `submission make`, or the folder it is made of.
-        suite: Such as suite-v2, quick, or FILE.toml.
+        suite: Such as suite-v4, quick, or FILE.toml.
         archive: Folder of the archive whose sequences were read: its cases and seeds.
     """
     from eventsweep.eval.archives.manifest import read

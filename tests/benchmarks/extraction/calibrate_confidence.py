@@ -11,7 +11,7 @@ import argparse
 import json
 import sys
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +34,7 @@ from eventsweep.eval.learning.sequences import sequences
 from eventsweep.eval.scoring.run_folder import truth_of
 from markdown_blocks import into_page
 from study_cache import load_sequence
-from study_samples import SETS
+from study_samples import SETS, SampleSpec, chosen_samples
 
 METHODS = (
     *(f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")),
@@ -47,36 +47,42 @@ TABLE = precision.PRECISION
 _OF_THE_FILE = "network", "arrays_sha256"
 
 
-def calibrate(folder: Path) -> dict[str, Precision]:
-    """Tables of all methods, from the calibration sequences in a folder; made if not there."""
-    wanted = sequences("calibration")
+def calibrate(folder: Path, scenes: Sequence[str], methods: Sequence[str]) -> dict[str, Precision]:
+    """Tables of methods, from the calibration sequences in a folder; made if not there."""
+    wanted = [one for one in sequences("calibration") if one.scene in scenes]
     for one in wanted:
         if not (folder / one.name).exists():
             simulate_sequence(one, folder / one.name)
-    found = confidence.collect(folder, wanted, METHODS + LEARNED)
+    found = confidence.collect(folder, wanted, methods)
     return {name: confidence.fit(one) for name, one in found.items()}
 
 
 def write_tables(made: Mapping[str, Precision]) -> None:
-    """Writes the tables of the learned methods into their manifest, all others into one file."""
-    plain = {name: one.to_json() for name, one in sorted(made.items())}
-    own = {name: plain.pop(name) for name in map(table_name, LEARNED)}
+    """Writes tables of learned methods into their manifest, all others into one file.
+
+    Tables of methods that were not calibrated stay as they are.
+    """
+    learned = [name for name in map(table_name, LEARNED) if name in made]
+    own = {name: made[name].to_json() for name in learned}
+    others = {name: one for name, one in made.items() if name not in own}
+    plain = {name: one.to_json() for name, one in sorted({**tables(), **others}.items())}
     with atomic_path(TABLE) as part:
         part.write_text(json.dumps({"methods": plain}, indent=1) + "\n", encoding="utf-8")
     tables.cache_clear()
     weights = network().weights
     learnt = {k: v for k, v in weights.manifest.items() if k not in _OF_THE_FILE}
-    write_weights(weights.path, NAME, weights.arrays, {**learnt, "precision": own})
+    precision_too = {**learnt.get("precision", {}), **own}
+    write_weights(weights.path, NAME, weights.arrays, {**learnt, "precision": precision_too})
 
 
-def held_out(cache: Path, sets: list[str]) -> dict[str, Scored]:
+def held_out(cache: Path, specs: Sequence[SampleSpec], methods: Sequence[str]) -> dict[str, Scored]:
     """Candidates of the study's samples, by method."""
     found: dict[str, list[Scored]] = defaultdict(list)
-    for spec in (one for name in sets for one in SETS[name]):
+    for spec in specs:
         sequence = load_sequence(
             spec.case, spec.seed, cache, rig=spec.rig, seconds=spec.seconds, sensor=spec.sensor
         )
-        result = map_window(sequence, MapperConfig(methods=ASKED))
+        result = map_window(sequence, MapperConfig(methods=tuple(methods)))
         truth = truth_of(sequence, result.view.t_us, EvalConfig())
         for name, depth_map in result.depth_maps.items():
             found[name].append(confidence.points_of(depth_map, truth))
@@ -159,15 +165,24 @@ def main(arguments: list[str] | None = None) -> int:
         prog="python tests/benchmarks calibrate_confidence", description=__doc__
     )
     parser.add_argument("--sequences", type=Path, help="folder of the calibration sequences")
+    scenes = [one.scene for one in sequences("calibration")]
+    parser.add_argument("--scenes", nargs="+", default=scenes, choices=scenes,
+                        help="calibrate on these only")  # fmt: skip
+    parser.add_argument("--methods", nargs="+", default=[*METHODS, *LEARNED],
+                        choices=[*METHODS, *LEARNED],
+                        help="calibrate these only: tables of others stay as they are")  # fmt: skip
     parser.add_argument("--sets", nargs="+", default=["held-out"], choices=list(SETS))
+    parser.add_argument("--cases", nargs="+", help="ask these samples of the sets only")
     parser.add_argument("--cache", type=Path, default=Path("out/study"))
     parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
     chosen = parser.parse_args(arguments)
     with exit_code() as code:
         if chosen.sequences is not None:
-            write_tables(calibrate(chosen.sequences))
+            write_tables(calibrate(chosen.sequences, chosen.scenes, chosen.methods))
         if chosen.page is not None:
-            text = report(held_out(chosen.cache, chosen.sets))
+            specs = chosen_samples(chosen.sets, chosen.cases)
+            asked = [name for name in ASKED if name in chosen.methods]
+            text = report(held_out(chosen.cache, specs, asked))
             sys.stdout.write(text)
             into_page(chosen.page, "confidence", text)
     return code.value

@@ -31,7 +31,7 @@ from eventsweep.eval.scoring.run_folder import truth_of
 from markdown_blocks import show
 from study_cache import load_sequence
 from study_extraction import METRICS, Numbers, blocks_with_points
-from study_samples import SETS, SampleSpec
+from study_samples import SETS, SampleSpec, chosen_samples
 
 BASE, FOCUS, LEARNED, DERD = METHODS = ("Alg1/H", "Focus/H", "Learned/H", "DERD/H")
 OTHERS = METHODS[1:]
@@ -190,6 +190,7 @@ def main(arguments: list[str] | None = None) -> int:
         prog="python tests/benchmarks study_learned", description=__doc__
     )
     parser.add_argument("--sets", nargs="+", default=["held-out"], choices=list(SETS))
+    parser.add_argument("--cases", nargs="+", help="these of them only, such as desk or desk-2")
     parser.add_argument("--imperfection", default=_PLAIN, help="preset of what is told wrongly")
     parser.add_argument("--weights", type=Path, help="by default those that ship")
     parser.add_argument("--derd-weights", type=Path, help="likewise")
@@ -201,7 +202,7 @@ def main(arguments: list[str] | None = None) -> int:
     with exit_code() as code:
         outcomes: Outcomes = {}
         weights = chosen.weights, chosen.derd_weights
-        for spec in (one for name in chosen.sets for one in SETS[name]):
+        for spec in chosen_samples(chosen.sets, chosen.cases):
             outcomes[spec] = outcome(spec, chosen.cache, chosen.imperfection, *weights)
         text = "\n".join(TABLES[name](outcomes) for name in chosen.tables)
         show(text, chosen.page, chosen.mark)

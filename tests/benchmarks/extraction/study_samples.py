@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from eventsweep.emvs.errors import InputError
 from eventsweep.sim.sensor_presets import PresetName
 
 
@@ -93,3 +95,18 @@ SETS = {
     "noisy": NOISY,
     "unseen": UNSEEN,
 }
+
+
+def chosen_samples(sets: Sequence[str], cases: Sequence[str] | None) -> list[SampleSpec]:
+    """The samples of some sets; of the cases `CASE` or `CASE-SEED` only, where there are any.
+
+    Raises:
+        InputError: a case that no sample of these sets has.
+    """
+    samples = [one for name in sets for one in SETS[name]]
+    if cases is None:
+        return samples
+    names = {one: {one.case, f"{one.case}-{one.seed}"} for one in samples}
+    if unknown := set(cases) - set().union(*names.values()):
+        raise InputError(f"no sample {', '.join(sorted(unknown))} in {', '.join(sets)}")
+    return [one for one in samples if names[one] & set(cases)]

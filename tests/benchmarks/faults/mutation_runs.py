@@ -25,7 +25,7 @@ from planted_faults import ROOT, broken_copy
 
 HERE = Path(__file__).parent
 VERDICTS, REASONS = HERE / "mutation_verdicts.jsonl", HERE / "mutation_reasons.json"
-ROUNDS = (("oblique", "plain", "low-texture"), ("boxes",), ("planes", "desk"))
+ROUNDS = (("oblique", "plain", "low-texture"), ("boxes",), ("planes", "desk"), ("boxes-ranked",))
 """Cases of `quick`, the cheap ones first: what is red there needs no others."""
 NEEDED = ("tests", "docs", "reports", "pyproject.toml", "README.md", "Makefile", "CONTRIBUTING.md")
 _FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)

@@ -133,7 +133,7 @@ def jobs(case, seed, seconds):
 
 
 def test_costs_are_summed_per_case_and_carried_over_to_all_seeds():
-    suite, _ = load("suite-v2")
+    suite, _ = load("suite-v4")
     notes = [*jobs("desk", 0, 10.0), *jobs("desk", 1, 20.0), *jobs("boxes", 0, 1.0)]
     notes[-1] = JobNote("score/boxes/seed0", failure="it died")
     found = suite_cost.took(notes)
@@ -153,7 +153,7 @@ def test_jobs_that_failed_are_counted():
 
 def test_sequences_of_an_archive_cost_their_unpacking():
     unpacked = [JobNote("unpack/desk/seed0", "k", cpu_seconds=0.5), *jobs("desk", 0, 10.0)[1:]]
-    text = suite_cost.table(load("suite-v2")[0], suite_cost.took(unpacked))
+    text = suite_cost.table(load("suite-v4")[0], suite_cost.took(unpacked))
     assert "| Case | seeds run | unpack | map | score |" in text
     assert "| `desk` | 1 of 5 | 0.5 s | 20.0 s | 30.0 s |" in text
 

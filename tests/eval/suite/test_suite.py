@@ -74,7 +74,7 @@ def test_every_suite_can_be_run():
 
 
 FROZEN = {
-    "suite-v2": "dd29ca4991c14787",
+    "suite-v4": "40076b8015685159",
     "suite-v3": "9642ad682037972f",
     "mvsec-table-v1": "1ea46b539308529d",
     "mvsec-table-v2": "e91f11c179769327",
@@ -89,8 +89,8 @@ def test_a_suite_is_frozen(name):
 
 def test_names_find_suites_and_subsets(tmp_path):
     file = toml(tmp_path)
-    assert load("quick")[0].name == load("suite-v2")[0].name == "suite-v2"
-    assert [load(name)[1] for name in ("quick", "suite-v2", "suite-v2:quick")] == [
+    assert load("quick")[0].name == load("suite-v4")[0].name == "suite-v4"
+    assert [load(name)[1] for name in ("quick", "suite-v4", "suite-v4:quick")] == [
         "quick", "all", "quick",
     ]  # fmt: skip
     assert load(f"{file}:one")[1] == "one"
@@ -228,6 +228,14 @@ def test_quick_executes_what_faults_hid_in():
     assert "end" in {one.get("reference") for one in mappers}
     assert any(window.start_s > 0 for case in cases for window in case.windows)
     assert any(len(case.windows) > 1 for case in cases)
+
+
+def test_quick_maps_by_networks_and_by_baselines():
+    """What the ranking ranks must not worsen unseen."""
+    suite, subset = load("quick")
+    cases = [suite.cases[name] for name in suite.subset(subset).cases]
+    mapped = {m for one in cases for name in one.mappers for m in suite.mappers[name]["methods"]}
+    assert mapped >= {"Focus/H", "Learned/H", "Learned/cam0", "DERD/H", "SGM/ts", "ESVO/window"}
 
 
 def test_jobs_share_what_they_have_in_common(tmp_path):
