@@ -29,6 +29,7 @@ from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.utils.files import atomic_path
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+_MCAP = b"\x89MCAP0\r\n"
 _OLD_AEDAT = b"#!AER-DAT"
 _SPAN_US = 1 << 36
 _PER_MS = "an index entry per millisecond"
@@ -106,8 +107,9 @@ _ALL = (
         ".bag", True, _BAG,
     ),
     Format(
-        "rosbag2", "ROS2 bag, dvs_msgs, prophesee_event_msgs or event_camera_msgs", "", False,
-        _BAG,
+        "rosbag2",
+        "ROS2 bag or lone MCAP file, dvs_msgs, prophesee_event_msgs or event_camera_msgs",
+        "", False, _BAG,
     ),
     Format("text", "lines `t x y p`", ".txt", True, _LINES),
     Format("esim-text", "a line `width height`, then lines `t x y p`", ".txt", True, _LINES),
@@ -187,7 +189,7 @@ def _table(head: bytes) -> Callable[[Path, ColumnMap | None], BlockReader] | Non
         from eventsweep.emvs.formats.tables.parquet import ParquetReader
 
         return ParquetReader
-    if head.startswith((b"#ROSBAG V", _OLD_AEDAT, b"%")):
+    if head.startswith((b"#ROSBAG V", _MCAP, _OLD_AEDAT, b"%")):
         return None
     from eventsweep.emvs.formats.tables.text import TextReader
 
@@ -195,7 +197,7 @@ def _table(head: bytes) -> Callable[[Path, ColumnMap | None], BlockReader] | Non
 
 
 def _file(path: Path, head: bytes) -> BlockReader:
-    if head.startswith(b"#ROSBAG V"):
+    if head.startswith((b"#ROSBAG V", _MCAP)):
         from eventsweep.emvs.formats.rosbag import RosbagReader
 
         return RosbagReader(path)

@@ -77,6 +77,11 @@ def sound(folder, kind):
     match kind:
         case "rosbag2+mcap":
             event_files.write_rosbag2(path, SIZE_PX, events, event_files.StoragePlugin.MCAP)
+        case "rosbag2+lone":
+            payloads, storage = event_files.libcaer_payloads(rows()), event_files.StoragePlugin.MCAP
+            bag = folder / "bag"
+            event_files.write_packets(bag, SIZE_PX, payloads, "libcaer_cmp", storage)
+            (bag / "bag.mcap").rename(path)
         case "rosbag2+evt3":
             payloads = event_files.evt3_payloads(rows(), range(100, 3000, 251))
             event_files.write_packets(path, SIZE_PX, payloads, "evt3")
@@ -149,7 +154,7 @@ def uncompressed(data):
 KINDS = [
     *event_files.ALL, "rosbag2+mcap", "dsec+plain", "mvsec+plain", "aedat4+plain", "npz+members",
     "npy+rows", "npz+rows", "hdf5+rows", "hdf5+stated", "csv+stated",
-    "rosbag2+evt3", "rosbag2+mono",
+    "rosbag2+evt3", "rosbag2+mono", "rosbag2+lone",
     *(["parquet+plain"] if event_files.HAS_PARQUET else []),
 ]  # fmt: skip
 

@@ -238,6 +238,27 @@ def mono_payloads(rows, step=100):
     return out
 
 
+def libcaer_payloads(rows, step=100):
+    """Words of iniVation's cameras: equal columns and times are said once, µs from each base."""
+    out = []
+    for start in range(0, len(rows), step):
+        part, words, high, low, column = rows[start : start + step], [], 0, 0, None
+        base_us = part[0][0] - 3 * (start > 0)
+        for t, x, y, p in part:
+            if (t - base_us) >> 12 != high:
+                high = (t - base_us) >> 12
+                words.append(high)
+            if (t - base_us) & 0xFFF != low:
+                low = (t - base_us) & 0xFFF
+                words.append(0x1000 | low)
+            if x != column:
+                column = x
+                words.append(0x2000 | x)
+            words.append(0x3000 | p << 11 | y)
+        out.append((10**9 + 1000 * start, 1000 * base_us, np.array(words, "<u2").tobytes()))
+    return out
+
+
 def ros2_types(package="dvs_msgs"):
     """ROS2's own types and the package's."""
     store = get_typestore(Stores.ROS2_HUMBLE)
