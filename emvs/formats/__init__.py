@@ -29,6 +29,7 @@ from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.utils.files import atomic_path
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+_MAT = b"MATLAB 5.0 MAT-f"
 _MCAP = b"\x89MCAP0\r\n"
 _OLD_AEDAT = b"#!AER-DAT"
 _SPAN_US = 1 << 36
@@ -123,6 +124,10 @@ _ALL = (
         Limits("µs, s, or as stated", _COLUMNS), "1/0, 1/-1",
     ),
     Format(
+        "mat", "MATLAB 5 arrays: vectors by name, (N, 4) as stated", ".mat", False,
+        Limits("µs, s, or as stated", _COLUMNS), "1/0, 1/-1",
+    ),
+    Format(
         "parquet", "Parquet table, by its columns", ".parquet", False,
         Limits("as typed or stated", _COLUMNS), "1/0, 1/-1",
     ),
@@ -185,6 +190,10 @@ def _table(head: bytes) -> Callable[[Path, ColumnMap | None], BlockReader] | Non
         from eventsweep.emvs.formats.tables.npz import NpyReader, NpzReader
 
         return NpyReader if head.startswith(b"\x93") else NpzReader
+    if head.startswith(_MAT):
+        from eventsweep.emvs.formats.tables.mat import MatReader
+
+        return MatReader
     if head.startswith(b"PAR1"):
         from eventsweep.emvs.formats.tables.parquet import ParquetReader
 

@@ -28,6 +28,7 @@ sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("helpers", "r
 import h5py
 import lz4.frame
 import numpy as np
+import scipy.io
 
 import event_files
 import naive_formats as naive
@@ -94,6 +95,9 @@ def sound(folder, kind):
                 whole.visititems(lambda key, node: plain(out, key, node))
         case "npy+rows" | "npz+rows" | "hdf5+rows" | "hdf5+stated" | "csv+stated":
             write_table(path, kind, events[0])
+        case "mat+plain":
+            columns = np.array([[x, y, p, t] for t, x, y, p in rows()], float)
+            scipy.io.savemat(path, {"ev": columns}, appendmat=False)
         case "parquet+plain":
             event_files.write_parquet(path, events[0], compression="none", use_dictionary=False)
         case "aedat4+plain":
@@ -128,7 +132,7 @@ def write_table(path, kind, e):
 STATED = {
     kind: ColumnMap("ev/xs", "ev/ys", "ev/ts", "ev/on", "ns")
     for kind in ("hdf5+stated", "csv+stated")
-}
+} | {"mat+plain": ColumnMap("ev[0]", "ev[1]", "ev[3]", "ev[2]", "us")}
 
 
 def plain(out, key, node):
@@ -154,7 +158,7 @@ def uncompressed(data):
 KINDS = [
     *event_files.ALL, "rosbag2+mcap", "dsec+plain", "mvsec+plain", "aedat4+plain", "npz+members",
     "npy+rows", "npz+rows", "hdf5+rows", "hdf5+stated", "csv+stated",
-    "rosbag2+evt3", "rosbag2+mono", "rosbag2+lone",
+    "rosbag2+evt3", "rosbag2+mono", "rosbag2+lone", "mat+plain",
     *(["parquet+plain"] if event_files.HAS_PARQUET else []),
 ]  # fmt: skip
 

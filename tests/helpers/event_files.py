@@ -13,6 +13,7 @@ from functools import partial
 
 import h5py
 import numpy as np
+import scipy.io
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -26,7 +27,7 @@ ALL = [name for name in FORMATS if name != "hdf5" and (HAS_PARQUET or name != "p
 WRITTEN = [name for name, entry in FORMATS.items() if entry.writes]
 READ_ONLY = [name for name in ALL if name not in WRITTEN]
 # Those whose events a test puts together from whole columns
-COLUMNS = {"v2e", "e2calib", "npy", "parquet"}
+COLUMNS = {"v2e", "e2calib", "npy", "parquet", "mat"}
 CD = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
 ROS2_EVENT = np.dtype(
     {
@@ -153,6 +154,8 @@ def write_columns(kind, path, size_px, packets):
         case "npy":
             with path.open("wb") as file:
                 np.save(file, fields_of(e))
+        case "mat":
+            scipy.io.savemat(path, columns, appendmat=False, do_compression=True)
         case "parquet":
             write_parquet(path, e, write_page_checksum=True)
 
