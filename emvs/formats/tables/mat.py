@@ -66,6 +66,8 @@ class MatReader(NpzReader):
         flags = self._words(element, "I", 2)
         shape = self._words(element, "i")
         name = self._word(element).rstrip(b"\0").decode("ascii")
+        if not name.isidentifier():
+            raise ValueError("an array without a name")
         if flags[0] & 0xFF not in _CLASSES or flags[0] & 0x800:  # 0x800: complex
             return None
         tag = self._tag(element)
