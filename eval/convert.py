@@ -265,7 +265,7 @@ def _rig(source: Path) -> Rig:
     from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.formats.calibration import read_rig
 
-    if source.is_dir() or source.suffix in (".toml", ".bag"):
+    if source.is_dir() or source.suffix in (".toml", ".bag", ".mcap"):
         return open_recording(source).rig
     return read_rig(source)
 

@@ -57,12 +57,12 @@ def _file(path: Path) -> Recording:
 
     if path.suffix == ".toml":
         return assembled(path.parent, read_descriptor(path), DESCRIPTOR)
-    if path.suffix == ".bag":
+    if path.suffix in (".bag", ".mcap"):
         from eventsweep.emvs.datasets.rosbag import open_bag_recording
 
         return open_bag_recording(path)
     raise NoRecordingError(
-        f"{path}: is a file; needs the folder of a recording, a ROS1 bag or a {DESCRIPTOR}"
+        f"{path}: is a file; needs the folder of a recording, a ROS bag or a {DESCRIPTOR}"
     )
 
 
@@ -79,5 +79,5 @@ def _data_set(path: Path) -> Recording | None:
     for pattern, opened in layouts.items():
         if any(path.glob(pattern)):
             return opened(path)
-    bag = find_optional(path, ["*.bag"], "the bag")
+    bag = find_optional(path, ["*.bag", "*.mcap"], "the bag")
     return None if bag is None else rosbag.open_bag_recording(bag)

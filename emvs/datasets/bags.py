@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError, quoted, said
 from eventsweep.emvs.formats.calibration_values import camera_of
-from eventsweep.emvs.formats.rosbag import opened_bag
+from eventsweep.emvs.formats.rosbag import is_ros2, opened_bag
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera, Model
 from eventsweep.emvs.geometry.rig import Rig
@@ -181,7 +181,7 @@ def messages(path: Path, topic: str) -> Iterator[Any]:
     """The decoded messages of a topic of standard type, in the order of recording."""
     from rosbags.typesys import Stores, get_typestore
 
-    ros2 = path.is_dir()
+    ros2 = is_ros2(path)
     store = get_typestore(Stores.ROS2_HUMBLE if ros2 else Stores.ROS1_NOETIC)
     with opened_bag(path) as bag:
         wanted = [c for c in bag.connections if c.topic == topic]
@@ -201,7 +201,7 @@ def read_bag_poses(path: Path, topic: str = "", shift_us: int = 0) -> Trajectory
     """Reads the poses of a topic; their own stamps count, not those of recording.
 
     Args:
-        path: a ROS1 bag or the folder of a ROS2 bag.
+        path: a ROS1 bag, the folder of a ROS2 bag, or a lone MCAP file.
         topic: which one; may be empty where only one has poses.
         shift_us: added to every time, µs.
 

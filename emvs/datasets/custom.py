@@ -156,8 +156,8 @@ def _poses(path: Path, table: PosesTable) -> Trajectory:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a ROS1 bag, or the folder of a ROS2 bag."""
-    return path.suffix == ".bag" or (path / "metadata.yaml").exists()
+    """Whether a path is a ROS1 bag, a lone MCAP file, or the folder of a ROS2 bag."""
+    return path.suffix in (".bag", ".mcap") or (path / "metadata.yaml").exists()
 
 
 def read_hand_eye(path: Path, imu_cam: Path | None = None) -> NDArray[np.float64]:

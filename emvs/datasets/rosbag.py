@@ -21,7 +21,7 @@ from eventsweep.emvs.datasets.files import find_optional
 from eventsweep.emvs.datasets.posed import PosedRecording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import open_events
-from eventsweep.emvs.formats.rosbag import RosbagWriter
+from eventsweep.emvs.formats.rosbag import RosbagWriter, is_ros2
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
@@ -101,7 +101,7 @@ def lacks(path: Path) -> str:
     `open_bag_recording`.
     """
     if not is_bag(path):
-        return "its name does not end in .bag"
+        return "its name ends neither in .bag nor in .mcap"
     kinds, streams = topics(path), sorted(open_events(path).streams)
     calibration = find_optional(path.parent, _CALIBRATIONS, "the calibration")
     missing = [name for name in map(info_topic, streams) if name not in kinds]
@@ -135,4 +135,4 @@ def open_bag_recording(path: Path) -> PosedRecording:
         ),
         events=tuple(EventsTable(file=path.name, stream=stream) for stream in streams),
     )
-    return assembled(beside, what, "ROS2 bag" if path.is_dir() else "ROS1 bag")
+    return assembled(beside, what, "ROS2 bag" if is_ros2(path) else "ROS1 bag")

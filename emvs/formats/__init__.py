@@ -29,6 +29,8 @@ from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.utils.files import atomic_path
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+_MAT = b"MATLAB 5.0 MAT-f"
+_MCAP = b"\x89MCAP0\r\n"
 _OLD_AEDAT = b"#!AER-DAT"
 _SPAN_US = 1 << 36
 _PER_MS = "an index entry per millisecond"
@@ -106,8 +108,9 @@ _ALL = (
         ".bag", True, _BAG,
     ),
     Format(
-        "rosbag2", "ROS2 bag, dvs_msgs, prophesee_event_msgs or event_camera_msgs", "", False,
-        _BAG,
+        "rosbag2",
+        "ROS2 bag or lone MCAP file, dvs_msgs, prophesee_event_msgs or event_camera_msgs",
+        "", False, _BAG,
     ),
     Format("text", "lines `t x y p`", ".txt", True, _LINES),
     Format("esim-text", "a line `width height`, then lines `t x y p`", ".txt", True, _LINES),
@@ -118,6 +121,10 @@ _ALL = (
     ),
     Format(
         "npy", "NumPy array: (N, 4), or with fields", ".npy", False,
+        Limits("µs, s, or as stated", _COLUMNS), "1/0, 1/-1",
+    ),
+    Format(
+        "mat", "MATLAB 5 arrays: vectors by name, (N, 4) as stated", ".mat", False,
         Limits("µs, s, or as stated", _COLUMNS), "1/0, 1/-1",
     ),
     Format(
@@ -183,11 +190,15 @@ def _table(head: bytes) -> Callable[[Path, ColumnMap | None], BlockReader] | Non
         from eventsweep.emvs.formats.tables.npz import NpyReader, NpzReader
 
         return NpyReader if head.startswith(b"\x93") else NpzReader
+    if head.startswith(_MAT):
+        from eventsweep.emvs.formats.tables.mat import MatReader
+
+        return MatReader
     if head.startswith(b"PAR1"):
         from eventsweep.emvs.formats.tables.parquet import ParquetReader
 
         return ParquetReader
-    if head.startswith((b"#ROSBAG V", _OLD_AEDAT, b"%")):
+    if head.startswith((b"#ROSBAG V", _MCAP, _OLD_AEDAT, b"%")):
         return None
     from eventsweep.emvs.formats.tables.text import TextReader
 
@@ -195,7 +206,7 @@ def _table(head: bytes) -> Callable[[Path, ColumnMap | None], BlockReader] | Non
 
 
 def _file(path: Path, head: bytes) -> BlockReader:
-    if head.startswith(b"#ROSBAG V"):
+    if head.startswith((b"#ROSBAG V", _MCAP)):
         from eventsweep.emvs.formats.rosbag import RosbagReader
 
         return RosbagReader(path)

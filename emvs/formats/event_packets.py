@@ -3,7 +3,8 @@
 A packet is a head and the bytes of an encoding. `evt3` is the sensor's own stream, cut into
 messages: what one says of times and rows holds in the next, and times are the sensor's, as
 event_camera_codecs takes them. `mono` has a word per event, whose 32 bits of ns count from the
-packet's `time_base`.
+packet's `time_base`. `libcaer_cmp`, of iniVation's cameras, codes columns before rows in words like
+those of `evt3`, and counts µs from the `time_base` of each packet anew.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from eventsweep.emvs.formats.prophesee import CODINGS, decode_words
 from eventsweep.emvs.formats.prophesee_kernels import State
 
 TYPES = ("event_camera_msgs/msg/EventPacket", "event_array_msgs/msg/EventArray")
-ENCODINGS = ("evt3", "mono")
+ENCODINGS = ("evt3", "mono", "libcaer_cmp")
 _MOST_NS = 1 << 62
+# Kinds of words of `libcaer_cmp`
+_TIME_HIGH, _TIME_LOW, _ADDR_X, _ADDR_Y, _VECT_BASE_Y, _VECT_8 = range(6)
 
 
 class PacketHead(NamedTuple):
@@ -103,14 +106,20 @@ def packet_events(data: bytes | memoryview, ros2: bool, where: str, state: State
         order = ", big-endian" * head.is_bigendian
         raise InputError(
             f"{where}: events coded as {quoted(head.encoding)}{order}; known are "
-            f"{' and '.join(ENCODINGS)}, little-endian: convert the bag with event_camera_tools"
+            f"{', '.join(ENCODINGS)}, little-endian: convert the bag with event_camera_tools"
         )
     word = 8 if head.encoding == "mono" else 2
     if head.size % word:
         raise InputError(f"{where}: {head.size} bytes of {head.encoding}, words of {word}; damaged")
+    if head.encoding != "evt3" and head.time_base_ns >= _MOST_NS:
+        raise InputError(
+            f"{where}: time_base {head.time_base_ns} ns; needs less than 2^62 ns, damaged"
+        )
     payload = data[head.start : head.start + head.size]
     if word == 8:
-        return _mono(np.frombuffer(payload, "<u8"), head.time_base_ns, where)
+        return _mono(np.frombuffer(payload, "<u8"), head.time_base_ns)
+    if head.encoding == "libcaer_cmp":
+        return _libcaer_cmp(np.frombuffer(payload, "<u2"), head.time_base_ns, where)
     words, parts = np.frombuffer(payload, "<u2"), []
     while len(words):
         used, events = decode_words(CODINGS["EVT3"], words, state, lambda k: f"{where}, word {k}")
@@ -119,9 +128,38 @@ def packet_events(data: bytes | memoryview, ros2: bool, where: str, state: State
     return Events.concat(parts)
 
 
-def _mono(words: np.ndarray, base_ns: int, where: str) -> Events:
-    if base_ns >= _MOST_NS:
-        raise InputError(f"{where}: time_base {base_ns} ns; needs less than 2^62 ns, damaged")
+def _libcaer_cmp(words: np.ndarray, base_ns: int, where: str) -> Events:
+    """A word is a kind (4 bits) and a value (12); times, columns and bases hold until replaced."""
+    kind, value = words >> 12, (words & 0xFFF).astype(np.int64)
+    is_vector = kind == _VECT_8
+    valid = (value[:, None] >> np.arange(8)) & 1 > 0  # rows of a vector, from its base on
+    valid &= is_vector[:, None]
+    valid[:, 0] |= kind == _ADDR_Y
+    word, bit = np.nonzero(valid)
+    before = {code: _latest(kind == code) for code in range(_VECT_8)}
+    base = np.where(is_vector, before[_VECT_BASE_Y], np.arange(len(words)))
+    unknown = (kind > _VECT_8) | (valid.any(axis=1) & ((base < 0) | (before[_ADDR_X] < 0)))
+    if unknown.any():
+        k = int(np.argmax(unknown))
+        raise InputError(
+            f"{where}, word {k}: 0x{words[k]:04X} is of no known kind, or an event without its "
+            "column or base; damaged, record the bag again"
+        )
+    vectors = np.cumsum(is_vector)
+    row = (value & 0x7FF)[base] + np.where(is_vector, 8 * (vectors - vectors[base] - 1), 0)
+    high, low = (np.where(k < 0, 0, value[k]) for k in (before[_TIME_HIGH], before[_TIME_LOW]))
+    t_us = ((high << 12 | low) * 1000 + base_ns + 500) // 1000
+    x = (value & 0x7FF)[before[_ADDR_X]]
+    columns = x.astype(np.uint16)[word], (row[word] + bit).astype(np.uint16), t_us[word]
+    return Events(*columns, (value[base] >> 11).astype(np.uint8)[word])
+
+
+def _latest(here: np.ndarray) -> np.ndarray:
+    """For each place the last one, itself included, that is marked; -1 where there is none."""
+    return np.maximum.accumulate(np.where(here, np.arange(len(here)), -1))
+
+
+def _mono(words: np.ndarray, base_ns: int) -> Events:
     t_ns = (words & 0xFFFFFFFF).astype(np.int64) + base_ns
     x, y = (words >> 32) & 0xFFFF, (words >> 48) & 0x7FFF
     columns = x.astype(np.uint16), y.astype(np.uint16), (t_ns + 500) // 1000

@@ -18,12 +18,14 @@ from eventsweep.emvs.errors import InputError, quoted, said
 from eventsweep.emvs.formats import event_packets
 from eventsweep.emvs.formats.base import StreamWriter
 from eventsweep.emvs.formats.blocks import BlockReader, BoundedPath, unpacked, within
+from eventsweep.emvs.formats.prophesee import opened
 from eventsweep.emvs.formats.prophesee_kernels import State, initial_state
 from eventsweep.emvs.formats.rosbag_kernels import decode_array, encode_array
 
 _BLOCK_EVENTS = 1 << 18
 _MOST_NS = 1 << 62
 _CURE = "the bag is damaged, reindex or record it again"
+MCAP = b"\x89MCAP0\r\n"
 TYPES = ("dvs_msgs/msg/EventArray", "prophesee_event_msgs/msg/EventArray")
 EVENT_BYTES = 13
 _EVENT = "uint16 x\nuint16 y\ntime ts\nbool polarity\n"
@@ -31,7 +33,7 @@ _ARRAY = "Header header\nuint32 height\nuint32 width\ndvs_msgs/Event[] events\n"
 
 
 class RosbagReader(BlockReader):
-    """A ROS1 bag (a file) or a ROS2 bag (a folder with `metadata.yaml`).
+    """A ROS1 bag (a file) or a ROS2 bag (a folder with `metadata.yaml`, or a lone MCAP file).
 
     A block is a run of messages, found again by their times of recording. Times of events are
     their own stamps, not those of recording.
@@ -39,7 +41,7 @@ class RosbagReader(BlockReader):
 
     def __init__(self, path: Path) -> None:
         path = Path(path)
-        self._ros2 = path.is_dir()
+        self._ros2 = is_ros2(path)
         self.format = "rosbag2" if self._ros2 else "rosbag1"
         with opened_bag(path) as bag:
             kinds = {c.topic: c.msgtype for c in bag.connections}
@@ -138,15 +140,32 @@ class RosbagReader(BlockReader):
             return
 
 
+def is_ros2(path: Path) -> bool:
+    """Whether a bag is a ROS2 one: a folder, or a lone MCAP file."""
+    if path.is_dir():
+        return True
+    with opened(path) as file:
+        return file.read(len(MCAP)) == MCAP
+
+
+class _McapPath(BoundedPath):
+    """A lone MCAP file, whatever its name: the library goes by the name's end."""
+
+    suffix = ".mcap"
+
+
 @contextmanager
 def opened_bag(path: Path) -> Iterator[Any]:
     """Opens a bag for reading."""
     from rosbags.rosbag1 import Reader as Reader1  # 0.2 s that other formats need not wait for
     from rosbags.rosbag2 import Reader as Reader2
+    from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
     try:
-        own = BoundedPath(path)
-        with Reader2(own) if path.is_dir() else Reader1(own) as bag:
+        ros2 = is_ros2(path)
+        own = _McapPath(path) if ros2 and not path.is_dir() else BoundedPath(path)
+        DECOMPRESSORS.update({name: partial(_mcap_chunk, name) for name in ("lz4", "zstd")})
+        with Reader2(own) if ros2 else Reader1(own) as bag:
             if isinstance(bag, Reader1):
                 bag.chunks = {at: _bounded(path, at, chunk) for at, chunk in bag.chunks.items()}
             if not all(isinstance(n, str) for c in bag.connections for n in (c.topic, c.msgtype)):
@@ -170,6 +189,14 @@ def _bounded(path: Path, at: int, chunk: Any) -> Any:
         return chunk
     where = f"{path}, chunk at byte {at}"
     return chunk._replace(decompressor=partial(unpacked, compression=kind, where=where))
+
+
+def _mcap_chunk(compression: str, data: bytes, _size: int) -> bytes:
+    """The same for MCAP, whose chunks have a table of decompressors in common."""
+    try:
+        return unpacked(data, compression, "a chunk")
+    except InputError as error:  # `opened_bag` knows the file
+        raise ValueError(str(error)) from error
 
 
 class ArrayHead(NamedTuple):

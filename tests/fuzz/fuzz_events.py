@@ -28,6 +28,7 @@ sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("helpers", "r
 import h5py
 import lz4.frame
 import numpy as np
+import scipy.io
 
 import event_files
 import naive_formats as naive
@@ -77,6 +78,11 @@ def sound(folder, kind):
     match kind:
         case "rosbag2+mcap":
             event_files.write_rosbag2(path, SIZE_PX, events, event_files.StoragePlugin.MCAP)
+        case "rosbag2+lone":
+            payloads, storage = event_files.libcaer_payloads(rows()), event_files.StoragePlugin.MCAP
+            bag = folder / "bag"
+            event_files.write_packets(bag, SIZE_PX, payloads, "libcaer_cmp", storage)
+            (bag / "bag.mcap").rename(path)
         case "rosbag2+evt3":
             payloads = event_files.evt3_payloads(rows(), range(100, 3000, 251))
             event_files.write_packets(path, SIZE_PX, payloads, "evt3")
@@ -89,6 +95,9 @@ def sound(folder, kind):
                 whole.visititems(lambda key, node: plain(out, key, node))
         case "npy+rows" | "npz+rows" | "hdf5+rows" | "hdf5+stated" | "csv+stated":
             write_table(path, kind, events[0])
+        case "mat+plain":
+            columns = np.array([[x, y, p, t] for t, x, y, p in rows()], float)
+            scipy.io.savemat(path, {"ev": columns}, appendmat=False)
         case "parquet+plain":
             event_files.write_parquet(path, events[0], compression="none", use_dictionary=False)
         case "aedat4+plain":
@@ -123,7 +132,7 @@ def write_table(path, kind, e):
 STATED = {
     kind: ColumnMap("ev/xs", "ev/ys", "ev/ts", "ev/on", "ns")
     for kind in ("hdf5+stated", "csv+stated")
-}
+} | {"mat+plain": ColumnMap("ev[0]", "ev[1]", "ev[3]", "ev[2]", "us")}
 
 
 def plain(out, key, node):
@@ -149,7 +158,7 @@ def uncompressed(data):
 KINDS = [
     *event_files.ALL, "rosbag2+mcap", "dsec+plain", "mvsec+plain", "aedat4+plain", "npz+members",
     "npy+rows", "npz+rows", "hdf5+rows", "hdf5+stated", "csv+stated",
-    "rosbag2+evt3", "rosbag2+mono",
+    "rosbag2+evt3", "rosbag2+mono", "rosbag2+lone", "mat+plain",
     *(["parquet+plain"] if event_files.HAS_PARQUET else []),
 ]  # fmt: skip
 

@@ -13,6 +13,7 @@ from functools import partial
 
 import h5py
 import numpy as np
+import scipy.io
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -26,7 +27,7 @@ ALL = [name for name in FORMATS if name != "hdf5" and (HAS_PARQUET or name != "p
 WRITTEN = [name for name, entry in FORMATS.items() if entry.writes]
 READ_ONLY = [name for name in ALL if name not in WRITTEN]
 # Those whose events a test puts together from whole columns
-COLUMNS = {"v2e", "e2calib", "npy", "parquet"}
+COLUMNS = {"v2e", "e2calib", "npy", "parquet", "mat"}
 CD = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
 ROS2_EVENT = np.dtype(
     {
@@ -153,6 +154,8 @@ def write_columns(kind, path, size_px, packets):
         case "npy":
             with path.open("wb") as file:
                 np.save(file, fields_of(e))
+        case "mat":
+            scipy.io.savemat(path, columns, appendmat=False, do_compression=True)
         case "parquet":
             write_parquet(path, e, write_page_checksum=True)
 
@@ -235,6 +238,27 @@ def mono_payloads(rows, step=100):
         part, base_ns = rows[start : start + step], 1000 * rows[start][0]
         words = [(1000 * t - base_ns) | x << 32 | y << 48 | p << 63 for t, x, y, p in part]
         out.append((base_ns, base_ns, np.array(words, "<u8").tobytes()))
+    return out
+
+
+def libcaer_payloads(rows, step=100):
+    """Words of iniVation's cameras: equal columns and times are said once, µs from each base."""
+    out = []
+    for start in range(0, len(rows), step):
+        part, words, high, low, column = rows[start : start + step], [], 0, 0, None
+        base_us = part[0][0] - 3 * (start > 0)
+        for t, x, y, p in part:
+            if (t - base_us) >> 12 != high:
+                high = (t - base_us) >> 12
+                words.append(high)
+            if (t - base_us) & 0xFFF != low:
+                low = (t - base_us) & 0xFFF
+                words.append(0x1000 | low)
+            if x != column:
+                column = x
+                words.append(0x2000 | x)
+            words.append(0x3000 | p << 11 | y)
+        out.append((10**9 + 1000 * start, 1000 * base_us, np.array(words, "<u2").tobytes()))
     return out
 
 

@@ -49,7 +49,7 @@ _COLUMNS: dict[str, type[np.generic]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class _Array:
+class Array:
     """An array as its header declares it.
 
     Columns lie one after another `by_columns` (Fortran order), not rows; `head` bytes are in front
@@ -65,10 +65,10 @@ class _Array:
 
 
 @dataclass(frozen=True, slots=True)
-class _Run:
+class Run:
     """Rows of one type that lie behind each other: a column, or several side by side.
 
-    `head` and `place` as of `_Array`, for the first row.
+    `head` and `place` as of `Array`, for the first row.
     """
 
     name: str
@@ -85,7 +85,7 @@ class NpzReader(BlockReader):
     def __init__(self, path: Path, columns: ColumnMap | None = None) -> None:
         super().__init__(Path(path), (STREAM,))
         arrays = self._arrays()
-        self._runs: list[_Run] = []
+        self._runs: list[Run] = []
         self._count = 0
         self._of: dict[str, tuple[int, str]] = {}
         self._unit_s: float | None = None
@@ -107,7 +107,7 @@ class NpzReader(BlockReader):
         """Which share of the rows ends with a block."""
         return float(place[1] / max(1, self._count))
 
-    def _arrays(self) -> dict[str, _Array]:
+    def _arrays(self) -> dict[str, Array]:
         """What the archive holds; only headers are read."""
         with _archive(self.path) as archive:
             names = [name for name in archive.namelist() if name.endswith(".npy")]
@@ -118,7 +118,7 @@ class NpzReader(BlockReader):
             found = [_array_of(self.path, archive, name) for name in names]
         return {array.name: array for array in found if array.name not in _SIZES}
 
-    def _lay_out(self, arrays: Mapping[str, _Array], columns: ColumnMap | None) -> None:
+    def _lay_out(self, arrays: Mapping[str, Array], columns: ColumnMap | None) -> None:
         """Finds each column's run, and how many rows there are."""
         addresses, unit_s = self._chosen(arrays, columns)
         counts = {}
@@ -136,7 +136,7 @@ class NpzReader(BlockReader):
             self._find_order()
 
     def _chosen(
-        self, arrays: Mapping[str, _Array], columns: ColumnMap | None
+        self, arrays: Mapping[str, Array], columns: ColumnMap | None
     ) -> tuple[dict[str, str], float | None]:
         if columns is not None and columns.x:
             return columns.addresses, columns.unit_s
@@ -167,19 +167,22 @@ class NpzReader(BlockReader):
     def _opened_at(self, row: int, *, whole: bool = False) -> Iterator[list[IO[bytes]]]:
         """Each run at a row; through the archive where it is compressed or read `whole`."""
         with ExitStack() as stack:
-            archive = stack.enter_context(_archive(self.path)) if self.format == "npz" else None
-            files = []
-            for run in self._runs:
-                at, inside = row * run.row.itemsize, archive is not None
-                if run.place is not None and not (inside and whole):
-                    file: IO[bytes] = stack.enter_context(opened(self.path))
-                    file.seek(run.place + at)
-                else:
-                    assert archive is not None
-                    file = stack.enter_context(archive.open(f"{run.name}.npy"))
-                    file.seek(run.head + at)
-                files.append(file)
-            yield files
+            yield [
+                stack.enter_context(self._run_at(run, row * run.row.itemsize, whole=whole))
+                for run in self._runs
+            ]
+
+    @contextmanager
+    def _run_at(self, run: Run, at: int, *, whole: bool) -> Iterator[IO[bytes]]:
+        """A run at a byte of it."""
+        if run.place is not None and not (self.format == "npz" and whole):
+            with opened(self.path) as file:
+                file.seek(run.place + at)
+                yield file
+            return
+        with _archive(self.path) as archive, archive.open(f"{run.name}.npy") as member:
+            member.seek(run.head + at)
+            yield member
 
     def _values(self, files: list[IO[bytes]], start: int, stop: int) -> dict[str, Numbers]:
         """The four columns of the rows that come next in the files."""
@@ -211,16 +214,16 @@ class NpyReader(NpzReader):
 
     format = "npy"
 
-    def _arrays(self) -> dict[str, _Array]:
+    def _arrays(self) -> dict[str, Array]:
         with opened(self.path) as file:
             shape, by_columns, kind = _header(self.path, "", file)
             head = file.tell()
-        array = _Array("", shape, kind, by_columns, head, head)
-        _check_size(self.path, array, self.path.stat().st_size - head)
+        array = Array("", shape, kind, by_columns, head, head)
+        check_size(self.path, array, self.path.stat().st_size - head)
         return {"": array}
 
 
-def _run_of(path: Path, arrays: Mapping[str, _Array], address: str) -> tuple[_Array, _Run, str]:
+def _run_of(path: Path, arrays: Mapping[str, Array], address: str) -> tuple[Array, Run, str]:
     """The array that an address names, its run of rows, and which field of them is meant."""
     name, key = address_of(address)
     if name not in arrays and not key and "" in arrays:
@@ -237,21 +240,21 @@ def _run_of(path: Path, arrays: Mapping[str, _Array], address: str) -> tuple[_Ar
         if key not in fields or len(array.shape) != 1:
             raise InputError(f"{where}: fields {quoted(*fields)}, not {quoted(key)}; {CURE}")
         _check_number(where, array.kind[key])
-        return array, _Run(name, array.kind, array.head, array.place), key
+        return array, Run(name, array.kind, array.head, array.place), key
     _check_number(where, array.kind)
     if not key:
         if len(array.shape) != 1:
             raise InputError(f"{where}: shape {array.shape}; needs (N,), or a number in brackets")
-        return array, _Run(name, array.kind, array.head, array.place), ""
+        return array, Run(name, array.kind, array.head, array.place), ""
     width = array.shape[1] if len(array.shape) == 2 else 0
     if not key.isdecimal() or int(key) >= width or width * array.kind.itemsize > _MOST_ROW:
         raise InputError(f"{where}: no column {quoted(key)} in an array of shape {array.shape}")
     if array.by_columns:
         skip = int(key) * array.shape[0] * array.kind.itemsize
         place = None if array.place is None else array.place + skip
-        return array, _Run(name, array.kind, array.head + skip, place), ""
+        return array, Run(name, array.kind, array.head + skip, place), ""
     row = np.dtype([(str(k), array.kind) for k in range(width)])
-    return array, _Run(name, row, array.head, array.place), key
+    return array, Run(name, row, array.head, array.place), key
 
 
 def _where(path: Path, name: str) -> str:
@@ -263,7 +266,7 @@ def _check_number(where: str, kind: np.dtype[Any]) -> None:
         raise InputError(f"{where}: of type {kind}; needs plain numbers of up to 8 bytes")
 
 
-def _array_of(path: Path, archive: zipfile.ZipFile, member_name: str) -> _Array:
+def _array_of(path: Path, archive: zipfile.ZipFile, member_name: str) -> Array:
     """Looks an array up; refuses a count that the archive contradicts."""
     name, info = member_name.removesuffix(".npy"), archive.getinfo(member_name)
     with archive.open(info) as member:
@@ -272,13 +275,13 @@ def _array_of(path: Path, archive: zipfile.ZipFile, member_name: str) -> _Array:
     place = None
     if info.compress_type == zipfile.ZIP_STORED:
         place = _content_at(path, info.header_offset) + head
-    array = _Array(name, shape, kind, by_columns, head, place)
+    array = Array(name, shape, kind, by_columns, head, place)
     if not kind.hasobject:  # refused where it is asked for
-        _check_size(path, array, info.file_size - head)
+        check_size(path, array, info.file_size - head)
     return array
 
 
-def _check_size(path: Path, array: _Array, size: int) -> None:
+def check_size(path: Path, array: Array, size: int) -> None:
     """Refuses an array whose bytes are not all there, or with more of them."""
     where = _where(path, array.name)
     if array.kind.hasobject:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag1 import Writer as Ros1Writer
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Reader as Ros2Reader
+from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import naive_formats as naive
-from event_files import PACKET, evt3_payloads, mono_payloads, write_packets
+from event_files import PACKET, evt3_payloads, libcaer_payloads, mono_payloads, write_packets
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.formats import open_events, rosbag
+from eventsweep.emvs.formats import blocks, open_events, rosbag
 from eventsweep.emvs.formats.event_packets import TYPES, packet_events
 from eventsweep.emvs.formats.prophesee_kernels import initial_state
 
@@ -26,6 +29,7 @@ WORDS = st.sampled_from([0x8001, 0x8002, 0x6005, 0x0011, 0x2003, 0x2804, 0x3802,
 PAYLOADS = {
     "evt3": evt3_payloads(ROWS, range(1, 12_000, 37)),
     "mono": mono_payloads(ROWS),
+    "libcaer_cmp": libcaer_payloads(ROWS),
 }
 
 
@@ -73,6 +77,97 @@ def test_messages_are_one_stream_wherever_it_is_cut(words, cuts):
     assert found == naive.decode_evt3(words)
 
 
+CAER_WORDS = st.sampled_from(
+    [0x0001, 0x1005, 0x2003, 0x2804, 0x3007, 0x3811, 0x4805, 0x4010, 0x5081, 0x50FF, 0x5000]
+)
+
+
+@given(words=st.lists(CAER_WORDS, max_size=40))
+def test_words_of_libcaer_mean_what_they_say_one_by_one(words):
+    data = message(np.array(words, "<u2").tobytes(), "libcaer_cmp", time_base=7000)
+    expected = decoded_libcaer(words, 7)
+    if expected is None:
+        with pytest.raises(InputError, match="without its column or base"):
+            packet_events(data, True, "here", initial_state())
+        return
+    assert naive.rows_of(packet_events(data, True, "here", initial_state())) == expected
+
+
+def decoded_libcaer(words, base_us):
+    """Rows of a packet; None where an event lacks its column or its base."""
+    rows, high, low, column, base, sign = [], 0, 0, None, None, 0
+    for word in words:
+        kind, value = word >> 12, word & 0xFFF
+        valid = [k for k in range(8) if value >> k & 1] if kind == 5 else []
+        if ((kind == 3 or valid) and column is None) or (valid and base is None):
+            return None
+        match kind:
+            case 0:
+                high = value
+            case 1:
+                low = value
+            case 2:
+                column = value & 0x7FF
+            case 4:
+                base, sign = value & 0x7FF, value >> 11
+        at_us = base_us + 4096 * high + low
+        rows += [(at_us, column, value & 0x7FF, value >> 11)] if kind == 3 else []
+        rows += [(at_us, column, base + k, sign) for k in valid]
+        if kind == 5 and base is not None:
+            base += 8
+    return rows
+
+
+def test_a_lone_mcap_file_is_a_bag(tmp_path):
+    payloads = PAYLOADS["libcaer_cmp"]
+    storage = StoragePlugin.MCAP
+    path = write_packets(tmp_path / "bag", SIZE_PX, payloads, "libcaer_cmp", storage)
+    lone = (path / "bag.mcap").rename(tmp_path / "lone")
+    assert read(lone) == ROWS
+    whole = lone.read_bytes()
+    lone.write_bytes(whole[:-100])
+    with pytest.raises(InputError, match="cut off or damaged") as error:
+        open_events(lone)
+    assert "\n" not in str(error.value)
+
+
+def test_chunks_of_mcap_unpack_to_a_bound(tmp_path, monkeypatch):
+    storage, packed = StoragePlugin.MCAP, CompressionMode.STORAGE
+    write_packets(tmp_path / "bag", SIZE_PX, PAYLOADS["mono"], "mono", storage)
+    with Ros2Reader(tmp_path / "bag") as plain:
+        bag = Ros2Writer(tmp_path / "packed", version=9, storage_plugin=storage)
+        bag.set_compression(packed, CompressionFormat.ZSTD)
+        with bag:
+            (old,) = plain.connections
+            topic = bag.add_connection(
+                "/events", old.msgtype, msgdef=old.msgdef.data, rihs01=old.digest
+            )
+            for _, stamp_ns, data in plain.messages():
+                bag.write(topic, stamp_ns, data)
+    path = tmp_path / "packed" / "packed.mcap"
+    assert read(path) == ROWS
+    monkeypatch.setattr(blocks, "MOST_BYTES", 20_000)
+    with pytest.raises(InputError, match="holds more than 20000 bytes") as error:
+        read(path)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+REAL = Path(__file__).parents[3] / "../shared/data/real/test_events_2_0.mcap"
+
+
+@pytest.mark.skipif(not REAL.exists(), reason="needs ../shared/data, no part of the project")
+def test_a_real_mcap_file_of_a_davis346():
+    reader = open_events(REAL)
+    assert (reader.width_px, reader.height_px) == (346, 260)
+    events = Events.concat(list(reader.chunks(*reader.streams)))
+    # Counts, first time and sum of times as the tests of its publisher's decoder state them
+    assert (np.count_nonzero(events.p == 0), np.count_nonzero(events.p)) == (360_223, 211_043)
+    assert events.t_us[0] == 1_744_227_144_732_712
+    assert (events.t_us - events.t_us[0]).sum() == 335_555_680_277
+    assert len(events.checked(346, 260)) == len(events)
+
+
 def message(payload, encoding="evt3", **changes):
     store = get_typestore(Stores.ROS2_HUMBLE)
     kind = "event_camera_msgs/msg/EventPacket"
@@ -107,8 +202,8 @@ def test_ros1_bags_hold_packets_too(tmp_path):
 @pytest.mark.parametrize(
     ("payload", "changes", "message_"),
     [
-        (b"", {"encoding": "libcaer_cmp"}, "coded as libcaer_cmp; known are evt3 and mono"),
-        (b"", {"encoding": "trigger"}, "coded as trigger; known are evt3 and mono"),
+        (b"", {"encoding": "libcaer"}, "coded as libcaer; known are evt3, mono, libcaer_cmp"),
+        (b"", {"encoding": "trigger"}, "coded as trigger; known are evt3, mono"),
         (b"", {"is_bigendian": True}, "evt3, big-endian; known"),
         (bytes(7), {}, "7 bytes of evt3, words of 2"),
         (bytes(12), {"encoding": "mono"}, "12 bytes of mono, words of 8"),
