@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
@@ -96,6 +95,8 @@ def _gradient(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
 
 def _nearest_known(blind: NDArray[np.bool_]) -> tuple[NDArray[np.intp], ...]:
     """Row and column of the nearest pixel that is not blind, (H, W) each."""
+    from scipy import ndimage  # few lenses need it, and a first picture waits for imports
+
     return tuple(ndimage.distance_transform_edt(blind, return_distances=False, return_indices=True))
 
 
