@@ -265,7 +265,10 @@ def refused(call) -> str:
         (lambda: es.MapperConfig.model_validate([1]), "MapperConfig is [1]"),
         (lambda: setattr(es.MapperConfig(), "planes", 3), "cannot be changed"),
         (lambda: es.SimConfig(duration_s=-1), "duration_s is -1"),
-        (lambda: es.SimConfig(sensor={"preset": "davis"}), "sensor preset davis: neither one of ideal, davis240"),
+        (
+            lambda: es.SimConfig(sensor={"preset": "davis"}),
+            "sensor preset davis: neither one of ideal, davis240",
+        ),
         (lambda: es.SimConfig(imu={"quat_xyzw": (1, 1, 1, 1)}), "imu.quat_xyzw is (1, 1, 1, 1)"),
         (lambda: es.SimConfig(min_frame_interval_us=10**6), "min_frame_interval_us=1000000"),
         (lambda: es.EvalConfig(border_px=-1), "border_px is -1"),
