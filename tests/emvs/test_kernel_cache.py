@@ -59,6 +59,31 @@ passage = Passage(Camera(5, 3, 8, 8, 2, 1), *frames, interval_between((0, 9000),
 assert len(passage.layers[0].count)
 print([picture.tolist() for picture in passage.pictures([3000, 6000])])
 """
+LINES = """
+import numpy as np
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.odometry.lines import LineField
+from eventsweep.emvs.odometry.residuals_kernels import map_to_events
+from eventsweep.emvs.odometry.views import View
+view = View.of(Camera(160, 120, 130, 130, 79.5, 59.5), np.eye(4))
+field = LineField(*view.size_px, 0)
+field.fill(np.c_[np.arange(50, 110, 0.25), np.full(240, 60.2), np.ones(240)], 240)
+H, g = np.zeros((6, 6)), np.zeros(6)
+found = map_to_events(
+    np.array([[0.02, 0.0, 1.3]]), np.eye(4), view.T_cam_body, view.intrinsics, view.size,
+    field.moments, 1.0, field.least, 1e9, 5.0, H, g)
+print(found, H.tolist(), g.tolist())
+"""
+COMPENSATED = """
+import numpy as np
+from eventsweep.emvs.odometry.events_kernels import compensate
+out, eye = np.zeros((1, 3)), np.eye(4)
+twist, lens, size = np.array([1.0, 0, 0, 0, 0, 0]), (9.0, 9.0, 4.0, 3.0), (9.0, 7.0)
+found = compensate(
+    np.array([[5.0, 3.0, 0.1]]), 1, np.ones((7, 9)), 1.0, twist, eye, eye, lens, size, out)
+print(found, out.tolist())
+"""
 ALIGNED = """
 from eventsweep.emvs.utils.vectors_kernels import aligned
 print(aligned(2).tolist())
@@ -81,6 +106,8 @@ print(done.found, done.code, done.text)
 # The caller that shows an edit in a file, and the edit where adding 1 to what is returned is none.
 CALLERS = {
     "emvs/dsi/fusion_kernels.py": FOLD,
+    "emvs/odometry/lines_kernels.py": LINES,
+    "emvs/odometry/residuals_kernels.py": COMPENSATED,
     "emvs/utils/vectors_kernels.py": VARIANCE,
     "sim/sensor/esim_kernels.py": PIXELS,
     "sim/compensation/layer_kernels.py": CARRIED,
@@ -88,6 +115,8 @@ CALLERS = {
     "sim/compensation/path_kernels.py": CARRIED,
 }
 EDITS = {
+    "later": ("x + dt_s * ax", "y + dt_s * ax"),
+    "moved": ("T[1, 2] * z + T[1, 3]", "T[1, 2] * z + T[1, 3] + x"),
     "aligned": ("np.zeros(count", "np.ones(count"),
     "larger": ('fcmp_ordered(">"', 'fcmp_ordered("<"'),
     "load": ("load(place, align=4)", "fneg(builder.load(place, align=4))"),
