@@ -1,0 +1,70 @@
+"""The table of track's scores counts failures, keeps finished rows, and names held-out seeds."""
+
+import json
+import sys
+
+import pytest
+
+import track_scores
+from eventsweep.emvs.errors import InputError
+from track_scores import Row, Twin, measured, table
+
+
+def row(seed, percent, lost=0, failure=""):
+    ate_m = None if percent is None else percent / 100
+    return Row(Twin("desk", "davis346", seed, 1.5), failure, ate_m, percent, 99.0, lost, 9.0)
+
+
+def test_failures_count_and_opened_seeds_do_not():
+    text = table([row(0, 9.0), row(2, 0.2), row(3, 0.4, lost=1), row(4, None, failure="no poses")])
+    assert "| 0 | no | 0.0900 | 9.00 | 99.0 | 0 | 6.0 |" in text
+    assert "| 4 | yes | – | – | 0 | no poses | 6.0 |" in text
+    assert "ATE 0.40 % of the way in the median, no poses at worst" in text
+    assert "on 1 of 3 sequences" in text
+    assert "Held-out seeds" not in table([row(0, 1.0)])
+
+
+def test_a_finished_row_is_kept_and_a_damaged_one_refused(tmp_path, monkeypatch):
+    made = []
+
+    def tracked(twin, _recording, _out):
+        if made and twin.seed == 3:
+            raise KeyboardInterrupt
+        made.append(twin.seed)
+        return row(twin.seed, 0.1 * twin.seed)
+
+    monkeypatch.setattr(track_scores, "_simulated", lambda _twin, folder: folder)
+    monkeypatch.setattr(track_scores, "_warm_up", lambda _path: None)
+    monkeypatch.setattr(track_scores, "_tracked", tracked)
+    twins = [row(seed, 1.0).twin for seed in (2, 3)]
+    with pytest.raises(KeyboardInterrupt):
+        measured(twins, tmp_path)
+    made.clear()
+    assert [each.twin for each in measured(twins, tmp_path)] == twins
+    assert made == [3]
+    kept = tmp_path / f"{twins[0].name}.json"
+    kept.write_text(json.dumps({"twin": 3}))
+    with pytest.raises(InputError, match="remove the file"):
+        measured(twins, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("code", "said", "expected"),
+    [
+        pytest.param(2, "x: found no place to begin from: dark", "never began", id="a result"),
+        pytest.param(2, "disk is full", InputError, id="a full disk"),
+        pytest.param(130, "interrupted", KeyboardInterrupt, id="an interrupt"),
+    ],
+)
+def test_only_what_the_tracker_says_is_a_failure_of_it(tmp_path, monkeypatch, code, said, expected):
+    def verb(_arguments):
+        sys.stderr.write(said)
+        return code
+
+    monkeypatch.setattr(track_scores, "eventsweep", verb)
+    asked = row(2, 1.0).twin, tmp_path, tmp_path / "track"
+    if isinstance(expected, str):
+        assert track_scores._tracked(*asked).failure == expected
+    else:
+        with pytest.raises(expected):
+            track_scores._tracked(*asked)
