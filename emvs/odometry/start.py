@@ -3,6 +3,9 @@
 Static stereo knows no motion, so it has few points, some of them wrong. It is used from the middle
 of the first stretch of events, forwards and backwards in time; then the whole stretch is mapped on
 those poses and tracked anew, from the middle again. Nothing of the stereo map remains.
+
+A stretch in which the rig has hardly moved has no parallax to map: it grows until it has, up to
+`LONGEST_START_US`, so that its poses are found in the end.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from eventsweep.emvs.odometry.stream import Arrived
 from eventsweep.emvs.windows import Window
 
 Matrix = NDArray[np.float64]
-START_US = 200_000
+START_US, LONGEST_START_US = 200_000, 400_000
 LEAST_POINTS = 500
 _STEREO = "SGM/ts"
 _ROUNDS = 2  # of mapping the stretch and tracking it anew

@@ -25,6 +25,7 @@ from eventsweep.emvs.odometry.motion import Motion
 from eventsweep.emvs.odometry.online import OnlineMap, OnlineMapper, check_packet
 from eventsweep.emvs.odometry.registration import Fit, Registration
 from eventsweep.emvs.odometry.start import (
+    LONGEST_START_US,
     START_US,
     begin,
     few,
@@ -163,20 +164,21 @@ class Tracker:
     def _step(self, t_us: int) -> Pose | None:
         steps = {Status.STARTING: self._start, Status.LOST: self._search}
         pose = steps.get(self.status, self._track)(t_us)
-        horizon_us = START_US if self.status is Status.STARTING else 2 * LONGEST_US
+        horizon_us = LONGEST_START_US if self.status is Status.STARTING else 2 * LONGEST_US
         for stream in self._arrived.streams:
             stream.drop_before(t_us - horizon_us)
         return pose
 
     def _start(self, t_us: int) -> Pose | None:
         """Tries to find the first map and the poses of the stretch that ends at `t_us`."""
-        streams, begin_us = self._arrived.streams, t_us - START_US
+        assert self._begin_us is not None
+        streams, begin_us = self._arrived.streams, max(self._begin_us, t_us - LONGEST_START_US)
         ends = range(begin_us + self._step_us, t_us + 1, self._step_us)
         batches = _rising(
             [batch_before(streams, end, self._sizes.events, begin_us) for end in ends]
         )
         batches = [batch for batch in batches if len(batch) >= self._sizes.still]
-        if len(batches) < len(ends) // 2:
+        if len(batches) < START_US // self._step_us // 2:
             self._wait("too few events: nothing moves")
             return None
         begun = begin(

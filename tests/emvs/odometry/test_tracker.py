@@ -12,8 +12,10 @@ import point_world as world
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.recorded import track
+from eventsweep.emvs.odometry.start import LONGEST_START_US, begin
 from eventsweep.emvs.odometry.tracker import Status, Tracker
 
 CONFIG = TrackConfig(map_rate_hz=8, planes=40)
@@ -110,6 +112,64 @@ def test_without_events_it_stands_still_and_says_so(recording):
     held = [pose.T_world_body for pose in poses if pose.status is Status.STILL]
     np.testing.assert_array_equal(held[0], held[-1])
     assert len(tracker.known()) <= 1024
+
+
+def test_what_was_seen_before_the_first_map_is_tracked_too(recording, monkeypatch):
+    """The first stretch shows too little, as of a rig that hardly moves: it grows."""
+    tries = []
+
+    def begin_later(*arguments):
+        tries.append(arguments)
+        return "nothing to see yet" if len(tries) < 3 else begin(*arguments)
+
+    monkeypatch.setattr("eventsweep.emvs.odometry.tracker.begin", begin_later)
+    poses = []
+    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+    run(recording, [290_000, 310_000], tracker)
+    assert len(tries) == 3
+    assert poses[0].t_us < 20_000
+    assert worst_m(tracker.known(), recording.trajectory) < 0.006
+
+
+def test_until_it_begins_it_holds_a_bounded_stretch(recording, monkeypatch):
+    spans_us = []
+
+    def never(_arrived, batches, *_rest):
+        spans_us.append(batches[-1].t_us - batches[0].t_us)
+        return "nothing to see"
+
+    monkeypatch.setattr("eventsweep.emvs.odometry.tracker.begin", never)
+    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0))
+    run(recording, range(50_000, END_US + 1, 50_000), tracker)
+    assert spans_us[0] < spans_us[1] < max(spans_us) <= LONGEST_START_US
+    oldest_us = min(stream.between(0, END_US).t_us[0] for stream in tracker._arrived.streams)
+    assert oldest_us >= END_US - LONGEST_START_US - 50_000
+
+
+@pytest.mark.parametrize(
+    ("gap_us", "held"),
+    [
+        pytest.param(30_000, False, id="short"),
+        pytest.param(60_000, True, marks=pytest.mark.slow, id="longer than a batch"),
+    ],
+)
+def test_packets_may_be_missing(recording, gap_us, held):
+    """All of both cameras for a while, and of each camera a tenth, at its own times."""
+    poses = []
+    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+
+    def dropped(k, events):
+        some = events.take((events.t_us // 1000 + 5 * k) % 10 != 0)
+        return some.take((some.t_us < 310_000) | (some.t_us >= 310_000 + gap_us))
+
+    said = run(recording, range(10_000, END_US + 1, 10_000), tracker, dropped)
+    assert Status.LOST not in said
+    assert (Status.STILL in said) == held
+    assert said[-1] is Status.TRACKING
+    assert poses[-1].t_us > END_US - 40_000
+    ends_us = tracker.known().t_us[[0, -1]]
+    ends = Trajectory.from_matrices(ends_us, tracker.known().at(ends_us))
+    assert worst_m(ends, recording.trajectory) < 0.006
 
 
 @pytest.mark.slow
