@@ -10,6 +10,8 @@ import pytest
 import line_world
 import point_world as world
 from eventsweep.emvs.data.poses import read_poses, write_tum
+from eventsweep.emvs.odometry.recorded import Change, Tracked
+from eventsweep.emvs.odometry.tracker import Status
 from eventsweep.eval.cli.main import main
 
 
@@ -39,6 +41,53 @@ def test_the_folder_holds_poses_facts_cloud_and_page(recording, tmp_path, monkey
     assert "from above" in page or "path and map" in page
     assert main(command) == 2
     assert "exists" in capsys.readouterr().err
+
+
+class InterruptedRecording:
+    """A recording in whose reading an interrupt comes."""
+
+    def __init__(self, recording):
+        self._recording = recording
+
+    def __getattr__(self, name):
+        return getattr(self._recording, name)
+
+    def events(self, camera, t0_us, t1_us):
+        if t0_us >= 150_000:
+            raise KeyboardInterrupt
+        return self._recording.events(camera, t0_us, t1_us)
+
+
+def interrupted(*_arguments):
+    raise KeyboardInterrupt
+
+
+def found(recording):
+    """What a tracker that makes no error would find."""
+    poses, span_us = recording.trajectory, recording.event_span_us(0)
+    began = Change(span_us[0], Status.TRACKING, "")
+    return Tracked(poses, (Status.TRACKING,) * len(poses), (began,), span_us, 0)
+
+
+@pytest.mark.parametrize("stage", ["reading", "writing"])
+def test_an_interrupt_leaves_nothing_and_the_same_command_starts_again(
+    recording, tmp_path, monkeypatch, capsys, stage
+):
+    out = tmp_path / "out"
+    command = ["track", str(tmp_path / "recording"), "--out", str(out), "--quiet"]
+    opened = InterruptedRecording(recording) if stage == "reading" else recording
+    with monkeypatch.context() as patched:
+        patched.setattr("eventsweep.emvs.datasets.open_recording", lambda _path: opened)
+        if stage == "writing":  # the poses are in the hidden folder then
+            patched.setattr("eventsweep.eval.odometry.track", lambda *_, **__: found(recording))
+            patched.setattr("eventsweep.eval.odometry.track_page", interrupted)
+        assert main(command) == 130
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+    monkeypatch.setattr("eventsweep.emvs.datasets.open_recording", lambda _path: recording)
+    monkeypatch.setattr("eventsweep.eval.odometry.track", lambda *_, **__: found(recording))
+    assert main(command) == 0
+    assert len(read_poses(out / "trajectory.txt")) == len(recording.trajectory)
 
 
 def test_a_first_map_that_is_none_is_refused(tmp_path, capsys):
