@@ -98,8 +98,7 @@ def measured(twins: Sequence[Twin], folder: Path) -> list[Row]:
 def table(rows: Sequence[Row]) -> str:
     """Rows as a table in Markdown, and what those of seeds that were held out come to."""
     lines = [
-        "Written by `python tests/benchmarks track_scores`; aligned rigidly; CPU time of the verb, "
-        "of all threads, per second of recording.",
+        "Written by `python tests/benchmarks track_scores`; aligned rigidly; CPU of all threads.",
         "",
         "| Scene | Sensor | s | Seed | Held out | ATE, m | ATE, % of the way | Covered, % | Lost "
         "| CPU s per s |",
@@ -135,7 +134,7 @@ def _summary(rows: Sequence[Row]) -> str:
     kept = sum(not row.failure and not row.lost for row in rows)
     return (
         f"Held-out seeds: ATE {median} of the way in the median, {worst} at worst; track kept "
-        f"throughout on {kept} of {len(rows)} sequences."
+        f"on {kept} of {len(rows)} sequences."
     )
 
 
