@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit, prange
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
@@ -42,7 +43,7 @@ def masked_median(values, mask, radius, patch, out):
         for x in range(width):
             if not mask[y, x]:
                 continue
-            count = 0
+            count = np.int64(0)  # a literal would be compiled for, too
             for v in range(top, bottom):
                 for u in range(max(x - radius, 0), min(x + radius + 1, width)):
                     # Without a branch: what is outside the mask is overwritten by the next.

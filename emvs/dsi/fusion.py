@@ -93,7 +93,7 @@ class Fusion:
     owner: str = ""
 
     def __post_init__(self) -> None:
-        known = len(fusion_kernels.ROWS)
+        known = len(fusion_kernels.CODES)
         for code in (self.code, self.outer):
             if not 0 <= code < known and code < fusion_kernels.CAMERA:
                 raise InputError(

@@ -8,10 +8,13 @@ from numba import njit, prange
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
-# Places in `ROWS`; `emvs.dsi.fusion.MEANS` has their names.
-MIN, HARMONIC, GEOMETRIC, ARITHMETIC, RMS, MAX, HARMONIC_EPS = range(7)
+# `emvs.dsi.fusion.MEANS` has their names.
+CODES = range(7)
+MIN, HARMONIC, GEOMETRIC, ARITHMETIC, RMS, MAX, HARMONIC_EPS = CODES
 CAMERA = 100  # CAMERA + c: camera c alone
 
+# As an index: for a literal, numba would compile what is called once more.
+_FIRST = np.int64(0)
 _ZERO, _ONE, _TWO, _EPS = np.float32(0), np.float32(1), np.float32(2), np.float32(0.1)
 
 # In all of these: votes (V, P, cells) float32, a volume for each camera, sub-interval and polarity;
@@ -123,33 +126,25 @@ def _harmonic_eps(votes, which, p, lo, out):
         out[x] = _TWO * left[x] * right[x] / (left[x] + right[x] + _EPS)
 
 
-# code -> what fuses one row
-ROWS = (
-    _minimum, _harmonic, _geometric, _arithmetic, _root_mean_square, _maximum, _harmonic_eps,
-)  # fmt: skip
-
-
 @njit
-def _unknown(_code, _votes, _which, _p, _lo, out):
-    """`emvs.dsi.fusion.Fusion` refuses such a code; should one come here, nothing looks right."""
-    out[:] = np.nan
-
-
-def _chosen_from(code):
-    """The choice among `ROWS` from a code on: numba cannot call through a table of functions."""
-    row, following = ROWS[code], _chosen_from(code + 1) if code + 1 < len(ROWS) else _unknown
-
-    @njit
-    def choose(wanted, votes, which, p, lo, out):
-        if wanted == code:
-            row(votes, which, p, lo, out)
-        else:
-            following(wanted, votes, which, p, lo, out)
-
-    return choose
-
-
-_choose_row = _chosen_from(0)
+def _mean_row(code, votes, which, p, lo, out):
+    """One row by the function of a code; numba cannot call through a table of functions."""
+    if code == MIN:
+        _minimum(votes, which, p, lo, out)
+    elif code == HARMONIC:
+        _harmonic(votes, which, p, lo, out)
+    elif code == GEOMETRIC:
+        _geometric(votes, which, p, lo, out)
+    elif code == ARITHMETIC:
+        _arithmetic(votes, which, p, lo, out)
+    elif code == RMS:
+        _root_mean_square(votes, which, p, lo, out)
+    elif code == MAX:
+        _maximum(votes, which, p, lo, out)
+    elif code == HARMONIC_EPS:
+        _harmonic_eps(votes, which, p, lo, out)
+    else:  # `emvs.dsi.fusion.Fusion` refuses such a code: should one come here, all is unknown
+        out[:] = np.nan
 
 
 @njit(cache=True)
@@ -159,7 +154,7 @@ def _fuse_row(code, votes, which, p, lo, out):
     elif len(which) == 1:  # any mean of a single value is that value, to the bit
         _copy(votes, which[0], p, lo, out)
     else:
-        _choose_row(code, votes, which, p, lo, out)
+        _mean_row(code, votes, which, p, lo, out)
 
 
 @njit(cache=True)
@@ -174,7 +169,7 @@ def _fuse_levels(method, codes, sizes, which, every, votes, p, lo, level, spare,
             for g in range(groups):
                 members_of = which[method, part, g, :members]
                 _fuse_row(codes[method, 0], votes, members_of, p, lo, level[g, 0])
-            _fuse_row(codes[method, 1], level, every[:groups], 0, 0, row)
+            _fuse_row(codes[method, 1], level, every[:groups], _FIRST, _FIRST, row)
         if part > 0:
             for x in range(len(out)):
                 out[x] += row[x]
@@ -197,7 +192,7 @@ def fuse(codes, sizes, which, every, votes, level, spare, out):
         for y in range(s * height // strips, (s + 1) * height // strips):
             for p in range(planes):
                 _fuse_levels(
-                    0, codes, sizes, which, every, votes, p, y * width, level[s], spare[s],
+                    _FIRST, codes, sizes, which, every, votes, p, y * width, level[s], spare[s],
                     out[p, y],
                 )  # fmt: skip
 

@@ -293,7 +293,7 @@ def reach_out(
             a, b = np.float64(bearing[i, j, 0]), np.float64(bearing[i, j, 1])
             if not mixed[i, j] and is_quiet(spread[i, j], a, b, ways[0, to_other], lens):
                 continue
-            T, middle = ways[frame.body[i, j], to_other], frame.nearest[i, j]
+            T, middle = ways[frame.body[i, j], to_other], np.float64(frame.nearest[i, j])
             # How far a step of inverse depth moves what lies here, px per 1/m.
             step = 0.05 * middle + 1e-3
             u, v = carried(T, a, b, middle, lens)
@@ -382,6 +382,8 @@ def find_layers(
         np.zeros(shape, np.int64), np.empty(lists, np.int64), np.empty(lists), np.empty(lists),
         np.full(shape, np.inf, np.float32), np.full(shape, -np.inf, np.float32),
     )  # fmt: skip
-    reach_out(before, n, border, bearing, lens, ways, TO_SECOND_START, spread, mixed, reached)
-    reach_out(after, n, border, bearing, lens, ways, TO_FIRST_END, spread, mixed, reached)
+    reach_out(
+        before, n, border, bearing, lens, ways, np.int64(TO_SECOND_START), spread, mixed, reached
+    )
+    reach_out(after, n, border, bearing, lens, ways, np.int64(TO_FIRST_END), spread, mixed, reached)
     return chosen(reached)

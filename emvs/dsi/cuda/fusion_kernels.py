@@ -77,7 +77,7 @@ def _harmonic_eps(k, n, total, product, x):
     return _TWO * product / (total + _EPS), product
 
 
-# code -> mean, in the order of `emvs.dsi.fusion_kernels.ROWS`
+# code -> mean, in the order of `emvs.dsi.fusion_kernels.CODES`
 MEANS = (
     _minimum, _harmonic, _geometric, _arithmetic, _root_mean_square, _maximum, _harmonic_eps,
 )  # fmt: skip

@@ -74,7 +74,7 @@ def test_reference_harmonic_mean_has_its_eps():
     )
 
 
-@pytest.mark.parametrize("code", [42, -1, len(fusion_kernels.ROWS)])
+@pytest.mark.parametrize("code", [42, -1, len(fusion_kernels.CODES)])
 def test_an_unknown_code_is_refused(code):
     for codes in ({"code": code}, {"outer": code}):
         with pytest.raises(InputError, match=f"fusion code {code}: needs 0 to 6"):
@@ -84,9 +84,11 @@ def test_an_unknown_code_is_refused(code):
 def test_both_back_ends_have_the_same_means_in_the_same_order():
     from eventsweep.emvs.dsi.cuda import fusion_kernels as cuda_kernels
 
-    names = [row.py_func.__name__ for row in fusion_kernels.ROWS]
+    row = fusion_kernels._mean_row.py_func
+    names = [name for name in row.__code__.co_names if name.startswith("_")]
     there = [getattr(mean, "py_func", mean) for mean in cuda_kernels.MEANS]
     assert [getattr(mean, "__name__", mean) for mean in there] == names
+    assert len(names) == len(fusion_kernels.CODES)
 
 
 @settings(max_examples=20, deadline=None)
