@@ -23,6 +23,7 @@ from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.events_kernels import NEVER_US, in_company
 from eventsweep.emvs.odometry.motion import Motion
 from eventsweep.emvs.odometry.online import OnlineMap, OnlineMapper, check_packet
+from eventsweep.emvs.odometry.per_camera import PerCamera
 from eventsweep.emvs.odometry.registration import Fit, Registration
 from eventsweep.emvs.odometry.start import (
     LONGEST_START_US,
@@ -103,9 +104,12 @@ class Tracker:
         self._origin = np.eye(4) if T_world_body is None else np.asarray(T_world_body, np.float64)
         self._on_pose, self._on_map = on_pose, on_map
         views = [View.of(c, T) for c, T in zip(rig.cameras, rig.T_body_cam, strict=True)]
-        self._registration = Registration(views, self._sizes.levels, self._sizes.own_time)
+        self._per_camera = PerCamera(len(rig), self._config.threads)
+        self._registration = Registration(
+            views, self._sizes.levels, self._sizes.own_time, self._per_camera
+        )
         self._arrived = Arrived(rig, depth_range_m, most_events=self._config.map_events)
-        self._fired_us = [np.full((c.height_px, c.width_px), NEVER_US) for c in rig.cameras]
+        self._fired_us = [np.full((c.height_px + 2, c.width_px + 2), NEVER_US) for c in rig.cameras]
         self._cloud = MapCloud(self._config.maps)
         self._mapper: OnlineMapper | None = None
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
@@ -133,11 +137,7 @@ class Tracker:
         """
         check_packet(events, self._rig, self._until_us, t_us)
         self._until_us = t_us
-        for k, packet in enumerate(events):
-            kept = np.empty(len(packet), np.bool_)
-            columns = packet.x, packet.y, packet.t_us
-            in_company(*columns, _COMPANY_US, self._fired_us[k], kept)
-            self._arrived.streams[k].push(packet.take(kept))
+        self._per_camera(lambda k: self._take(k, events[k]))
         if self._begin_us is None:
             first = [int(packet.t_us[0]) for packet in events if len(packet)]
             if not first:
@@ -149,6 +149,12 @@ class Tracker:
             newest = self._step(self._next_us) or newest
             self._next_us += self._step_us
         return newest
+
+    def _take(self, camera: int, packet: Events) -> None:
+        kept = np.empty(len(packet), np.bool_)
+        columns = packet.x, packet.y, packet.t_us
+        in_company(*columns, _COMPANY_US, self._fired_us[camera], kept)
+        self._arrived.streams[camera].push(packet.take(kept))
 
     def known(self) -> Trajectory:
         """The newest poses.

@@ -61,15 +61,15 @@ class DrawnMap:
         self.lines = [LineField(*view.size_px, level) for level in range(levels)]
         self.depth = DepthField(*view.size_px)
 
-    def draw(self, points_world: Matrix, T_body_world: Matrix) -> None:
-        """Draws (N, 3) points, seen from a body pose."""
+    def draw(self, points_world: Matrix, T_body_world: Matrix, levels: int) -> None:
+        """Draws (N, 3) points, seen from a body pose, at the finest `levels`."""
         view, seen = self._view, np.empty((len(points_world), 3))
         T_cam_world = view.T_cam_body @ T_body_world
         self.count = project(points_world, T_cam_world, view.intrinsics, view.size, seen)
         if not self.count:
             return
         self.depth.fill(seen, self.count)
-        for field in self.lines:
+        for field in self.lines[:levels]:
             field.fill(seen, self.count)
 
 
@@ -82,9 +82,12 @@ class DrawnEvents:
         self.events = np.empty((0, 3))
 
     def draw(
-        self, events: Events, t_mid_us: int, drawn: DrawnMap, twist: Matrix, most: int
+        self, events: Events, t_mid_us: int, drawn: DrawnMap, twist: Matrix, most: int, levels: int
     ) -> None:
-        """Draws events at the depths of the map; `events` keeps at most `most` rows (u, v, dt)."""
+        """Draws events at the depths of the map, at the finest `levels`.
+
+        `events` keeps at most `most` rows (u, v, dt).
+        """
         view, n = self._view, len(events)
         self.events = np.empty((min(n, most), 3))
         columns = events.x, events.y, events.t_us
@@ -95,5 +98,5 @@ class DrawnEvents:
             placed, count, drawn.depth.rho, drawn.depth.cell_px, twist, view.T_cam_body,
             view.T_body_cam, view.intrinsics, view.size, carried,
         )  # fmt: skip
-        for field in self.lines:
+        for field in self.lines[:levels]:
             field.fill(carried, count)
