@@ -25,4 +25,7 @@ class TrackConfig(ParameterGroup):
     max_depth_m: Positive | None = Field(
         default=None, description="farthest depth, m; by default the recording's own, else 5"
     )
+    gyroscope: bool = Field(
+        default=False, description="use the rates of turn in the recording's imu.csv"
+    )
     threads: int = Field(default=0, ge=0, description="threads of the kernels; 0: all")

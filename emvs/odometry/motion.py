@@ -65,6 +65,18 @@ class Motion:
         covariance = F @ self.covariance @ F.T + grown
         return Motion(t_us, self.T_world_body @ step, self.twist, covariance)
 
+    def turning(self, rate_rad_s: Matrix, sigma_rad_s: float) -> Motion:
+        """The motion once a gyroscope has said how fast the body turns: a Kalman update.
+
+        The pose is corrected, too, as far as its error goes with that of the rate.
+        """
+        seen = self.covariance[:, 9:]
+        gain = np.linalg.solve(seen[9:] + sigma_rad_s**2 * np.eye(3), seen.T).T
+        change = gain @ (rate_rad_s - self.twist[3:])
+        T_world_body = self.T_world_body @ se3.inverse(se3.exp(change[:6]))
+        covariance = self.covariance - gain @ seen.T
+        return Motion(self.t_us, T_world_body, self.twist + change[6:], covariance)
+
     def held(self, t_us: int) -> Motion:
         """The body standing where it is, at another time."""
         covariance = np.zeros((12, 12))

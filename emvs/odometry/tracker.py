@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
@@ -21,6 +22,7 @@ from eventsweep.emvs.odometry.batches import LONGEST_US, Batch, Sizes, batch_bef
 from eventsweep.emvs.odometry.cloud import MapCloud, points_of
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.events_kernels import NEVER_US, in_company
+from eventsweep.emvs.odometry.gyroscope import SIGMA_RAD_S, Gyroscope
 from eventsweep.emvs.odometry.motion import Motion
 from eventsweep.emvs.odometry.online import OnlineMap, OnlineMapper, check_packet
 from eventsweep.emvs.odometry.per_camera import PerCamera
@@ -110,6 +112,7 @@ class Tracker:
         )
         self._arrived = Arrived(rig, depth_range_m, most_events=self._config.map_events)
         self._fired_us = [np.full((c.height_px + 2, c.width_px + 2), NEVER_US) for c in rig.cameras]
+        self._gyroscope = Gyroscope()
         self._cloud = MapCloud(self._config.maps)
         self._mapper: OnlineMapper | None = None
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
@@ -122,12 +125,16 @@ class Tracker:
         self._next_us = self._fed_us = 0
         self.status, self.reason, self.since_us = Status.STARTING, "no events yet", 0
 
-    def push(self, events: Sequence[Events], t_us: int) -> Pose | None:
+    def push(
+        self, events: Sequence[Events], t_us: int, imu: ImuSamples | None = None
+    ) -> Pose | None:
         """Takes the events since the last call, and finds the poses that they allow.
 
         Args:
             events: one packet per camera, all before `t_us`.
             t_us: up to when the events are all there, µs.
+            imu: inertial samples since the last call, on the same clock; only the gyroscope's part
+                is used, and nothing depends on there being any.
 
         Returns:
             The newest pose that this call found, if any.
@@ -138,6 +145,8 @@ class Tracker:
         check_packet(events, self._rig, self._until_us, t_us)
         self._until_us = t_us
         self._per_camera(lambda k: self._take(k, events[k]))
+        if imu is not None:
+            self._gyroscope.push(imu)
         if self._begin_us is None:
             first = [int(packet.t_us[0]) for packet in events if len(packet)]
             if not first:
@@ -173,6 +182,7 @@ class Tracker:
         horizon_us = LONGEST_START_US if self.status is Status.STARTING else 2 * LONGEST_US
         for stream in self._arrived.streams:
             stream.drop_before(t_us - horizon_us)
+        self._gyroscope.drop_before(t_us - horizon_us)
         return pose
 
     def _start(self, t_us: int) -> Pose | None:
@@ -233,7 +243,11 @@ class Tracker:
         if len(batch) < self._sizes.still:
             held = self._motion.held(batch.t_us)
             return self._go_on(held, Fit(), Status.STILL, t_us)
-        motion, fit = self._registration(batch.events, self._motion.at(batch.t_us))
+        expected = self._motion.at(batch.t_us)
+        rate_rad_s = self._gyroscope.rate_at(batch.t_us, t_us)
+        if rate_rad_s is not None:
+            expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
+        motion, fit = self._registration(batch.events, expected)
         if _is_good(fit, _AGREES):
             return self._go_on(motion, fit, Status.TRACKING, t_us)
         return self._doubt(batch, fit, t_us)
