@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.odometry.motion import Motion
-from eventsweep.emvs.odometry.per_camera import PerCamera
 from eventsweep.emvs.odometry.residuals_kernels import events_to_map, map_to_events
-from eventsweep.emvs.odometry.views import DrawnEvents, DrawnMap, View
+from eventsweep.emvs.odometry.views import DrawnEvents, DrawnMap, PerCamera, View
 
 Matrix = NDArray[np.float64]
 _CAUCHY_PX, _GATE_PX = 0.7, 2.5  # at the finest level; twice as much at each coarser one

@@ -22,10 +22,8 @@ from eventsweep.emvs.odometry.batches import LONGEST_US, Batch, Sizes, batch_bef
 from eventsweep.emvs.odometry.cloud import MapCloud, points_of
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.events_kernels import NEVER_US, in_company
-from eventsweep.emvs.odometry.gyroscope import SIGMA_RAD_S, Gyroscope
-from eventsweep.emvs.odometry.motion import Motion
+from eventsweep.emvs.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion
 from eventsweep.emvs.odometry.online import OnlineMap, OnlineMapper, check_packet
-from eventsweep.emvs.odometry.per_camera import PerCamera
 from eventsweep.emvs.odometry.registration import Fit, Registration
 from eventsweep.emvs.odometry.start import (
     LONGEST_START_US,
@@ -35,7 +33,7 @@ from eventsweep.emvs.odometry.start import (
     trajectory_of,
 )
 from eventsweep.emvs.odometry.stream import Arrived
-from eventsweep.emvs.odometry.views import View
+from eventsweep.emvs.odometry.views import PerCamera, View
 
 Matrix = NDArray[np.float64]
 _COMPANY_US = 20_000

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +18,7 @@ from eventsweep.emvs.odometry.lines import DepthField, LineField
 from eventsweep.emvs.odometry.lines_kernels import project
 
 Matrix = NDArray[np.float64]
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,3 +104,26 @@ class DrawnEvents:
         )  # fmt: skip
         for field in self.lines[:levels]:
             field.fill(carried, count)
+
+
+class PerCamera:
+    """Calls a function of a camera's number for all cameras, each in a thread of its own.
+
+    Results are in the order of the cameras. Kernels hold no lock.
+
+    Args:
+        count: cameras.
+        threads: most threads, the caller's own among them; 0 for one per camera.
+    """
+
+    def __init__(self, count: int, threads: int = 0) -> None:
+        self._cameras = range(count)
+        helpers = min(count, threads or count) - 1
+        self._helpers = ThreadPoolExecutor(helpers, "camera") if helpers > 0 else None
+
+    def __call__(self, work: Callable[[int], Made]) -> list[Made]:
+        """What `work` returns for each camera; the first is done by the caller itself."""
+        if self._helpers is None:
+            return [work(camera) for camera in self._cameras]
+        others = [self._helpers.submit(work, camera) for camera in self._cameras[1:]]
+        return [work(0), *(other.result() for other in others)]

@@ -15,8 +15,7 @@ from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.odometry.config import TrackConfig
-from eventsweep.emvs.odometry.gyroscope import SIGMA_RAD_S, Gyroscope
-from eventsweep.emvs.odometry.motion import Motion
+from eventsweep.emvs.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion
 from eventsweep.emvs.odometry.recorded import track
 from eventsweep.emvs.odometry.tracker import Status
 
