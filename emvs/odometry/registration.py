@@ -22,7 +22,7 @@ _CAUCHY_PX, _GATE_PX = 0.7, 2.5  # at the finest level; twice as much at each co
 # What a squared residual of a pixel counts: events of one edge, and of batches that overlap, err
 # together.
 _TRUST = 0.2
-_STEPS, _COARSER_STEPS = 4, 4  # of Gauss-Newton per level, associations anew in each
+_STEPS, _COARSER_STEPS = 4, 2  # of Gauss-Newton per level, associations anew in each
 _ENOUGH = 2e-5  # m, rad: a smaller step changes nothing
 _REDRAW_PX = 6.0  # the map is drawn anew once it has moved by so much
 

@@ -18,7 +18,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
-from eventsweep.emvs.odometry.batches import LONGEST_US, Batch, Sizes, batch_before
+from eventsweep.emvs.odometry.batches import LONGEST_US, Batch, Sizes, batch_before, planes_for
 from eventsweep.emvs.odometry.cloud import MapCloud, points_of
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.events_kernels import NEVER_US, in_company
@@ -34,6 +34,7 @@ from eventsweep.emvs.odometry.start import (
 )
 from eventsweep.emvs.odometry.stream import Arrived
 from eventsweep.emvs.odometry.views import PerCamera, View
+from eventsweep.emvs.reference_view import depth_range_m
 
 Matrix = NDArray[np.float64]
 _COMPANY_US = 20_000
@@ -320,11 +321,12 @@ class Tracker:
 
     def _map_config(self) -> MapperConfig:
         config = self._config
-        return MapperConfig(
-            methods=(self._method,), planes=config.planes, window_s=config.map_s,
-            stride_s=1 / config.map_rate_hz, min_depth_m=config.min_depth_m,
-            max_depth_m=config.max_depth_m, threads=config.threads,
+        settings = MapperConfig(
+            methods=(self._method,), window_s=config.map_s, stride_s=1 / config.map_rate_hz,
+            min_depth_m=config.min_depth_m, max_depth_m=config.max_depth_m, threads=config.threads,
         )  # fmt: skip
+        planes = config.planes or planes_for(self._rig, depth_range_m(self._arrived, settings))
+        return settings.model_copy(update={"planes": planes})
 
 
 def _is_good(fit: Fit, closeness: float) -> bool:
