@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.data.poses import write_tum
 from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.depth.point_cloud import (
     PointCloud,
@@ -20,12 +21,14 @@ from eventsweep.emvs.depth.point_cloud import (
     without_outliers,
     write_ply,
 )
+from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.online import OnlineMap
 from eventsweep.emvs.odometry.recorded import Tracked, track
 from eventsweep.emvs.odometry.tracker import Status
 from eventsweep.emvs.utils.outputs import atomic_dir, inputs_of
 from eventsweep.emvs.utils.runtime import versions
+from eventsweep.eval.own_poses import write_failure
 from eventsweep.eval.progress import Display
 from eventsweep.eval.report.html import REPORT_NAME
 from eventsweep.eval.report.track_page import track_page
@@ -63,6 +66,18 @@ def track_recording(
         page = track_page(recording.name, tracked, cloud)
         (folder / REPORT_NAME).write_text(page, encoding="utf-8")
     return tracked
+
+
+def track_stage(progress: Display) -> Callable[[Path, Path], None]:
+    """Tracks a recording into a folder as a stage of a run, in which a failure is a result."""
+
+    def stage(path: Path, out: Path) -> None:
+        try:
+            track_recording(open_recording(path), path, out, TrackConfig(), progress)
+        except InputError as error:
+            write_failure(out, error)
+
+    return stage
 
 
 def facts_of(tracked: Tracked) -> dict[str, Any]:

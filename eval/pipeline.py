@@ -10,7 +10,7 @@ import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
@@ -44,7 +44,7 @@ def _add_nothing(folder: Path) -> None:
 def run_cases(
     cases: Sequence[str], out: Path, settings: Settings, rig: str | None, seed: int, *,
     force: bool = False, workers: int = 1, finish: Callable[[Path], None] = _add_nothing,
-    progress: Display = _SILENT,
+    track: Callable[[Path, Path], None] | None = None, progress: Display = _SILENT,
 ) -> Results:  # fmt: skip
     """Simulates, maps and scores every case; `out` appears when all is done.
 
@@ -57,11 +57,13 @@ def run_cases(
         force: whether a run that is in the place of `out` is replaced.
         workers: rendering processes.
         finish: adds, such as a report, to the folder of results before it takes its place.
+        track: finds the poses of a recording, its first argument, from its events, and writes them
+            into a folder, its second; they, and maps on them, are then scored, too.
         progress: shows how far the run is.
     """
     from eventsweep.eval.scoring import run_folder
 
-    _check_run(cases, settings, rig)
+    _check_run(cases, settings, rig, track=track is not None)
     with atomic_dir(out, force=force, inputs=_inputs(cases, settings)) as folder:
         (folder / run_folder.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
         for case in cases:
@@ -69,9 +71,32 @@ def run_cases(
             sequence = of_case / run_folder.SEQUENCE_FOLDER
             simulate_scene(case, sequence, settings, rig, seed, workers=workers, progress=progress)
             map_recording(sequence, of_case / run_folder.MAP_FOLDER, settings, progress=progress)
+            if track is not None:
+                track(sequence, of_case / run_folder.TRACK_FOLDER)
+                _map_on_own_poses(of_case, settings.map, progress)
         results = score_folder(folder, settings.score)
         finish(folder)
     return results
+
+
+def _map_on_own_poses(of_case: Path, config: MapperConfig, progress: Display) -> None:
+    """Maps the windows of a case again, on the poses that were found."""
+    from eventsweep.emvs.datasets import open_recording
+    from eventsweep.emvs.maps.folder import read_map
+    from eventsweep.emvs.windows import Window
+    from eventsweep.eval.own_poses import found_poses, map_on_poses
+    from eventsweep.eval.scoring import run_folder
+
+    info = read_map(of_case / run_folder.MAP_FOLDER).info
+    lost = (0,) * len(info.windows[0].counts)
+    windows = {w.name: Window(w.t0_us, w.t1_us, w.t_ref_us, lost) for w in info.windows}
+    with progress.stage(f"map {info.recording.name} on its own poses", 1) as update:
+        map_on_poses(
+            open_recording(of_case / run_folder.SEQUENCE_FOLDER),
+            found_poses(of_case / run_folder.TRACK_FOLDER), windows, config,
+            of_case / run_folder.TRACKED_MAP_FOLDER, info.recording,
+        )  # fmt: skip
+        update(1, "")
 
 
 def simulate_scene(
@@ -143,7 +168,7 @@ def score_folder(
     check_files(folder, names, force=True)
     with output_folder(folder, names, force=True):
         with run_folder.kept_predictions(folder, [entry.path for entry in given]) as kept:
-            results = _scored(maps, config, given, kept)
+            results = _scored(folder, maps, config, given, kept)
         with files_together(folder, _RESULTS) as staged:
             write_results(staged, results)
     return results
@@ -170,24 +195,30 @@ def _estimates(
 
 
 def _scored(
-    maps: Mapping[str, StoredMap], config: EvalConfig, folders: Sequence[NamedFolder], kept: Path
-) -> Results:
+    folder: Path, maps: Mapping[str, StoredMap], config: EvalConfig,
+    folders: Sequence[NamedFolder], kept: Path,
+) -> Results:  # fmt: skip
     from eventsweep.emvs.data.sequence import Sequence as EventSequence
     from eventsweep.eval.scoring import run_folder
     from eventsweep.eval.scoring.metric_versions import metric_versions
     from eventsweep.eval.scoring.pairing import REFERENCE
     from eventsweep.eval.scoring.results import Results, together
     from eventsweep.eval.scoring.score import rig_rows, score_windows
+    from eventsweep.eval.scoring.trajectories.own_poses import pose_rows
+    from eventsweep.eval.scoring.trajectories.score import metric_versions as trajectory_versions
 
     tables: list[pd.DataFrame] = []
-    sequences = {}
-    configuration = {"score": config.model_dump(mode="json")}
+    sequences, versions = {}, metric_versions()
+    configuration: dict[str, Any] = {"score": config.model_dump(mode="json")}
     for case, stored in maps.items():
         sequence = run_folder.sequence_of(stored)
         windows = run_folder.with_truth(stored, sequence, config)
         # Without predictions nothing is read to check them against.
         others = (case, sequence, windows, config, folders, kept)
         estimates = _estimates(*others) if folders else None
+        own = run_folder.tracked(folder, case)
+        if own is not None:
+            estimates = _with_own(own.map, windows, estimates)
         tables += [
             score_windows(case, sequence, windows, config, estimates, REFERENCE),
             rig_rows(case, sequence, [window.info for window in windows]),
@@ -198,6 +229,12 @@ def _scored(
             **run_folder.provenance(sequence),
             "map": stored.info.config.model_dump(mode="json"),
         }
+        if own is not None:
+            rows, notes = pose_rows(case, sequence.trajectory, own.poses)
+            tables.append(rows)
+            maps_on = {"windows": len(own.map.windows), "skipped": len(own.map.info.skipped)}
+            configuration[case]["track"] = {**maps_on, "notes": list(notes)}
+            versions |= trajectory_versions()
         if len(windows) < len(stored.windows):
             counts = {"scored": len(windows), "without_truth": len(stored.windows) - len(windows)}
             configuration[case]["windows"] = counts
@@ -207,16 +244,27 @@ def _scored(
         configuration,
         seeds.pop() if len(seeds) == 1 else None,
         {case: manifest.digest() for case, manifest in sequences.items()},
-        metrics=metric_versions(),
+        metrics=versions,
     )
 
 
-def _check_run(cases: Sequence[str], settings: Settings, rig: str | None) -> None:
+def _with_own(
+    own: StoredMap, windows: Sequence[StoredWindow],
+    others: Iterator[Mapping[str, Estimate]] | None,
+) -> Iterator[Mapping[str, Estimate]]:  # fmt: skip
+    """Depth maps on poses that were found, beside those of others, for each window."""
+    from eventsweep.eval.scoring.trajectories.own_poses import own_estimates
+
+    mapped = own_estimates(own, windows)
+    return mapped if others is None else ({**a, **b} for a, b in zip(others, mapped, strict=True))
+
+
+def _check_run(cases: Sequence[str], settings: Settings, rig: str | None, *, track: bool) -> None:
     """Refuses before the first frame what would fail after the last."""
     if len(set(map(case_name, cases))) != len(cases) or not cases:
         raise InputError(f"cases {', '.join(cases) or '(none)'}: name at least one, each once")
     for case in cases:
-        check_case(case, rig, settings.map, settings.sim)
+        check_case(case, rig, settings.map, settings.sim, track=track)
 
 
 def _inputs(cases: Sequence[str], settings: Settings) -> list[Path]:
@@ -226,9 +274,10 @@ def _inputs(cases: Sequence[str], settings: Settings) -> list[Path]:
 
 
 def check_case(
-    scene: str, rig: str | None, config: MapperConfig, sim: SimConfig | None = None
-) -> None:
-    """Refuses, before a scene is simulated, what could not be simulated or mapped."""
+    scene: str, rig: str | None, config: MapperConfig, sim: SimConfig | None = None, *,
+    track: bool = False,
+) -> None:  # fmt: skip
+    """Refuses, before a scene is simulated, what could not be simulated, mapped or tracked."""
     from eventsweep import scenes
     from eventsweep.emvs import methods
     from eventsweep.emvs.dsi.device import check_device
@@ -241,6 +290,10 @@ def check_case(
         scenes.load(scene).configured(configured)
     chosen = scenes.rig_for(scene, rig, configured)
     methods.methods_by_name(config.methods, len(chosen), mcemvs=config.is_mcemvs)
+    if track and len(chosen) < 2:
+        raise InputError(
+            f"{scene}: a rig of 1 camera sees no scale to find poses by: choose a stereo rig"
+        )
     check_device(config.device)
 
 

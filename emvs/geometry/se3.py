@@ -93,7 +93,7 @@ def exp(xi: ArrayLike) -> Matrix:
 
 def log(T_a_b: Matrix) -> Matrix:
     """The twist (6,), m then rad, of a motion (4, 4) whose turn is less than half a turn."""
-    turn = Rotation.from_matrix(T_a_b[:3, :3]).as_rotvec()
+    turn = _turn(T_a_b[:3, :3])
     angle = float(np.linalg.norm(turn))
     W = _cross(turn)
     if angle > _SMALL_ANGLE:
@@ -103,6 +103,17 @@ def log(T_a_b: Matrix) -> Matrix:
     position = T_a_b[:3, 3]
     way: Matrix = position - 0.5 * (W @ position) + c * (W @ (W @ position))
     return np.concatenate([way, turn])
+
+
+def _turn(R: Matrix) -> Matrix:
+    """The rotation vector (3,) of a rotation."""
+    sine = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    length = float(np.linalg.norm(sine))
+    if length > 0.5 or R[0, 0] + R[1, 1] + R[2, 2] < 1:  # above 30°, where arcsin loses digits
+        found: Matrix = Rotation.from_matrix(R).as_rotvec()
+        return found
+    scale = np.arcsin(length) / length if length > _SMALL_ANGLE else 1 + length**2 / 6
+    return scale * sine
 
 
 def adjoint(T_a_b: Matrix) -> Matrix:

@@ -15,6 +15,7 @@ _EVENTS_PER_COLUMN = 30  # that make the edges of an image visible, for half of 
 _STILL_PER_PIXEL = 0.005  # with fewer events no edge has moved by a pixel
 _POINTS_PER_COLUMN = 24
 _USUAL_COLUMNS = 400
+_PLANES = 50, 100
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,16 @@ class Sizes:
             distances=2000,
             levels=2 + max(0, round(math.log2(columns / _USUAL_COLUMNS))),
         )
+
+
+def planes_for(rig: Rig, range_m: tuple[float, float]) -> int:
+    """Depth planes of a map: one per pixel of disparity between both ends of the range, bounded."""
+    fewest, most = _PLANES
+    if len(rig) < 2:
+        return most
+    near_m, far_m = range_m
+    disparity_px = rig.cameras[0].fx_px * rig.baseline_m() * (1 / near_m - 1 / far_m)
+    return min(max(math.ceil(disparity_px), fewest), most)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,14 +15,20 @@ class TrackConfig(ParameterGroup):
     map_rate_hz: Positive = Field(default=10.0, le=1000, description="maps per second, Hz")
     map_s: Positive = Field(default=0.2, description="length of a map's window, s")
     maps: int = Field(default=8, ge=1, le=1000, description="maps whose points are tracked")
-    planes: int = Field(default=100, ge=2, le=100_000, description="depth planes of a map")
+    planes: int | None = Field(
+        default=None, ge=2, le=100_000,
+        description="depth planes of a map; by default one per pixel of disparity, 50 to 100",
+    )  # fmt: skip
     map_events: int = Field(
-        default=200_000, ge=1000, description="most events of each camera that make a map"
+        default=60_000, ge=1000, description="most events of each camera that make a map"
     )
     min_depth_m: Positive | None = Field(
         default=None, description="nearest depth, m; by default the recording's own, else 0.2"
     )
     max_depth_m: Positive | None = Field(
         default=None, description="farthest depth, m; by default the recording's own, else 5"
+    )
+    gyroscope: bool = Field(
+        default=False, description="use the rates of turn in the recording's imu.csv"
     )
     threads: int = Field(default=0, ge=0, description="threads of the kernels; 0: all")

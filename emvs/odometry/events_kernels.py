@@ -18,18 +18,18 @@ NEVER_US = -(1 << 62)
 def in_company(x, y, t_us, within_us, last_us, out):
     """Says of each event whether one of the 8 pixels around fired at most `within_us` before.
 
-    `last_us`, (H, W) int64, holds the time of every pixel's last event and is kept up to date.
+    `last_us`, (H + 2, W + 2) int64, holds the time of every pixel's last event, in a frame of one
+    pixel that never fires, and is kept up to date.
     """
-    height, width = last_us.shape
     for k in range(len(t_us)):
-        i, j, t = np.int64(x[k]), np.int64(y[k]), t_us[k]
+        i, j, t = np.int64(x[k]) + 1, np.int64(y[k]) + 1, t_us[k]
         since = t - within_us
-        found = False
-        for v in range(max(j - 1, 0), min(j + 2, height)):
-            for u in range(max(i - 1, 0), min(i + 2, width)):
-                if last_us[v, u] >= since and (u != i or v != j):
-                    found = True
-        out[k] = found
+        out[k] = (
+            last_us[j, i - 1] >= since or last_us[j, i + 1] >= since
+            or last_us[j - 1, i] >= since or last_us[j + 1, i] >= since
+            or last_us[j - 1, i - 1] >= since or last_us[j - 1, i + 1] >= since
+            or last_us[j + 1, i - 1] >= since or last_us[j + 1, i + 1] >= since
+        )  # fmt: skip
         last_us[j, i] = t
 
 

@@ -27,13 +27,14 @@ class LineField:
     Attributes:
         cell_px: size of its cells, which is its scale.
         least: mass below which there is no line.
-        moments: (7, h, w) float32 blurred moments, see `lines_kernels.line_at`.
+        moments: (h, w, 7) float32 blurred moments, see `lines_kernels.line_at`.
     """
 
     def __init__(self, width_px: int, height_px: int, level: int) -> None:
         self.cell_px = float(1 << level)
         self.least = _LEAST * self.cell_px
-        shape = _MOMENTS, -(-height_px >> level) + 1, -(-width_px >> level) + 1
+        # What is looked up together lies together: a line costs one or two cache lines.
+        shape = -(-height_px >> level) + 1, -(-width_px >> level) + 1, _MOMENTS
         self._sums = np.zeros(shape, np.float32)
         self.moments = np.zeros(shape, np.float32)
 
@@ -41,9 +42,8 @@ class LineField:
         """Takes the first `count` rows of (N, 3) points instead of those before."""
         self._sums[:] = 0
         add_moments(points, count, self.cell_px, self._sums)
-        size = (_TAPS, _TAPS)
-        for sums, moments in zip(self._sums, self.moments, strict=True):
-            cv2.GaussianBlur(sums, size, _SIGMA_CELLS, moments, borderType=cv2.BORDER_CONSTANT)
+        size, border = (_TAPS, _TAPS), cv2.BORDER_CONSTANT
+        cv2.GaussianBlur(self._sums, size, _SIGMA_CELLS, self.moments, borderType=border)
 
 
 class DepthField:

@@ -43,11 +43,11 @@ def project(points, T_cam_world, intrinsics, size, out):
 
 @njit(cache=True, nogil=True)
 def add_moments(points, count, cell_px, out):
-    """Adds 1, a, b, aa, ab, bb, rho of each (u, v, rho) at its cell of `out`, (7, h, w) float32.
+    """Adds 1, a, b, aa, ab, bb, rho of each (u, v, rho) at its cell of `out`, (h, w, 7) float32.
 
     Cells have their middles at multiples of `cell_px`; a, b is the place from the image's middle.
     """
-    rows, columns = out.shape[1:]
+    rows, columns = out.shape[:2]
     u_mid, v_mid = 0.5 * cell_px * columns, 0.5 * cell_px * rows
     for k in range(count):
         u, v = points[k, 0], points[k, 1]
@@ -55,13 +55,13 @@ def add_moments(points, count, cell_px, out):
         if i >= columns or j >= rows:
             continue
         a, b = u - u_mid, v - v_mid
-        out[0, j, i] += 1
-        out[1, j, i] += a
-        out[2, j, i] += b
-        out[3, j, i] += a * a
-        out[4, j, i] += a * b
-        out[5, j, i] += b * b
-        out[6, j, i] += points[k, 2]
+        out[j, i, 0] += 1
+        out[j, i, 1] += a
+        out[j, i, 2] += b
+        out[j, i, 3] += a * a
+        out[j, i, 4] += a * b
+        out[j, i, 5] += b * b
+        out[j, i, 6] += points[k, 2]
 
 
 @njit(cache=True, nogil=True)
@@ -71,17 +71,17 @@ def line_at(moments, cell_px, least, u, v):
     The line is n . (u, v) = c; the weight is 0 where there is none, and 1 where points lie on it
     exactly.
     """
-    rows, columns = moments.shape[1:]
+    rows, columns = moments.shape[:2]
     i, j = int(u / cell_px + 0.5), int(v / cell_px + 0.5)
     if not (u >= 0 and v >= 0 and i < columns and j < rows):
         return 0.0, 0.0, 0.0, 0.0, 0.0
-    mass = float(moments[0, j, i])
+    mass = float(moments[j, i, 0])
     if mass < least:
         return 0.0, 0.0, 0.0, 0.0, 0.0
-    a, b = moments[1, j, i] / mass, moments[2, j, i] / mass
-    var_a = moments[3, j, i] / mass - a * a
-    var_ab = moments[4, j, i] / mass - a * b
-    var_b = moments[5, j, i] / mass - b * b
+    a, b = moments[j, i, 1] / mass, moments[j, i, 2] / mass
+    var_a = moments[j, i, 3] / mass - a * a
+    var_ab = moments[j, i, 4] / mass - a * b
+    var_b = moments[j, i, 5] / mass - b * b
     half, mean = 0.5 * (var_a - var_b), 0.5 * (var_a + var_b)
     length = np.sqrt(half * half + var_ab * var_ab)
     if length < 1e-6:
@@ -92,7 +92,7 @@ def line_at(moments, cell_px, least, u, v):
     n_u, n_v = -along_v, along_u
     c = n_u * (a + 0.5 * cell_px * columns) + n_v * (b + 0.5 * cell_px * rows)
     weight = (length / (mean + 0.05)) ** 2
-    return weight, n_u, n_v, c, moments[6, j, i] / mass
+    return weight, n_u, n_v, c, moments[j, i, 6] / mass
 
 
 @njit(cache=True, nogil=True)

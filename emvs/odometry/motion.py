@@ -12,12 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.data.tables import ImuSamples
+from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 
 Matrix = NDArray[np.float64]
 # Of accelerations: about 5 m/s² and 50 rad/s² that last for a tenth of a second.
 _DENSITY = np.diag(np.repeat([2.5, 250.0], 3))
 _STILL_M_S, _STILL_RAD_S = 0.02, 0.05
+SIGMA_RAD_S = 0.05
+"""Of a rate: noise, a bias that nobody has calibrated, and what lies between two samples."""
+_MOST_APART_US = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +70,18 @@ class Motion:
         covariance = F @ self.covariance @ F.T + grown
         return Motion(t_us, self.T_world_body @ step, self.twist, covariance)
 
+    def turning(self, rate_rad_s: Matrix, sigma_rad_s: float) -> Motion:
+        """The motion once a gyroscope has said how fast the body turns: a Kalman update.
+
+        The pose is corrected, too, as far as its error goes with that of the rate.
+        """
+        seen = self.covariance[:, 9:]
+        gain = np.linalg.solve(seen[9:] + sigma_rad_s**2 * np.eye(3), seen.T).T
+        change = gain @ (rate_rad_s - self.twist[3:])
+        T_world_body = self.T_world_body @ se3.inverse(se3.exp(change[:6]))
+        covariance = self.covariance - gain @ seen.T
+        return Motion(self.t_us, T_world_body, self.twist + change[6:], covariance)
+
     def held(self, t_us: int) -> Motion:
         """The body standing where it is, at another time."""
         covariance = np.zeros((12, 12))
@@ -75,3 +92,45 @@ class Motion:
     def seen_from(self, T_new_world: Matrix) -> Motion:
         """The motion in another world frame."""
         return replace(self, T_world_body=T_new_world @ self.T_world_body)
+
+
+class Gyroscope:
+    """Rates of turn of the body, in its own frame; a bounded stretch of them."""
+
+    def __init__(self) -> None:
+        self._t_us = np.empty(0, np.int64)
+        self._rates = np.empty((0, 3))
+
+    def __len__(self) -> int:
+        return len(self._t_us)
+
+    def push(self, samples: ImuSamples) -> None:
+        """Takes samples that are later than all before.
+
+        Raises:
+            InputError: out of order.
+        """
+        t_us = np.concatenate([self._t_us, samples.t_us])
+        if not (np.diff(t_us[max(len(self) - 1, 0) :]) > 0).all():
+            raise InputError(
+                f"inertial samples from {samples.t_us[0]} µs: times must rise, and be later than "
+                "those pushed before"
+            )
+        self._t_us = t_us
+        rates = samples.gyro_rad_s @ samples.T_body_imu[:3, :3].T
+        self._rates = np.concatenate([self._rates, rates])
+
+    def drop_before(self, t_us: int) -> None:
+        """Lets go of older samples."""
+        k = int(np.searchsorted(self._t_us, t_us))
+        self._t_us, self._rates = self._t_us[k:], self._rates[k:]
+
+    def rate_at(self, t_us: int, known_us: int) -> Matrix | None:
+        """The rate (3,) at a time by the samples before `known_us`, rad/s; None in a gap."""
+        k = int(np.searchsorted(self._t_us, t_us, side="right"))
+        last = int(np.searchsorted(self._t_us, known_us))
+        around = slice(max(k - 1, 0), min(k + 1, last))
+        times, rates = self._t_us[around], self._rates[around]
+        if not len(times) or np.abs(times - t_us).max() > _MOST_APART_US:
+            return None
+        return np.array([np.interp(t_us, times, column) for column in rates.T])

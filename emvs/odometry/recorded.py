@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -75,9 +76,10 @@ def track(
         progress: called with `track`, milliseconds done and all.
 
     Raises:
-        InputError: no events, one camera without a first map, or no place to begin from in all of
-            the recording; says why.
+        InputError: no events, one camera without a first map, a gyroscope that is asked for and not
+            there, or no place to begin from in all of the recording; says why.
     """
+    imu = _imu(recording) if TrackConfig.or_default(config).gyroscope else None
     poses: list[Pose] = []
     maps: list[int] = []
 
@@ -96,7 +98,8 @@ def track(
     changes = [Change(first_us, tracker.status, tracker.reason)]
     for t_us in range(first_us, last_us + 1, _PACKET_US):
         end_us = min(t_us + _PACKET_US, last_us + 1)
-        tracker.push([recording.events(camera, t_us, end_us) for camera in cameras], end_us)
+        packets = [recording.events(camera, t_us, end_us) for camera in cameras]
+        tracker.push(packets, end_us, None if imu is None else _between(imu, t_us, end_us))
         if tracker.status is not changes[-1].status:
             changes.append(Change(tracker.since_us, tracker.status, tracker.reason))
         progress("track", (end_us - first_us) // 1000, (last_us + 1 - first_us) // 1000)
@@ -108,3 +111,20 @@ def track(
         ),
         tuple(pose.status for pose in poses), tuple(changes), (first_us, last_us), len(maps),
     )  # fmt: skip
+
+
+def _imu(recording: Recording) -> ImuSamples:
+    if not getattr(recording, "has_imu", False):
+        raise InputError(
+            f"{recording.name}: has no inertial samples for gyroscope: leave it out, poses do not "
+            "need them"
+        )
+    samples: ImuSamples = recording.imu()  # type: ignore[attr-defined]
+    return samples
+
+
+def _between(imu: ImuSamples, t0_us: int, t1_us: int) -> ImuSamples:
+    """The samples with `t0_us <= t < t1_us`."""
+    first, last = np.searchsorted(imu.t_us, [t0_us, t1_us])
+    part = slice(first, last)
+    return ImuSamples(imu.t_us[part], imu.gyro_rad_s[part], imu.accel_m_s2[part], imu.T_body_imu)

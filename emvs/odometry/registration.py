@@ -15,14 +15,14 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.odometry.motion import Motion
 from eventsweep.emvs.odometry.residuals_kernels import events_to_map, map_to_events
-from eventsweep.emvs.odometry.views import DrawnEvents, DrawnMap, View
+from eventsweep.emvs.odometry.views import DrawnEvents, DrawnMap, PerCamera, View
 
 Matrix = NDArray[np.float64]
 _CAUCHY_PX, _GATE_PX = 0.7, 2.5  # at the finest level; twice as much at each coarser one
 # What a squared residual of a pixel counts: events of one edge, and of batches that overlap, err
 # together.
 _TRUST = 0.2
-_STEPS = 4  # of Gauss-Newton per level, associations anew in each
+_STEPS, _COARSER_STEPS = 4, 2  # of Gauss-Newton per level, associations anew in each
 _ENOUGH = 2e-5  # m, rad: a smaller step changes nothing
 _REDRAW_PX = 6.0  # the map is drawn anew once it has moved by so much
 
@@ -77,13 +77,19 @@ class Registration:
         views: the cameras.
         levels: scales of line fields; a wide search has one more.
         most_events: events of each camera that take part by themselves.
+        per_camera: does the work of all cameras; by default in a thread each.
     """
 
-    def __init__(self, views: Sequence[View], levels: int, most_events: int) -> None:
+    def __init__(
+        self, views: Sequence[View], levels: int, most_events: int,
+        per_camera: PerCamera | None = None,
+    ) -> None:  # fmt: skip
         self._views, self._levels, self._most = tuple(views), levels, most_events
+        self._per_camera = per_camera or PerCamera(len(views))
         self._maps = [DrawnMap(view, levels + 1) for view in views]
         self._events = [DrawnEvents(view, levels + 1) for view in views]
         self._drawn_at: Matrix | None = None
+        self._drawn_levels = 0
         self._points = self._few = np.empty((0, 3))
 
     def use_map(self, points_world: Matrix, few_world: Matrix) -> None:
@@ -94,17 +100,21 @@ class Registration:
         self, batches: Sequence[Events], expected: Motion, *, wide: bool = False
     ) -> tuple[Motion, Fit]:
         """The motion that fits a batch of every camera best, near what is expected, or wider."""
-        T_body_world = se3.inverse(expected.T_world_body)
-        T_drawn_world = self._draw_map(T_body_world)
+        T_body_world, levels = se3.inverse(expected.T_world_body), self._levels + wide
+        T_drawn_world = self._draw_map(T_body_world, levels)
         twist, t_us = expected.twist, expected.t_us
-        for events, drawn, lines in zip(batches, self._maps, self._events, strict=True):
-            if drawn.count:
-                lines.draw(events, t_us, drawn, twist, self._most)
+
+        def draw(k: int) -> None:
+            if self._maps[k].count:
+                drawn, settings = self._maps[k], (twist, self._most, levels)
+                self._events[k].draw(batches[k], t_us, drawn, *settings)
+
+        self._per_camera(draw)
         T_now_drawn = T_as_expected = T_body_world @ se3.inverse(T_drawn_world)
         belief = np.linalg.inv(expected.covariance)
         fit, H = Fit(), belief
-        for level in reversed(range(self._levels + wide)):
-            for _ in range(_STEPS):
+        for level in reversed(range(levels)):
+            for _ in range(_COARSER_STEPS if level else _STEPS):
                 H, g, fit = self._normal_equations(
                     batches, level, T_now_drawn, T_drawn_world, twist
                 )
@@ -127,35 +137,41 @@ class Registration:
         T_drawn_world: Matrix,
         twist: Matrix,
     ) -> tuple[Matrix, Matrix, Fit]:
-        H, g, counts = np.zeros((12, 12)), np.zeros(12), np.zeros(6)
         wide, gate = _CAUCHY_PX * (1 << level), _GATE_PX * (1 << level)
         T_body_world = T_now_drawn @ T_drawn_world
-        for view, batch, drawn, events in zip(
-            self._views, batches, self._maps, self._events, strict=True
-        ):
-            if not drawn.count or not len(batch):
-                continue
+
+        def equations(k: int) -> tuple[Matrix, Matrix, Matrix]:
+            H, g, counts = np.zeros((12, 12)), np.zeros(12), np.zeros(6)
+            view, drawn, events = self._views[k], self._maps[k], self._events[k]
+            if not drawn.count or not len(batches[k]):
+                return H, g, counts
             lines = drawn.lines[level]
-            counts[:3] += events_to_map(
+            counts[:3] = events_to_map(
                 events.events, events.count, lines.moments, lines.cell_px, lines.least,
                 drawn.depth.rho, drawn.depth.cell_px, T_now_drawn, twist, view.T_cam_body,
                 view.T_body_cam, view.intrinsics, wide, gate, H, g,
             )  # fmt: skip
             lines = events.lines[level]
-            counts[3:] += map_to_events(
+            counts[3:] = map_to_events(
                 self._few, T_body_world, view.T_cam_body, view.intrinsics, view.size,
                 lines.moments, lines.cell_px, lines.least, wide, gate, H[:6, :6], g[:6],
             )  # fmt: skip
+            return H, g, counts
+
+        H, g, counts = (sum(parts) for parts in zip(*self._per_camera(equations), strict=True))
         return H, g, Fit.of(counts)
 
-    def _draw_map(self, T_body_world: Matrix) -> Matrix:
+    def _draw_map(self, T_body_world: Matrix, levels: int) -> Matrix:
         """Draws the map at a pose, unless it is drawn at one nearby; returns where."""
         drawn_at = self._drawn_at
-        if drawn_at is not None and self._moved_px(T_body_world, drawn_at) < _REDRAW_PX:
+        if (
+            drawn_at is not None
+            and levels <= self._drawn_levels
+            and self._moved_px(T_body_world, drawn_at) < _REDRAW_PX
+        ):
             return drawn_at
-        self._drawn_at = T_body_world
-        for drawn in self._maps:
-            drawn.draw(self._points, T_body_world)
+        self._drawn_at, self._drawn_levels = T_body_world, levels
+        self._per_camera(lambda k: self._maps[k].draw(self._points, T_body_world, levels))
         return T_body_world
 
     def _moved_px(self, T_body_world: Matrix, drawn_at: Matrix) -> float:

@@ -54,7 +54,7 @@ def map_to_events(
     Adds to the (6, 6) and (6,) normal equations; returns points in view, those near a line, and the
     sum of their closeness, 1 / (1 + (r / width)²).
     """
-    J = np.empty(6)
+    J, part = np.empty(6), np.zeros((6, 6))
     seen, near, closeness = 0, 0, 0.0
     for k in range(len(points)):
         body = moved(T_body_world, points[k, 0], points[k, 1], points[k, 2])
@@ -76,9 +76,13 @@ def map_to_events(
         weight *= close
         slope(n_u, n_v, x, y, z, body, T_cam_body, intrinsics, J)
         for a in range(6):
-            g[a] += weight * J[a] * r
-            for b in range(6):
-                H[a, b] += weight * J[a] * J[b]
+            weighted = weight * J[a]
+            g[a] += weighted * r
+            for b in range(a + 1):
+                part[a, b] += weighted * J[b]
+    for a in range(6):
+        for b in range(6):
+            H[a, b] += part[max(a, b), min(a, b)]
     return seen, near, closeness
 
 

@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
-from eventsweep.emvs.odometry.batches import LONGEST_US, Batch, Sizes, batch_before
+from eventsweep.emvs.odometry.batches import LONGEST_US, Batch, Sizes, batch_before, planes_for
 from eventsweep.emvs.odometry.cloud import MapCloud, points_of
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.events_kernels import NEVER_US, in_company
-from eventsweep.emvs.odometry.motion import Motion
+from eventsweep.emvs.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion
 from eventsweep.emvs.odometry.online import OnlineMap, OnlineMapper, check_packet
 from eventsweep.emvs.odometry.registration import Fit, Registration
 from eventsweep.emvs.odometry.start import (
@@ -32,7 +33,8 @@ from eventsweep.emvs.odometry.start import (
     trajectory_of,
 )
 from eventsweep.emvs.odometry.stream import Arrived
-from eventsweep.emvs.odometry.views import View
+from eventsweep.emvs.odometry.views import PerCamera, View
+from eventsweep.emvs.reference_view import depth_range_m
 
 Matrix = NDArray[np.float64]
 _COMPANY_US = 20_000
@@ -103,9 +105,13 @@ class Tracker:
         self._origin = np.eye(4) if T_world_body is None else np.asarray(T_world_body, np.float64)
         self._on_pose, self._on_map = on_pose, on_map
         views = [View.of(c, T) for c, T in zip(rig.cameras, rig.T_body_cam, strict=True)]
-        self._registration = Registration(views, self._sizes.levels, self._sizes.own_time)
+        self._per_camera = PerCamera(len(rig), self._config.threads)
+        self._registration = Registration(
+            views, self._sizes.levels, self._sizes.own_time, self._per_camera
+        )
         self._arrived = Arrived(rig, depth_range_m, most_events=self._config.map_events)
-        self._fired_us = [np.full((c.height_px, c.width_px), NEVER_US) for c in rig.cameras]
+        self._fired_us = [np.full((c.height_px + 2, c.width_px + 2), NEVER_US) for c in rig.cameras]
+        self._gyroscope = Gyroscope()
         self._cloud = MapCloud(self._config.maps)
         self._mapper: OnlineMapper | None = None
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
@@ -118,12 +124,16 @@ class Tracker:
         self._next_us = self._fed_us = 0
         self.status, self.reason, self.since_us = Status.STARTING, "no events yet", 0
 
-    def push(self, events: Sequence[Events], t_us: int) -> Pose | None:
+    def push(
+        self, events: Sequence[Events], t_us: int, imu: ImuSamples | None = None
+    ) -> Pose | None:
         """Takes the events since the last call, and finds the poses that they allow.
 
         Args:
             events: one packet per camera, all before `t_us`.
             t_us: up to when the events are all there, µs.
+            imu: inertial samples since the last call, on the same clock; only the gyroscope's part
+                is used, and nothing depends on there being any.
 
         Returns:
             The newest pose that this call found, if any.
@@ -133,11 +143,9 @@ class Tracker:
         """
         check_packet(events, self._rig, self._until_us, t_us)
         self._until_us = t_us
-        for k, packet in enumerate(events):
-            kept = np.empty(len(packet), np.bool_)
-            columns = packet.x, packet.y, packet.t_us
-            in_company(*columns, _COMPANY_US, self._fired_us[k], kept)
-            self._arrived.streams[k].push(packet.take(kept))
+        self._per_camera(lambda k: self._take(k, events[k]))
+        if imu is not None:
+            self._gyroscope.push(imu)
         if self._begin_us is None:
             first = [int(packet.t_us[0]) for packet in events if len(packet)]
             if not first:
@@ -149,6 +157,12 @@ class Tracker:
             newest = self._step(self._next_us) or newest
             self._next_us += self._step_us
         return newest
+
+    def _take(self, camera: int, packet: Events) -> None:
+        kept = np.empty(len(packet), np.bool_)
+        columns = packet.x, packet.y, packet.t_us
+        in_company(*columns, _COMPANY_US, self._fired_us[camera], kept)
+        self._arrived.streams[camera].push(packet.take(kept))
 
     def known(self) -> Trajectory:
         """The newest poses.
@@ -167,6 +181,7 @@ class Tracker:
         horizon_us = LONGEST_START_US if self.status is Status.STARTING else 2 * LONGEST_US
         for stream in self._arrived.streams:
             stream.drop_before(t_us - horizon_us)
+        self._gyroscope.drop_before(t_us - horizon_us)
         return pose
 
     def _start(self, t_us: int) -> Pose | None:
@@ -227,7 +242,11 @@ class Tracker:
         if len(batch) < self._sizes.still:
             held = self._motion.held(batch.t_us)
             return self._go_on(held, Fit(), Status.STILL, t_us)
-        motion, fit = self._registration(batch.events, self._motion.at(batch.t_us))
+        expected = self._motion.at(batch.t_us)
+        rate_rad_s = self._gyroscope.rate_at(batch.t_us, t_us)
+        if rate_rad_s is not None:
+            expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
+        motion, fit = self._registration(batch.events, expected)
         if _is_good(fit, _AGREES):
             return self._go_on(motion, fit, Status.TRACKING, t_us)
         return self._doubt(batch, fit, t_us)
@@ -302,11 +321,12 @@ class Tracker:
 
     def _map_config(self) -> MapperConfig:
         config = self._config
-        return MapperConfig(
-            methods=(self._method,), planes=config.planes, window_s=config.map_s,
-            stride_s=1 / config.map_rate_hz, min_depth_m=config.min_depth_m,
-            max_depth_m=config.max_depth_m, threads=config.threads,
+        settings = MapperConfig(
+            methods=(self._method,), window_s=config.map_s, stride_s=1 / config.map_rate_hz,
+            min_depth_m=config.min_depth_m, max_depth_m=config.max_depth_m, threads=config.threads,
         )  # fmt: skip
+        planes = config.planes or planes_for(self._rig, depth_range_m(self._arrived, settings))
+        return settings.model_copy(update={"planes": planes})
 
 
 def _is_good(fit: Fit, closeness: float) -> bool:

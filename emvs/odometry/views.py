@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +18,7 @@ from eventsweep.emvs.odometry.lines import DepthField, LineField
 from eventsweep.emvs.odometry.lines_kernels import project
 
 Matrix = NDArray[np.float64]
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,15 +65,15 @@ class DrawnMap:
         self.lines = [LineField(*view.size_px, level) for level in range(levels)]
         self.depth = DepthField(*view.size_px)
 
-    def draw(self, points_world: Matrix, T_body_world: Matrix) -> None:
-        """Draws (N, 3) points, seen from a body pose."""
+    def draw(self, points_world: Matrix, T_body_world: Matrix, levels: int) -> None:
+        """Draws (N, 3) points, seen from a body pose, at the finest `levels`."""
         view, seen = self._view, np.empty((len(points_world), 3))
         T_cam_world = view.T_cam_body @ T_body_world
         self.count = project(points_world, T_cam_world, view.intrinsics, view.size, seen)
         if not self.count:
             return
         self.depth.fill(seen, self.count)
-        for field in self.lines:
+        for field in self.lines[:levels]:
             field.fill(seen, self.count)
 
 
@@ -82,9 +86,12 @@ class DrawnEvents:
         self.events = np.empty((0, 3))
 
     def draw(
-        self, events: Events, t_mid_us: int, drawn: DrawnMap, twist: Matrix, most: int
+        self, events: Events, t_mid_us: int, drawn: DrawnMap, twist: Matrix, most: int, levels: int
     ) -> None:
-        """Draws events at the depths of the map; `events` keeps at most `most` rows (u, v, dt)."""
+        """Draws events at the depths of the map, at the finest `levels`.
+
+        `events` keeps at most `most` rows (u, v, dt).
+        """
         view, n = self._view, len(events)
         self.events = np.empty((min(n, most), 3))
         columns = events.x, events.y, events.t_us
@@ -95,5 +102,28 @@ class DrawnEvents:
             placed, count, drawn.depth.rho, drawn.depth.cell_px, twist, view.T_cam_body,
             view.T_body_cam, view.intrinsics, view.size, carried,
         )  # fmt: skip
-        for field in self.lines:
+        for field in self.lines[:levels]:
             field.fill(carried, count)
+
+
+class PerCamera:
+    """Calls a function of a camera's number for all cameras, each in a thread of its own.
+
+    Results are in the order of the cameras. Kernels hold no lock.
+
+    Args:
+        count: cameras.
+        threads: most threads, the caller's own among them; 0 for one per camera.
+    """
+
+    def __init__(self, count: int, threads: int = 0) -> None:
+        self._cameras = range(count)
+        helpers = min(count, threads or count) - 1
+        self._helpers = ThreadPoolExecutor(helpers, "camera") if helpers > 0 else None
+
+    def __call__(self, work: Callable[[int], Made]) -> list[Made]:
+        """What `work` returns for each camera; the first is done by the caller itself."""
+        if self._helpers is None:
+            return [work(camera) for camera in self._cameras]
+        others = [self._helpers.submit(work, camera) for camera in self._cameras[1:]]
+        return [work(0), *(other.result() for other in others)]

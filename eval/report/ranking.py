@@ -13,6 +13,7 @@ import pandas as pd
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.numbers import display_unit, displayed
+from eventsweep.eval.own_poses import TRACK, is_on_own_poses, method_on_own_poses
 from eventsweep.eval.report.html import GridCell, Head
 from eventsweep.eval.scoring.direction import Direction, badness, best
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
@@ -31,6 +32,7 @@ RANKING_COLUMNS = (
     "rmse", "abs_rel", "silog", "bad_published", "outlier_share", "delta_1", "f1_5cm",
     *PRIMARY_OF_TRAJECTORIES, "ate_share", "drift_rotation", "scale_error",
 )  # fmt: skip
+_OF_POSES = ("time_covered", "ate_rmse", "ate_share", "drift", "ate_rotation_rmse")
 DIRECTIONS = {"lower": "lower is better", "higher": "higher is better", "none": "no better end"}
 _SINGLE = re.compile(r"/cam\d+\b")
 _CONTEXT = {
@@ -141,7 +143,11 @@ def ranked_methods(rows: pd.DataFrame, metric: str) -> list[str]:
 
 
 def table(rows: pd.DataFrame, metric: str, names: Sequence[str] = RANKING_COLUMNS) -> RankingTable:
-    """Tabulates the rows of one case and window, ordered by a metric, the best of each marked."""
+    """Tabulates the rows of one case and window, ordered by a metric, the best of each marked.
+
+    What has no row of that metric, such as poses beside depth maps, is not in it.
+    """
+    rows = rows[rows["method"].isin(rows.loc[rows["metric"] == metric, "method"])]
     of_metric = {name: list(each(found)) for name, found in rows.groupby("metric", sort=False)}
     present = [name for name in names if name in of_metric]
     columns = {name: {row.method: row for row in of_metric[name]} for name in present}
@@ -197,6 +203,8 @@ def findings(rows: pd.DataFrame, metric: str, cases: int = 1) -> list[str]:
     The rows are of one case and window, or the mean of `cases`; a lower value of the metric wins.
     """
     said = _Findings({(row.method, row.metric): row for row in each(rows)}, cases)
+    poses = said.poses(rows, metric)
+    rows = rows[~rows["method"].map(is_on_own_poses)]
     sentences = []
     if order_text := fusion_order(rows, metric):
         sentences.append(f"Fusion functions by {column(metric).title}, best first: {order_text}.")
@@ -214,7 +222,7 @@ def findings(rows: pd.DataFrame, metric: str, cases: int = 1) -> list[str]:
             sentences.append(said.why_single(single, metric))
     if causes_text := said.causes(REFERENCE):
         sentences.append(causes_text)
-    return sentences
+    return sentences + poses
 
 
 def _others(ranked: Sequence[str]) -> list[str]:
@@ -325,6 +333,21 @@ class _Findings:
         where = "" if self.cases == 1 else f" in {self.cases} cases"
         mean = "" if self.cases == 1 else " (mean of the cases)"
         return f"Why {bad} px of {method}{where} are off by more than a tenth{mean}: {names}."
+
+    def poses(self, rows: pd.DataFrame, metric: str) -> list[str]:
+        """How good poses are that were found from events, and how maps on them compare."""
+        numbers = [self.rows.get((TRACK, name)) for name in _OF_POSES]
+        known = [row for row in numbers if row and not math.isnan(row.value)]
+        if not known:
+            return []
+        texts = ", ".join(f"{column(row.metric).title} {with_unit(row)}" for row in known)
+        changes = [
+            f"{name}{_change(self.rows[own, metric], self.rows[name, metric])}"
+            for name, value in order(rows, metric)
+            if ((own := method_on_own_poses(name)), metric) in self.rows and not math.isnan(value)
+        ]
+        beside = f" {column(metric).title} on them: {', '.join(changes)}." if changes else ""
+        return [f"Poses found from events: {texts}.{beside[:2].upper()}{beside[2:]}"]
 
     def count(self, method: str, metric: str) -> str:
         row = self.rows.get((method, metric))

@@ -28,7 +28,7 @@ from eventsweep.eval.scoring.run_folder import (
     existing_recording,
     find_maps,
     has_truth,
-    predicted_maps,
+    other_maps,
     truth_of,
 )
 
@@ -90,7 +90,7 @@ def _log_window(log: _Log, folder: Path, stored: StoredMap, window: StoredWindow
     first = window.depth_map(window.info.methods[0])
     _log_view(log, stored, first)
     mapped = (window.depth_map(method) for method in window.info.methods)
-    for depth_map in (*mapped, *predicted_maps(folder, log.case, first)):
+    for depth_map in (*mapped, *other_maps(folder, log.case, window)):
         entity = f"camera/depth/{file_name(depth_map.method)}"
         log.depth(entity, depth_map.depth_m, depth_map.mask)
         _log_cloud(log, stored, depth_map)

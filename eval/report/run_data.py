@@ -31,7 +31,7 @@ from eventsweep.eval.scoring.run_folder import (
     existing_recording,
     find_maps,
     has_truth,
-    predicted_maps,
+    other_maps,
     truth_of,
 )
 
@@ -170,7 +170,7 @@ def _case(
     scorable = stored.info.config.is_camera_0_view
     for window in _shown(stored.windows):
         maps = [window.depth_map(method) for method in window.info.methods]
-        maps += [m for m in predicted_maps(run_dir, name, maps[0]) if m.method in scored]
+        maps += [m for m in other_maps(run_dir, name, window) if m.method in scored]
         windows.append(window_data(window, maps, recording, config, scorable=scorable))
     known = recording is not None and recording.name in scenes.names()
     return CaseData(

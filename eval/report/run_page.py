@@ -63,6 +63,7 @@ from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.metrics import NAN
 from eventsweep.eval.scoring.pairing import REFERENCE, Truth
 from eventsweep.eval.scoring.results import POOLED, RIG, each
+from eventsweep.eval.scoring.run_folder import TRACK_FOLDER
 
 _CAPTION = ("points", "completeness", "mean_error", "median_error", "bad_published")
 OVERVIEW_NAME = "overview.png"
@@ -343,7 +344,8 @@ def write_report(run_dir: Path) -> Path:
 
 def _files(run_dir: Path, data: RunData) -> tuple[str, ...]:
     maps = ["map.json", *(f"{case.name}/map/map.json" for case in data.cases)]
-    found = files_in(run_dir, ("results.json", "results.csv", "config.toml", *maps))
+    tracks = [f"{case.name}/{TRACK_FOLDER}/{REPORT_NAME}" for case in data.cases]
+    found = files_in(run_dir, ("results.json", "results.csv", "config.toml", *maps, *tracks))
     return (*found, OVERVIEW_NAME)
 
 

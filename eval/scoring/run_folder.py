@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,15 +22,19 @@ from eventsweep.emvs.datasets.posed import PosedRecording
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.maps.folder import StoredMap, StoredWindow, read_map
 from eventsweep.emvs.utils import output_manifest
 from eventsweep.emvs.utils.output_manifest import remove_ours
 from eventsweep.emvs.utils.outputs import atomic_dir, real
 from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.own_poses import found_poses
 from eventsweep.eval.scoring.pairing import Estimate, Truth
 from eventsweep.eval.scoring.predictions import DESCRIPTION, FAMILY, Prediction, TargetView, plain
+from eventsweep.eval.scoring.trajectories.own_poses import maps_on_own_poses
 
 MAP_FOLDER, SEQUENCE_FOLDER, CONFIG_FILE = "map", "sequence", "config.toml"
+TRACK_FOLDER, TRACKED_MAP_FOLDER = "track", "map-track"
 KEPT_FOLDER = "predictions"
 """Of a run: what was scored beside its maps."""
 _INDEX = "map.json"
@@ -47,6 +51,21 @@ def find_maps(folder: Path) -> dict[str, StoredMap]:
     if not found:
         raise InputError(f"{folder}: no maps; needs a folder that `run` or `map` wrote")
     return {path.parents[1].name: _with_windows(read_map(path.parent)) for path in found}
+
+
+class Tracked(NamedTuple):
+    """What a run found from a case's events: poses, or why there are none, and the map on them."""
+
+    poses: Trajectory | str
+    map: StoredMap
+
+
+def tracked(folder: Path, case: str) -> Tracked | None:
+    """What a run with poses of its own left of a case; None where it had none."""
+    place = folder / case / TRACKED_MAP_FOLDER
+    if not (place / _INDEX).is_file():
+        return None
+    return Tracked(found_poses(folder / case / TRACK_FOLDER), read_map(place))
 
 
 def _with_windows(stored: StoredMap) -> StoredMap:
@@ -205,6 +224,14 @@ def keep(folder: Path, case: str, t_us: int, estimates: Mapping[str, Estimate]) 
 def _case_folder(case: str) -> str:
     """A case's name, which may come from somebody's file, as a folder's: never one elsewhere."""
     return plain(case).lstrip(".") or "case"
+
+
+def other_maps(folder: Path, case: str, window: StoredWindow) -> list[DepthMap]:
+    """Depth maps that were scored beside a window's: on poses that were found, and predictions."""
+    own = tracked(folder, case)
+    maps = {} if own is None else maps_on_own_poses(own.map, window)
+    like = window.depth_map(window.info.methods[0])
+    return [*maps.values(), *predicted_maps(folder, case, like)]
 
 
 def predicted_maps(folder: Path, case: str, like: DepthMap) -> list[DepthMap]:

@@ -18,14 +18,18 @@ from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import STYLE
+from eventsweep.eval.own_poses import TRACK
 from eventsweep.eval.scoring.significance import stratified_interval
 from eventsweep.eval.studies.definitions import Study
 
 METRICS = ("mean_error", "bad_published", "points")
+POSE_METRICS = ("ate_share", "time_covered")
+"""Of poses that are found from events, where a study asks for them."""
 BREAKS_AT = 2.0
 """A method breaks where its error is this many times its unperturbed one."""
 _ROOM = 1.25  # above the highest mean; bands of few seeds reach far beyond
-_TITLES = {"mean_error": "mean error", "bad_published": "bad pixels", "points": "points"}
+_TITLES = {"mean_error": "mean error", "bad_published": "bad pixels", "points": "points",
+           "ate_share": "ATE of way", "time_covered": "time covered"}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,16 +88,18 @@ def curves(
     methods: Sequence[str],
     cases: Sequence[str],
 ) -> list[RobustnessCurve]:
-    """One curve per method and metric, in that order, of means over cases."""
+    """One curve per metric and method, of means over cases; poses that were found come last."""
     found: dict[tuple[str, str, float, str], list[float]] = {}
     units: dict[str, str] = {}
     for one in values:
         found.setdefault((one.method, one.metric, one.amount, one.case), []).append(one.value)
         units[one.metric] = one.unit
+    wanted = [(metric, method) for metric in METRICS for method in methods]
+    if any(method == TRACK for method, *_ in found):
+        wanted += [(metric, TRACK) for metric in POSE_METRICS]
     return [
         _curve(found, method, metric, units.get(metric, ""), amounts, cases)
-        for metric in METRICS
-        for method in methods
+        for metric, method in wanted
     ]
 
 
@@ -119,9 +125,10 @@ def sample_words(cases: Sequence[str], seeds: Sequence[int]) -> str:
 
 
 def draw(study: Study, curves: Sequence[RobustnessCurve], path: Path, samples: str) -> None:
-    """Draws three panels with 95 % bands, and a cross where a method breaks; writes PNG or SVG.
+    """Draws a panel per metric, with a cross where a method breaks, and writes PNG or SVG.
 
-    A band is left out where it is as wide as its panel. `samples` says what was averaged.
+    Bands are of 95 %, and left out where they are as wide as their panel. `samples` says what was
+    averaged.
     """
     with mpl.rc_context(STYLE):
         figure = _figure(study, curves, samples)
@@ -134,10 +141,11 @@ def draw(study: Study, curves: Sequence[RobustnessCurve], path: Path, samples: s
 
 
 def _figure(study: Study, curves: Sequence[RobustnessCurve], samples: str) -> Figure:
-    figure = LaidOutFigure(figsize=(11, 3.8))
+    metrics = tuple(dict.fromkeys(curve.metric for curve in curves))
+    figure = LaidOutFigure(figsize=(11 + 3 * (len(metrics) - len(METRICS)), 3.8))
     figure.suptitle(f"{study.name} ({samples})", x=0.01, ha="left", fontsize=10)
-    panels = figure.subplots(1, len(METRICS))
-    for axes, metric in zip(panels, METRICS, strict=True):
+    panels = figure.subplots(1, len(metrics))
+    for axes, metric in zip(panels, metrics, strict=True):
         _draw_panel(axes, study, [curve for curve in curves if curve.metric == metric])
     handles, labels = panels[0].get_legend_handles_labels()
     handles += [Line2D([], [], color=INK, marker="x", ms=8, mew=2, lw=0)]

@@ -18,11 +18,13 @@ from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.jobs.job import Done, Failed, Job, Outcome
 from eventsweep.eval.jobs.scheduler import Open, run_jobs
+from eventsweep.eval.own_poses import method_on_own_poses
 from eventsweep.eval.pipeline import check_case
 from eventsweep.eval.progress import Display
 from eventsweep.eval.scoring.results import POOLED, each
 from eventsweep.eval.studies.curves import (
     METRICS,
+    POSE_METRICS,
     RobustnessCurve,
     StudyValue,
     curves,
@@ -30,7 +32,8 @@ from eventsweep.eval.studies.curves import (
     sample_words,
 )
 from eventsweep.eval.studies.definitions import MARGIN_S, SECONDS, Change, Study
-from eventsweep.eval.suite.results import EVENTS, sample_from
+from eventsweep.eval.suite.results import DEFAULT_MAPPER, EVENTS, sample_from
+from eventsweep.eval.suite.run import track_job
 from eventsweep.eval.suite.stages.simulate import scene_digest, sequence_parameters
 
 
@@ -63,10 +66,14 @@ class StudyResult:
 
 def run_study(
     study: Study, methods: Sequence[str], cases: Sequence[str], seeds: Sequence[int], workers: Open,
-    progress: Display, seconds: float = SECONDS,
+    progress: Display, seconds: float = SECONDS, *, track: bool = False,
 ) -> StudyResult:  # fmt: skip
-    """Maps and scores every case, seed and amount, in sequences of so many seconds."""
-    jobs = study_jobs(study, methods, cases, seeds, seconds)
+    """Maps and scores every case, seed and amount, in sequences of so many seconds.
+
+    With `track` poses are found from the events, too; they, and maps on them, are scored.
+    """
+    jobs = study_jobs(study, methods, cases, seeds, seconds, track=track)
+    methods = (*methods, *(method_on_own_poses(name) for name in methods if track))
     outcomes = run_jobs(jobs.values(), workers, progress)
     values = tuple(_values(jobs, outcomes))
     return StudyResult(
@@ -113,7 +120,8 @@ def _values(
         if not isinstance(outcome, Done) or outcome.text is None:
             continue
         _, rows = sample_from(outcome.text)
-        pooled = rows[(rows["window"] == POOLED) & rows["metric"].isin(METRICS)]
+        drawn = rows["metric"].isin((*METRICS, *POSE_METRICS))
+        pooled = rows[(rows["window"] == POOLED) & drawn]
         for row in each(pooled[pooled["method"] != EVENTS]):
             yield StudyValue(case, seed, amount, row.method, row.metric, row.value, row.unit)
 
@@ -150,7 +158,7 @@ def _numbers(values: Any) -> list[float | None]:
 
 def study_jobs(
     study: Study, methods: Sequence[str], cases: Sequence[str], seeds: Sequence[int],
-    seconds: float = SECONDS,
+    seconds: float = SECONDS, *, track: bool = False,
 ) -> dict[tuple[str, int, float], Job]:  # fmt: skip
     """The scoring job of every case, seed and amount, with all that it needs.
 
@@ -159,9 +167,9 @@ def study_jobs(
     if not seconds > 3 * MARGIN_S:
         raise InputError(f"sequences of {seconds:g} s: a study needs more than {3 * MARGIN_S:g} s")
     for case in cases:
-        check_case(case, None, MapperConfig(methods=tuple(methods)))
+        check_case(case, None, MapperConfig(methods=tuple(methods)), track=track)
     return {
-        (case, seed, amount): _score_job(study, methods, case, seed, amount, seconds)
+        (case, seed, amount): _score_job(study, methods, case, seed, amount, seconds, track=track)
         for case in cases
         for seed in seeds
         for amount in study.amounts
@@ -169,8 +177,9 @@ def study_jobs(
 
 
 def _score_job(
-    study: Study, methods: Sequence[str], case: str, seed: int, amount: float, seconds: float
-) -> Job:
+    study: Study, methods: Sequence[str], case: str, seed: int, amount: float, seconds: float, *,
+    track: bool,
+) -> Job:  # fmt: skip
     change = study.change(amount)
     length = {"duration_s": seconds, "truth_times_s": [seconds / 2]}
     facts = sequence_parameters(case, None, seed, {**length, **change.sim})
@@ -195,11 +204,16 @@ def _score_job(
     scoring = {
         "case": case,
         "seed": seed,
-        "mappers": ["default"],
+        "mappers": [DEFAULT_MAPPER],
         "score": EvalConfig().model_dump(mode="json"),
         "scene_digest": scene_digest(case),
     }
-    return Job(f"score/{place}", "eventsweep.eval.suite.stages.score", scoring, (sequence, mapped))
+    needs: tuple[Job, ...] = (sequence, mapped)
+    if track:
+        wrong = {"perturb": change.perturb, "seed": seed}
+        needs = (*needs, track_job(place, sequence, [mapped], [DEFAULT_MAPPER], wrong))
+        scoring["track"] = True
+    return Job(f"score/{place}", "eventsweep.eval.suite.stages.score", scoring, needs)
 
 
 def window_of(change: Change, seconds: float) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from pydantic import (
 from eventsweep.emvs.errors import InputError, quoted, shown
 from eventsweep.emvs.parameters import FrozenModel, explain, refuse_code
 from eventsweep.eval.config import Settings, read_toml
+from eventsweep.eval.own_poses import TRACK
 from eventsweep.eval.perturbations import amounts
 from eventsweep.sim.mjcf import is_model_file
 
@@ -37,7 +38,7 @@ ALL = "all"
 Condition = Literal["noise", "light", "motion", "occlusion", "geometry"]
 """What is hard about a case: noise of the sensor, light, moving things or fast motion, things in
 front of each other, and imperfect geometry."""
-_LATER = ("imperfection", "conditions")
+_LATER = ("imperfection", "conditions", "track")
 _Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
 _Seeds = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
 
@@ -60,7 +61,8 @@ class CaseSpec(FrozenModel):
 
     `imperfection` is what is wrong with the calibration, the poses and the clocks that the mapper
     is given: the name of a preset, kept as what that stands for, or amounts of a `Perturbation`.
-    `conditions` say what is hard about it, for tables; they decide no number.
+    `conditions` say what is hard about it, for tables; they decide no number. With `track` its
+    poses are found from its events, too, and scored, as are maps on them, see `eval.own_poses`.
     """
 
     scene: str
@@ -71,6 +73,7 @@ class CaseSpec(FrozenModel):
     sim: dict[str, Any] = Field(default_factory=dict)
     imperfection: Annotated[dict[str, float] | None, BeforeValidator(amounts)] = None
     conditions: tuple[Condition, ...] = ()
+    track: bool = False
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, given: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -134,6 +137,8 @@ class Suite(FrozenModel):
             _refuse_unknown(f"subsets.{name}.cases", subset.cases, self.cases)
         for name, case in self.cases.items():
             _refuse_unknown(f"cases.{name}.mappers", case.mappers, self.mappers)
+            if case.track and TRACK in case.mappers:
+                raise ValueError(f"cases.{name}.mappers: call none {TRACK!r} beside track = true")
         for name, mapper in self.mappers.items():
             if mapper.get("device") == "auto":
                 raise ValueError(

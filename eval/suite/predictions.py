@@ -138,7 +138,7 @@ class SuitePrediction:
         """Scores this method on the sequence of another scoring job, beside its first mapper."""
         place, mappers = score.name.removeprefix("score/"), score.parameters["mappers"]
         maps = [
-            one for one, name in zip(score.needs[1:], mappers, strict=True) if name == mappers[0]
+            one for one, name in zip(score.needs[1:], mappers, strict=False) if name == mappers[0]
         ]
         parameters = {
             **{name: score.parameters[name] for name in ("case", "seed", "score", "scene_digest")},

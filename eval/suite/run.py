@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -136,7 +136,8 @@ def _check(suite: Suite, case: str) -> None:
     spec = suite.cases[case]
     for mapper in spec.mappers:
         config = MapperConfig.model_validate(suite.mappers[mapper])
-        check_case(spec.scene, spec.rig, config, SimConfig.model_validate(suite.sim_of(spec)))
+        sim = SimConfig.model_validate(suite.sim_of(spec))
+        check_case(spec.scene, spec.rig, config, sim, track=spec.track)
 
 
 def _score_job(suite: Suite, case: str, seed: int, sequence: Job, digest: str) -> Job:
@@ -165,7 +166,22 @@ def _score_job(suite: Suite, case: str, seed: int, sequence: Job, digest: str) -
         "score": suite.score,
         "scene_digest": digest,
     }
-    return Job(f"score/{place}", "eventsweep.eval.suite.stages.score", wanted, (sequence, *maps))
+    tracked = (track_job(place, sequence, maps, mappers, wrong),) if spec.track else ()
+    more = {"track": True} if spec.track else {}
+    needs = (sequence, *maps, *tracked)
+    return Job(f"score/{place}", "eventsweep.eval.suite.stages.score", {**wanted, **more}, needs)
+
+
+def track_job(
+    place: str, sequence: Job, maps: Sequence[Job], mappers: Sequence[str],
+    wrong: Mapping[str, Any],
+) -> Job:  # fmt: skip
+    """The job that finds a sequence's poses from its events and maps on them as `maps` do."""
+    settings: dict[str, dict[str, Any]] = {}
+    for job, mapper in zip(maps, mappers, strict=True):
+        settings.setdefault(mapper, {})[job.parameters["window"]] = job.parameters["map"]
+    wanted = {"track": {}, "maps": settings, **wrong}
+    return Job(f"track/{place}", "eventsweep.eval.suite.stages.track", wanted, (sequence,))
 
 
 def with_speed(

@@ -16,6 +16,7 @@ from eventsweep.eval.cli.app import (
     Force,
     MapFlags,
     Methods,
+    Poses,
     RigName,
     Scenes,
     ScoreFlags,
@@ -36,6 +37,7 @@ def run(
     rig: RigName = None,
     seconds: float | None = None,
     seed: int = 0,
+    poses: Annotated[Poses, RARE] = "true",
     workers: int = 1,
     method: Methods = (),
     device: Annotated[DeviceName | None, RARE] = None,
@@ -55,6 +57,8 @@ def run(
         rig: Rig to use instead of each scene's own; `eventsweep list rigs`.
         seconds: Length of each sequence, s; same as --sim.duration-s.
         seed: Seed of head motion and sensor noise.
+        poses: With `track` poses are found from events, too; they, and maps on them, are scored
+            beside maps on the true ones.
         workers: Processes that render.
         method: Method to map with, repeatable; `eventsweep list methods`.
         device: Where the mapper's sweep runs; same as --map.device.
@@ -64,6 +68,7 @@ def run(
     from eventsweep.eval.cli.exit_codes import incomplete
     from eventsweep.eval.cli.verbs.report import report_stage
     from eventsweep.eval.cli.verbs.score import show_results
+    from eventsweep.eval.odometry import track_stage
     from eventsweep.eval.pipeline import run_cases
     from eventsweep.eval.scoring.run_folder import MAP_FOLDER
     from eventsweep.scenes import case_name
@@ -85,6 +90,7 @@ def run(
         force=force,
         workers=workers,
         finish=report_stage(console.progress),
+        track=track_stage(console.progress) if poses == "track" else None,
         progress=console.progress,
     )
     show_results(console, results, wanted.score.ranking_metric)

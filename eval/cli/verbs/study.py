@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from eventsweep.emvs.utils.outputs import output_folder
 from eventsweep.eval.cli import names
-from eventsweep.eval.cli.app import COMMON, Common, Methods, Scenes, app
+from eventsweep.eval.cli.app import COMMON, Common, Methods, Poses, Scenes, app
 from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
 from eventsweep.eval.studies.definitions import CASES, METHODS, SECONDS, SEEDS
 
@@ -32,6 +32,7 @@ def study(
     seeds: str | None = None,
     seconds: float = SECONDS,
     method: Methods = (),
+    poses: Poses = "true",
     job_flags: JobFlags = JOB_FLAGS,
     common: Common = COMMON,
 ) -> int:
@@ -44,6 +45,7 @@ def study(
         seeds: Seeds instead of 0,1,2, such as 0-9.
         seconds: Length of every sequence; the window leaves 0.05 s at either end.
         method: Method to compare, repeatable, instead of a choice of five.
+        poses: With `track` poses are found from events, too; they, and maps on them, are scored.
     """
     from eventsweep.eval.studies.definitions import STUDIES, study_named
     from eventsweep.eval.studies.run import file_names, run_study, write_study
@@ -55,7 +57,10 @@ def study(
     files = [name for chosen_study in studies for name in file_names(chosen_study)]
     with output_folder(out, files, force=True):
         for chosen_study in studies:
-            result = run_study(chosen_study, *samples, job_flags.open, console.progress, seconds)
+            result = run_study(
+                chosen_study, *samples, job_flags.open, console.progress, seconds,
+                track=poses == "track",
+            )  # fmt: skip
             written = write_study(out, result)
             failed += len(result.failures)
             console.result(json.dumps({result.study.name: result.breaking()}), [_table(result)])

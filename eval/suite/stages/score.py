@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
-from eventsweep.emvs.maps.folder import StoredWindow
+from eventsweep.emvs.maps.folder import StoredWindow, read_map
 from eventsweep.emvs.maps.store import read_entry
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.jobs.job import RESULT, SEQUENCE
+from eventsweep.eval.own_poses import found_poses
 from eventsweep.eval.scoring.metric_versions import metric_versions
 from eventsweep.eval.scoring.results import POOLED, tidy, together
 from eventsweep.eval.scoring.score import score_windows
+from eventsweep.eval.scoring.trajectories import score as trajectories
+from eventsweep.eval.scoring.trajectories.own_poses import own_estimates, pose_rows
 from eventsweep.eval.suite.results import EVENTS, Sample, SampleFacts, mapper_method, sample_text
 
 if TYPE_CHECKING:
@@ -24,17 +28,25 @@ if TYPE_CHECKING:
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
-    """Scores every window and all of them pooled, for each of the case's mappers."""
+    """Scores every window and all of them pooled, for each of the case's mappers.
+
+    With `track` the last input is what that stage made: its poses and maps are scored, too.
+    """
     case, config = str(parameters["case"]), EvalConfig.model_validate(parameters["score"])
     sequence = EventSequence.open(inputs[0] / SEQUENCE)
-    stored = [mapped_window(path) for path in inputs[1:]]
+    count, tracked = len(parameters["mappers"]), bool(parameters.get("track"))
+    stored = [mapped_window(path) for path in inputs[1 : 1 + count]]
     tables: list[pd.DataFrame] = []
     for mapper, windows in _by_mapper(parameters["mappers"], stored).items():
-        scored = score_windows(case, sequence, windows, config)
+        own = own_estimates(read_map(inputs[-1] / mapper), windows) if tracked else None
+        scored = score_windows(case, sequence, windows, config, own)
         tables.append(scored.assign(method=[mapper_method(m, mapper) for m in scored["method"]]))
         if mapper == parameters["mappers"][0]:
             tables.append(_event_rows(case, windows))
     facts = sample_facts(sequence, str(parameters["scene_digest"]))
+    if tracked:
+        tables.append(pose_rows(case, sequence.trajectory, found_poses(inputs[-1]))[0])
+        facts = replace(facts, metrics={**facts.metrics, **trajectories.metric_versions()})
     sample = Sample(case, int(parameters["seed"]), facts)
     (out / RESULT).write_text(sample_text(sample, together(tables)), encoding="utf-8")
 

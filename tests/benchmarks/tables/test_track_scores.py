@@ -10,15 +10,17 @@ from eventsweep.emvs.errors import InputError
 from track_scores import Row, Twin, measured, table
 
 
-def row(seed, percent, lost=0, failure=""):
+def row(seed, percent, lost=0, failure="", ratio=1.05):
     ate_m = None if percent is None else percent / 100
-    return Row(Twin("desk", "davis346", seed, 1.5), failure, ate_m, percent, 99.0, lost, 9.0)
+    twin = Twin("desk", "davis346", seed, 1.5)
+    return Row(twin, failure, ate_m, percent, 99.0, lost, 9.0, None if failure else ratio)
 
 
 def test_failures_count_and_opened_seeds_do_not():
     text = table([row(0, 9.0), row(2, 0.2), row(3, 0.4, lost=1), row(4, None, failure="no poses")])
-    assert "| 0 | no | 0.0900 | 9.00 | 99.0 | 0 | 6.0 |" in text
-    assert "| 4 | yes | – | – | 0 | no poses | 6.0 |" in text
+    assert "| 0 | no | 0.0900 | 9.00 | 99.0 | 0 | 1.05 | 6.0 |" in text
+    assert "| 4 | yes | – | – | 0 | no poses | – | 6.0 |" in text
+    assert "depth errors 1.05 times those on true poses in the median, inf at worst" in text
     assert "ATE 0.40 % of the way in the median, no poses at worst" in text
     assert "on 1 of 3 sequences" in text
     assert "Held-out seeds" not in table([row(0, 1.0)])
@@ -68,3 +70,12 @@ def test_only_what_the_tracker_says_is_a_failure_of_it(tmp_path, monkeypatch, co
     else:
         with pytest.raises(expected):
             track_scores._tracked(*asked)
+
+
+def test_a_scene_may_have_seeds_of_its_own():
+    twins = list(track_scores._twins(["desk=2-3", "rpg-bin"], "4", None))
+    assert [(one.scene, one.seed, one.seconds) for one in twins] == [
+        ("desk", 2, 1.5), ("desk", 3, 1.5), ("rpg-bin", 4, 10),
+    ]  # fmt: skip
+    with pytest.raises(InputError, match="no twin 'attic'"):
+        list(track_scores._twins(["attic"], "4", 1.0))

@@ -1,8 +1,9 @@
 """Scores `eventsweep track` on noisy twins: `python tests/benchmarks track_scores --out FOLDER`.
 
-Simulates each twin, tracks it by the verb, and scores its poses against the true ones. A finished
-row is kept, so that the command can be interrupted; after a change of the program take another
-folder. With `--page docs/odometry.md` the table is written into the page.
+Simulates each twin, tracks it by the verb, and scores its poses against the true ones, and maps on
+them against maps on the true ones. A finished row is kept, so that the command can be interrupted;
+after a change of the program take another folder, or remove the rows. With `--page
+docs/odometry.md` the table is written into the page. `--scene desk=2-4` chooses a scene's seeds.
 """
 
 from __future__ import annotations
@@ -10,27 +11,44 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import redirect_stderr
 from dataclasses import asdict, dataclass, replace
 from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 import eventsweep as es
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.maps.folder import RecordingInfo, read_map
 from eventsweep.emvs.odometry.tracker import Status
 from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.windows import Window
 from eventsweep.eval.cli import job_flags
 from eventsweep.eval.cli.exit_codes import INTERRUPTED, exit_code
 from eventsweep.eval.cli.main import main as eventsweep
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.own_poses import found_poses, map_on_poses, method_on_own_poses
+from eventsweep.eval.scoring.results import POOLED
+from eventsweep.eval.scoring.score import score_windows
+from eventsweep.eval.scoring.trajectories.own_poses import own_estimates
 from markdown_blocks import show
 
 MARK = "track-scores"
-TWINS = (("desk", "davis346"), ("mvsec-flying", "davis346"), ("rpg-boxes", "davis240"))
+TWINS = {
+    "desk": ("davis346", 1.5), "mvsec-flying": ("davis346", 1.5), "rpg-boxes": ("davis240", 1.5),
+    "rpg-reader": ("davis240", 1.5), "rpg-monitor": ("davis240", 10), "rpg-bin": ("davis240", 10),
+    "tumvie-6dof": ("gen4", 0.5), "dsec-street": ("gen4", 1.5),
+}  # fmt: skip
+"""By scene: the sensor, and how long a sequence is, s."""
 OPENED = frozenset({0, 1})
 """Seeds that were looked at while the tracker was built."""
+_METHOD = "Focus/H"
+_HALF_US, _EVERY_US, _MOST_WINDOWS = 100_000, 300_000, 3  # of what is mapped on both poses
 _WARM_US = 300_000
 _TRACKED, _ENDED_LOST = 0, 1  # exit codes of the verb
 _NEVER_BEGAN = "found no place to begin"
@@ -62,6 +80,7 @@ class Row:
         ate_percent: the same, of the true way.
         covered_percent: of the time.
         lost: how often track was lost.
+        ratio: median error of depth on these poses / on the true ones, each on its own pixels.
         cpu_s: CPU time of the verb, all threads, kernels compiled.
     """
 
@@ -72,6 +91,7 @@ class Row:
     covered_percent: float
     lost: int
     cpu_s: float
+    ratio: float | None = None
 
 
 def measured(twins: Sequence[Twin], folder: Path) -> list[Row]:
@@ -99,10 +119,11 @@ def table(rows: Sequence[Row]) -> str:
     """Rows as a table in Markdown, and what those of seeds that were held out come to."""
     lines = [
         "Written by `python tests/benchmarks track_scores`; aligned rigidly; CPU of all threads.",
+        f"Depth: median error of `{_METHOD}` on these poses / on true ones.",
         "",
         "| Scene | Sensor | s | Seed | Held out | ATE, m | ATE, % of the way | Covered, % | Lost "
-        "| CPU s per s |",
-        "|---|---|--:|--:|---|--:|--:|--:|--:|--:|",
+        "| Depth | CPU s per s |",
+        "|---|---|--:|--:|---|--:|--:|--:|--:|--:|--:|",
         *map(_line, rows),
     ]
     held_out = [row for row in rows if row.twin.seed not in OPENED]
@@ -118,6 +139,7 @@ def _line(row: Row) -> str:
         if row.ate_m is not None
         else f"– | – | 0 | {row.failure}"
     )
+    scores += " | –" if row.ratio is None else f" | {row.ratio:.2f}"
     return (
         f"| `{twin.scene}` | `{twin.sensor}` | {twin.seconds:g} | {twin.seed} "
         f"| {'no' if twin.seed in OPENED else 'yes'} | {scores} | {row.cpu_s / twin.seconds:.1f} |"
@@ -132,9 +154,11 @@ def _summary(rows: Sequence[Row]) -> str:
         for value in (np.median(percent), np.max(percent))
     )
     kept = sum(not row.failure and not row.lost for row in rows)
+    ratios = [np.inf if row.ratio is None else row.ratio for row in rows]
     return (
         f"Held-out seeds: ATE {median} of the way in the median, {worst} at worst; track kept "
-        f"on {kept} of {len(rows)} sequences."
+        f"on {kept} of {len(rows)} sequences; depth errors {np.median(ratios):.2f} times those on "
+        f"true poses in the median, {np.max(ratios):.2f} at worst."
     )
 
 
@@ -183,7 +207,33 @@ def _tracked(twin: Twin, recording: Path, out: Path) -> Row:
     ate_m, ate_percent, covered_percent = (
         float(values[metric]) for metric in ("ate_rmse", "ate_share", "time_covered")
     )
-    return Row(twin, "", ate_m, ate_percent, covered_percent, lost, cpu_s)
+    ratio = _depth_ratio(recording, out)
+    return Row(twin, "", ate_m, ate_percent, covered_percent, lost, cpu_s, ratio)
+
+
+def _depth_ratio(path: Path, tracked: Path) -> float | None:
+    """Maps the same windows on true poses and on those that were found; ratio of median errors."""
+    recording = EventSequence.open(path)
+    first_us, last_us = recording.event_span_us(0)
+    times_us = range(first_us + 2 * _HALF_US, last_us - _HALF_US, _EVERY_US)
+    there = set(recording.truth_times_us(0).tolist())
+    windows = {
+        f"w{k:03d}": Window(t_us - _HALF_US, t_us + _HALF_US, t_us, (0, 0))
+        for k, t_us in enumerate([t_us for t_us in times_us if t_us in there][:_MOST_WINDOWS])
+    }
+    config, about = MapperConfig(methods=(_METHOD,)), RecordingInfo(name=path.name, path=str(path))
+    poses = {"true": recording.trajectory, "found": found_poses(tracked)}
+    with TemporaryDirectory() as folder:
+        for name, trajectory in poses.items():
+            out = Path(folder) / name
+            map_on_poses(recording, trajectory, windows, config, out, about, clouds=False)
+        true, found = (read_map(Path(folder) / name) for name in poses)
+        own = own_estimates(found, true.windows)
+        rows = score_windows("twin", recording, true.windows, EvalConfig(), own)
+    pooled = rows[(rows["window"] == POOLED) & (rows["metric"] == "median_error")]
+    errors_m = pooled.set_index("method")["value"]
+    ratio = float(errors_m[method_on_own_poses(_METHOD)] / errors_m[_METHOD])
+    return ratio if np.isfinite(ratio) else None
 
 
 def _read(path: Path) -> Row:
@@ -195,23 +245,27 @@ def _read(path: Path) -> Row:
         raise InputError(f"{path}: no row of this tool ({error}): remove the file") from error
 
 
+def _twins(scenes: Sequence[str], seeds: str, seconds: float | None) -> Iterator[Twin]:
+    for asked in scenes:
+        scene, _, own = asked.partition("=")
+        if scene not in TWINS:
+            raise InputError(f"no twin {scene!r}: choose from {', '.join(TWINS)}")
+        sensor, usual_s = TWINS[scene]
+        for seed in job_flags.seed_numbers(own or seeds, "--seeds") or ():
+            yield Twin(scene, sensor, seed, usual_s if seconds is None else seconds)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the table, or writes it into a page; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition(":")[0])
     parser.add_argument("--out", type=Path, required=True, help="folder of sequences and rows")
     parser.add_argument("--page", type=Path, help="page to write the table into")
-    parser.add_argument("--scene", action="append", default=[], help="some of the scenes")
-    parser.add_argument("--seeds", default="2-3", help="seeds, such as 0,2-4")
-    parser.add_argument("--seconds", type=float, default=1.5, help="length of a sequence, s")
+    parser.add_argument("--scene", action="append", default=[], help="SCENE or SCENE=SEEDS")
+    parser.add_argument("--seeds", default="4", help="seeds, such as 0,2-4")
+    parser.add_argument("--seconds", type=float, help="another length of all sequences, s")
     asked = parser.parse_args(arguments)
     with exit_code() as code:
-        seeds = job_flags.seed_numbers(asked.seeds, "--seeds") or ()
-        twins = [
-            Twin(scene, sensor, seed, asked.seconds)
-            for scene, sensor in TWINS
-            for seed in seeds
-            if not asked.scene or scene in asked.scene
-        ]
+        twins = list(_twins(asked.scene or list(TWINS), asked.seeds, asked.seconds))
         show(table(measured(twins, asked.out)), asked.page, MARK)
     return code.value
 

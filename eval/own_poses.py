@@ -1,0 +1,109 @@
+"""Poses found from a recording's events, and maps on them, beside those on its own poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.altered import AlteredRecording
+from eventsweep.emvs.data.poses import read_poses
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.maps.folder import (
+    SCHEMA_VERSION,
+    MapInfo,
+    RecordingInfo,
+    SkippedWindow,
+    text_of,
+)
+from eventsweep.emvs.maps.sliding import find_hot, map_into, without
+from eventsweep.emvs.utils.runtime import versions
+from eventsweep.emvs.windows import Window, check_poses
+
+TRACK = "track"
+"""Names the poses in rows of scores, and marks the methods of maps on them."""
+FOUND_FILE, FAILURE_FILE = "trajectory.txt", "failure.txt"
+
+
+def method_on_own_poses(method: str) -> str:
+    """What scores call a method that was given the poses that were found."""
+    return f"{method} {TRACK}"
+
+
+def is_on_own_poses(method: str) -> bool:
+    """Whether rows of this method are about poses that were found, or maps on them."""
+    return TRACK in method.split()
+
+
+def found_poses(folder: Path) -> Trajectory | str:
+    """The poses in a tracker's folder, or why it found none."""
+    failure = folder / FAILURE_FILE
+    if failure.is_file():
+        return failure.read_text("utf-8").strip()
+    return read_poses(folder / FOUND_FILE)
+
+
+def write_failure(folder: Path, error: InputError) -> None:
+    """Leaves in a tracker's folder why there are no poses: a failure counts, too."""
+    folder.mkdir(exist_ok=True)
+    (folder / FAILURE_FILE).write_text(f"{error}\n", encoding="utf-8")
+
+
+def map_on_poses(
+    recording: Recording, poses: Trajectory | str, windows: Mapping[str, Window],
+    config: MapperConfig, out: Path, about: RecordingInfo, *, clouds: bool = True,
+) -> None:  # fmt: skip
+    """Maps windows on other poses, as far as these cover them, and writes the map folder `out`.
+
+    Reference views keep their times. A window without a pose at that time is skipped.
+
+    Args:
+        recording: events and calibration.
+        poses: `T_world_body`, or why there are none.
+        windows: those that the recording's own poses are mapped in, by name.
+        config: methods, planes, thresholds.
+        out: a new folder, in one that the caller writes atomically.
+        about: what `map.json` says of the recording.
+        clouds: whether to write point clouds.
+    """
+    first_us = min(window.t0_us for window in windows.values())
+    last_us = max(window.t1_us for window in windows.values())
+    hot = find_hot(recording, config, first_us, last_us)
+    mapped, skipped = [], []
+    out.mkdir()
+    for name, window in windows.items():
+        try:
+            posed, covered = _posed(without(recording, hot), poses, window, config)
+        except InputError as error:
+            skipped.append(
+                SkippedWindow(name=name, t0_us=window.t0_us, t1_us=window.t1_us, reason=str(error))
+            )
+            continue
+        mapped.append(map_into(out / name, posed, config, covered, clouds=clouds))
+    info = MapInfo(
+        schema_version=SCHEMA_VERSION, recording=about, config=config, versions=versions(),
+        windows=tuple(mapped), skipped=tuple(skipped),
+    )  # fmt: skip
+    (out / "map.json").write_text(text_of(info), encoding="utf-8")
+
+
+def _posed(
+    recording: Recording, poses: Trajectory | str, window: Window, config: MapperConfig
+) -> tuple[Recording, Window]:
+    """The recording with the poses, and what these cover of a window."""
+    if isinstance(poses, str):
+        raise InputError(poses)
+    first_us, last_us = poses.span_us
+    if not first_us <= window.t_ref_us <= last_us:
+        raise InputError(
+            f"no pose at the reference time, {window.t_ref_us} µs: poses reach from {first_us} to "
+            f"{last_us} µs"
+        )
+    covered = replace(
+        window, t0_us=max(window.t0_us, first_us), t1_us=min(window.t1_us, last_us + 1)
+    )
+    check_poses(poses, covered.t0_us, covered.t1_us, config)
+    return AlteredRecording(recording, trajectory=poses), covered

@@ -1,0 +1,230 @@
+"""Maps on poses that were found: given the true poses, they and their scores are the true ones."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.maps.folder import RecordingInfo, read_map
+from eventsweep.emvs.maps.sliding import map_windows
+from eventsweep.emvs.odometry.recorded import Change, Tracked
+from eventsweep.emvs.odometry.tracker import Status
+from eventsweep.emvs.windows import Window
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.own_poses import map_on_poses, method_on_own_poses
+from eventsweep.eval.progress import Silent
+from eventsweep.eval.report.ranking import findings
+from eventsweep.eval.scoring.results import each, read_results
+from eventsweep.eval.scoring.trajectories.own_poses import own_estimates, pose_rows
+from eventsweep.eval.studies.curves import POSE_METRICS
+from eventsweep.eval.studies.definitions import study_named
+from eventsweep.eval.studies.run import run_study
+from eventsweep.eval.suite.results import read_suite
+from in_process import in_process
+from small_pair import small_sequence
+from small_suite import case, suite_text
+
+CONFIG = MapperConfig(methods=("Alg1/H", "EMVS/cam0"), planes=8, window_s=0.04, stride_s=0.02)
+
+
+@pytest.fixture(scope="module")
+def mapped(tmp_path_factory):
+    """A recording, its map of sliding windows, and those windows."""
+    folder = tmp_path_factory.mktemp("mapped")
+    recording = open_recording(small_sequence(folder / "sequence"))
+    about = RecordingInfo.of(recording, folder / "sequence", folder / "map")
+    map_windows(recording, folder / "map", CONFIG, about)
+    stored = read_map(folder / "map")
+    windows = {w.name: Window(w.t0_us, w.t1_us, w.t_ref_us, (0, 0)) for w in stored.info.windows}
+    return recording, stored, windows, about
+
+
+def on(poses, mapped, out):
+    recording, stored, windows, about = mapped
+    map_on_poses(recording, poses, windows, CONFIG, out, about)
+    own = read_map(out)
+    return own, list(own_estimates(own, stored.windows))
+
+
+def test_on_the_true_poses_maps_are_the_same_bits(mapped, tmp_path):
+    recording, stored, *_ = mapped
+    own, estimates = on(recording.trajectory, mapped, tmp_path / "own")
+    assert not own.info.skipped
+    assert len(estimates) == len(stored.windows) == 4
+    for window, found in zip(stored.windows, estimates, strict=True):
+        for method in CONFIG.methods:
+            true, mine = window.depth_map(method), found[method_on_own_poses(method)]
+            np.testing.assert_array_equal(true.mask, mine.mask)
+            np.testing.assert_array_equal(true.depth_m, mine.depth_m)
+
+
+def test_another_world_changes_no_depth(mapped, tmp_path):
+    """Found poses begin at the origin: views, and depths in them, do not depend on that."""
+    recording, stored, *_ = mapped
+    true = recording.trajectory
+    elsewhere = se3.exp([3.0, -2, 1, 0.4, -0.2, 2.0]) @ true.at(true.t_us)
+    _, estimates = on(Trajectory.from_matrices(true.t_us, elsewhere), mapped, tmp_path / "own")
+    for window, found in zip(stored.windows, estimates, strict=True):
+        mine, map_ = found["Alg1/H track"], window.depth_map("Alg1/H")
+        both = mine.mask & map_.mask
+        assert both.sum() > 0.9 * max(mine.mask.sum(), map_.mask.sum()) > 0
+        close = np.isclose(mine.depth_m[both], map_.depth_m[both], rtol=1e-3)
+        assert close.mean() > 0.9  # rounding may turn equal votes around
+
+
+def test_a_window_without_poses_is_an_empty_map_and_one_with_some_uses_those(mapped, tmp_path):
+    recording, stored, *_ = mapped
+    true = recording.trajectory
+    late = Trajectory(true.t_us[3:], true.positions_m[3:], true.quats_xyzw[3:])
+    own, estimates = on(late, mapped, tmp_path / "own")
+    (skipped,) = own.info.skipped
+    assert "no pose at the reference time, 20000 µs" in skipped.reason
+    assert not any(one.mask.any() for one in estimates[0].values())
+    assert own.info.windows[0].t0_us == true.t_us[3]
+    assert own.info.windows[0].t_ref_us == stored.info.windows[1].t_ref_us
+    np.testing.assert_array_equal(
+        estimates[-1]["Alg1/H track"].depth_m, stored.windows[-1].depth_map("Alg1/H").depth_m
+    )
+
+
+@pytest.mark.parametrize("reason", ["found no place to begin from", None])
+def test_no_poses_are_a_score_of_nothing_covered(mapped, tmp_path, reason):
+    """Also where there are too few of them."""
+    recording, stored, *_ = mapped
+    true = recording.trajectory
+    found = reason or Trajectory(true.t_us[:1], true.positions_m[:1], true.quats_xyzw[:1])
+    rows, notes = pose_rows("room", true, found)
+    values = {row.metric: row.value for row in each(rows)}
+    assert values.pop("time_covered") == 0
+    assert {"ate_rmse", "drift", "way"} <= set(values)
+    assert all(math.isnan(value) for value in values.values())
+    assert len(notes) == 1
+    own, estimates = on(reason or "none", mapped, tmp_path / "own")
+    assert len(own.info.skipped) == len(stored.windows)
+    assert not any(one.mask.any() for window in estimates for one in window.values())
+
+
+def perfect(recording, *_arguments, **_settings):
+    """What a tracker without errors finds, in a world of its own."""
+    poses, span_us = recording.trajectory, recording.event_span_us(0)
+    T_own_world = se3.inverse(poses.at(poses.t_us[0]))
+    own = Trajectory.from_matrices(poses.t_us, T_own_world @ poses.at(poses.t_us))
+    began = Change(span_us[0], Status.TRACKING, "")
+    return Tracked(own, (Status.TRACKING,) * len(own), (began,), span_us, 0)
+
+
+def no_place(*_arguments, **_settings):
+    raise InputError("found no place to begin from: too dark")
+
+
+def values_of(rows, method, window="all"):
+    chosen = rows[(rows["method"] == method) & (rows["window"] == window)]
+    return dict(zip(chosen["metric"], chosen["value"], strict=True))
+
+
+def run_with(tracker, out):
+    """`run planes --poses track`, with a tracker of ours."""
+    flags = ["--rig", "rpg", "--seconds", "0.06", "--method", "Alg1/H", "--map.planes", "20"]
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("eventsweep.eval.odometry.track", tracker)
+        command = ["run", "planes", "--poses", "track", "--out", str(out), *flags, "--quiet"]
+        assert main(command) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return run_with(perfect, tmp_path_factory.mktemp("run") / "out")
+
+
+def test_a_run_scores_poses_and_maps_on_them_beside_the_true_ones(run):
+    results = read_results(run)
+    true, own = (values_of(results.rows, name) for name in ("Alg1/H", "Alg1/H track"))
+    assert own["points"] == pytest.approx(true["points"], rel=0.02)
+    assert own["median_error"] == pytest.approx(true["median_error"], rel=0.05)
+    poses = values_of(results.rows, "track")
+    assert poses["ate_rmse"] < 1e-6
+    assert poses["time_covered"] > 99
+    assert {"ate_rmse", "mean_error"} <= set(results.metrics)
+    assert results.configuration["planes"]["track"]["skipped"] == 0
+    page = (run / "report.html").read_text("utf-8")
+    assert "Alg1/H track" in page
+    assert 'href="planes/track/report.html"' in page
+    assert any("Poses found from events" in one for one in findings(results.rows, "mean_error"))
+
+
+def test_scoring_again_finds_the_same(run):
+    before = read_results(run).rows
+    assert main(["score", str(run), "--quiet"]) == 0
+    assert read_results(run).rows.equals(before)
+
+
+@pytest.mark.slow
+def test_a_tracker_that_finds_nothing_ends_no_run_and_is_counted(tmp_path):
+    results = read_results(run_with(no_place, tmp_path / "out"))
+    rows = results.rows
+    assert values_of(rows, "track")["time_covered"] == 0
+    assert values_of(rows, "Alg1/H track")["points"] == 0
+    assert values_of(rows, "Alg1/H")["points"] > 0
+    note = results.configuration["planes"]["track"]["notes"]
+    assert note == ["found no place to begin from: too dark"]
+
+
+def test_a_mapper_called_track_would_be_mistaken_for_poses(tmp_path, capsys):
+    text = suite_text(case("wall", track=True, mappers=["track"]), mappers={"track": {}})
+    (tmp_path / "s.toml").write_text(text)
+    assert main(["suite", str(tmp_path / "s.toml"), "--out", str(tmp_path / "o")]) == 2
+    assert "call none 'track'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("tracker", [pytest.param(perfect, marks=pytest.mark.slow), no_place])
+def test_a_suite_may_ask_for_poses_of_its_own(tmp_path, monkeypatch, jobs_in_this_process, tracker):
+    monkeypatch.setattr("eventsweep.eval.suite.stages.track.track", tracker)
+    mappers = {
+        name: {"methods": ["Alg1/H"], "planes": planes}
+        for name, planes in (("default", 12), ("few", 6))
+    }
+    text = suite_text(case("wall", track=True, mappers=list(mappers)), mappers=mappers)
+    (tmp_path / "s.toml").write_text(text)
+    flags = ["--cache", str(tmp_path / "cache"), "--workers", "1", "--quiet"]
+    assert main(["suite", str(tmp_path / "s.toml"), "--out", str(tmp_path / "o"), *flags]) == 0
+    result = read_suite(tmp_path / "o")
+    rows, found = result.rows, tracker is perfect
+    assert values_of(rows, "track")["time_covered"] == pytest.approx(100 * found, abs=1)
+    for method, own in (("Alg1/H", "Alg1/H track"), ("Alg1/H few", "Alg1/H track few")):
+        true, mine = (values_of(rows, name)["points"] for name in (method, own))
+        assert mine == (pytest.approx(true, rel=0.05) if found else 0)
+    assert "ate_rmse" in result.samples[0].facts.metrics
+    assert main(["report", str(tmp_path / "o"), "--quiet"]) == 0
+
+
+@pytest.mark.slow
+def test_a_study_may_ask_for_poses_of_its_own(tmp_path, monkeypatch):
+    """Its errors are those of the calibration that the tracker is given, too."""
+    given = []
+
+    def asked(recording, *_rest):
+        given.append(recording.rig.T_body_cam[1])
+        return perfect(recording)
+
+    monkeypatch.setattr("eventsweep.eval.suite.stages.track.track", asked)
+    study = study_named("stereo-yaw")
+    study = replace(study, amounts=study.amounts[:2])
+    workers = partial(in_process, 1, tmp_path)
+    result = run_study(study, ["Alg1/H"], ["planes"], [0], workers, Silent(), 0.16, track=True)
+    assert not result.failures
+    names = {(curve.metric, curve.method) for curve in result.curves}
+    assert {(metric, "track") for metric in POSE_METRICS} <= names
+    assert ("mean_error", "Alg1/H track") in names
+    assert not np.allclose(given[0], given[1])
+    covered = next(curve for curve in result.curves if curve.metric == "time_covered")
+    assert covered.mean.min() > 99
