@@ -145,15 +145,19 @@ def ranking_page(page: RankingPage, files: Sequence[str] = ()) -> Page:
         *sections.causes(page), *sections.gallery(page), *sections.history(page),
     )  # fmt: skip
     seeds = plural(len(base.seeds), "seed")
+    lead, *findings = _findings(page)
+    best = page.pictures.get(page.methods[0], ())
     return Page(
         title=f"Ranking, {base.suite}",
         subtitle=f"{plural(len(page.methods), 'method')} on "
         f"{plural(len(page.joined.cases), 'case')} with {seeds} each; sequences: "
         f"{sections.data(base)}.",
+        lead=lead,
+        pictures=best[:1],
         sections=shown,
         provenance=sections.provenance(page),
         overview=sections.overview(page),
-        findings=tuple(_findings(page)),
+        findings=tuple(findings),
         note=f"{_PLACES} Ordered by {column(MAIN).title}; {_RELATIVE}.",
         version=base.versions.get("eventsweep", ""),
         files=tuple(files),

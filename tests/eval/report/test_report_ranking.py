@@ -126,7 +126,8 @@ def test_conditions_have_a_column_each_and_say_their_cases(written):
 def test_of_a_hidden_part_no_seed_and_no_picture_is_shown(written):
     page = text_of(written)
     assert "ab" * 32 in page
-    assert page.count("data:image/webp") == 2
+    # Best and worst in the gallery, and the best once more on top.
+    assert page.count("data:image/webp") == 3
     assert "EMVS_cam0-best.webp" not in {path.name for path in (written / "pictures").iterdir()}
     seeds = page[page.index(">seeds</td>") :]
     assert re.findall(r"<td[^>]*>([^<]*)</td>", seeds)[:3] == [
@@ -291,7 +292,7 @@ def test_a_maps_page_killed_anywhere_is_taken_up_and_leaves_nothing(tmp_path, mo
         ("load_run", data), ("_files", ()), ("page_text", "page"), ("overview_png", b"png"),
         ("ranked_methods", ()),
     ):  # fmt: skip
-        monkeypatch.setattr(run_page, name, lambda *_, value=value: value)
+        monkeypatch.setattr(run_page, name, lambda *_, value=value, **__: value)
     killed_at_every_step(lambda: run_page.write_report(out), lambda _: nothing_of_others(out))
     assert {path.name for path in out.iterdir()} == {
         "map.json", "report.html", "overview.png", NAME,
