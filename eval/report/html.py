@@ -42,12 +42,13 @@ class Head:
 
 @dataclass(frozen=True, slots=True)
 class GridCell:
-    """One cell: as read, as sorted, and how it stands out."""
+    """One cell: as read, as sorted, how it stands out, and the page beside that it leads to."""
 
     text: str
     value: float = math.nan
     kind: Kind = ""
     colour: str = ""
+    link: str = ""
 
 
 @dataclass(frozen=True, slots=True)
