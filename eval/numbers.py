@@ -11,6 +11,15 @@ import math
 _DISPLAYED = {"m": ("cm", 100.0), "deg": ("°", 1.0), "deg/m": ("°/m", 1.0)}
 
 
+_CLOCK_US = 10**10
+"""Times beyond it, nearly three hours, are those of a clock and not of a recording's length."""
+
+
+def shown_zero_us(first_us: int) -> int:
+    """The time that pages show as 0, µs: the first one where times are those of a clock."""
+    return first_us if first_us > _CLOCK_US else 0
+
+
 def thousands(count: float) -> str:
     """A count, with commas between thousands and without decimals."""
     return f"{count:,.0f}"

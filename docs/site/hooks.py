@@ -5,6 +5,7 @@
 - The reference lists every public name with its docstring, and the example of it that `docs/api.md`
   has and the tests run.
 - A page can name how to install, which depends on where a release is: `install.md` has it.
+- Notebooks become pages, with what they show.
 - A picture leads to itself at full size: on a phone a page shows four panels in 9 cm.
 """
 
@@ -21,6 +22,8 @@ from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from mkdocs.config.defaults import MkDocsConfig
     from mkdocs.structure.files import Files
     from mkdocs.structure.pages import Page
@@ -39,6 +42,7 @@ LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!https?:|mailto:|#)([^)\s]+)\)")
 ON_SITE = {".html", ".ipynb", ".json", ".md", ".png", ".svg", ".webp", ".yml"}
 FENCE = re.compile(r"^(```.*?^```)", re.MULTILINE | re.DOTALL)
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+NOTEBOOKS = ROOT / "docs" / "notebooks"
 HERE = "<!-- reference -->"
 PICTURE = re.compile(r'(<img [^>]*src="([^"]+)"[^>]*>)')
 
@@ -58,7 +62,23 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for name, page in TOP.items():
         text = with_site_links((ROOT / name).read_text("utf-8"), "")
         files.append(File.generated(config, page, content=text))
+    for path in sorted(NOTEBOOKS.glob("*.ipynb")):
+        for file in pages_of_notebook(path, config):
+            files.append(file)
     return files
+
+
+def pages_of_notebook(path: Path, config: MkDocsConfig) -> Iterator[File]:
+    """A notebook as a page, and its pictures as files beside it."""
+    from nbconvert import MarkdownExporter
+
+    text, resources = MarkdownExporter().from_filename(path, {"unique_key": path.stem})
+    title, _, rest = text.partition("\n")
+    link = f'\n<a href="{path.name}" download>Download the notebook</a>\n'
+    folder = NOTEBOOKS.name
+    yield File.generated(config, f"{folder}/{path.stem}.md", content=f"{title}\n{link}{rest}")
+    for name, picture in resources["outputs"].items():
+        yield File.generated(config, f"{folder}/{name}", content=picture)
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
@@ -68,7 +88,7 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     if HERE in markdown:
         api = (ROOT / "docs" / "api.md").read_text("utf-8")
         markdown = markdown.replace(HERE, reference(api))
-    return with_site_links(markdown, "docs")
+    return with_site_links(markdown, posixpath.join("docs", posixpath.dirname(page.file.src_uri)))
 
 
 def on_page_content(html: str, **_: object) -> str:
@@ -89,6 +109,8 @@ def with_site_links(text: str, folder: str) -> str:
     def moved(found: re.Match[str]) -> str:
         path, mark, section = found[3].partition("#")
         target = address(posixpath.normpath(posixpath.join(folder, path)))
+        if target and not target.startswith("http"):
+            target = posixpath.relpath(target, posixpath.relpath(folder or "docs", "docs"))
         return f"{found[1]}[{found[2]}]({target}{mark}{section})" if target else found[2]
 
     pieces = FENCE.split(text)
@@ -101,7 +123,7 @@ def address(target: str) -> str:
         return TOP[target]
     inside = target.removeprefix("docs/")
     if inside != target and Path(inside).suffix in ON_SITE:
-        return inside
+        return re.sub(r"\.ipynb$", ".md", inside)
     return f"{RELEASE['REPOSITORY']}/blob/main/{target}" if RELEASE["REPOSITORY"] else ""
 
 

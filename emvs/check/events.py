@@ -7,7 +7,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.check.findings import Finding, Series, Verdict, above, below, judged, worst
+from eventsweep.emvs.check.findings import (
+    TIME,
+    Finding,
+    Series,
+    Verdict,
+    above,
+    below,
+    judged,
+    worst,
+)
 from eventsweep.emvs.check.streams import BIN_US, Stream
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import significant
@@ -117,7 +126,7 @@ def _rate(stream: Stream) -> Finding:
         "windows too short or too long",
         cure="set the unit of the times (time_unit in recording.toml, --time-unit), or lower the "
         "sensor's sensitivity", suspect=suspect,
-        series=Series(_thinned(rates_hz), _thinned(at_s), "time, s", "events per second"),
+        series=Series(_thinned(rates_hz), _thinned(at_s), TIME, "events per second"),
     )  # fmt: skip
 
 

@@ -13,6 +13,10 @@ Verdict = Literal["good", "doubtful", "wrong"]
 VERDICTS: tuple[Verdict, ...] = ("good", "doubtful", "wrong")
 
 
+TIME = "time, s"
+"""The label of a curve over the recording's times."""
+
+
 @dataclass(frozen=True, eq=False)
 class Series:
     """A curve, bars or an image that shows the evidence of a finding.

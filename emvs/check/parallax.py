@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.check.findings import Finding, Series, below, judged
+from eventsweep.emvs.check.findings import TIME, Finding, Series, below, judged
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError, significant
@@ -58,7 +58,7 @@ def check_parallax(recording: Recording, config: MapperConfig) -> list[Finding]:
            "with it" if stereo else ""),
         cure="move the camera sideways, or map longer windows; if it did move, the poses are "
         "frozen or in another unit", suspect="camera at rest",
-        series=Series(near_px, (begins_us + ends_us) / 2e6, "time, s",
+        series=Series(near_px, (begins_us + ends_us) / 2e6, TIME,
                       f"parallax at {near_m:g} m, px", (_WRONG_PX, _DOUBTFUL_PX)),
     )]  # fmt: skip
 

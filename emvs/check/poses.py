@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.check.events import time_unit
-from eventsweep.emvs.check.findings import Finding, Series, Verdict, above, below, judged
+from eventsweep.emvs.check.findings import TIME, Finding, Series, Verdict, above, below, judged
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import significant
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -148,7 +148,7 @@ def _jumps(poses: Trajectory) -> Finding:
         f"{seen} over {_JUMP_TIMES:g} times as long as those around",
         meaning="the tracker lost the body, or its world moved: windows across a jump are torn",
         cure="map windows between the jumps", suspect="poses jump",
-        series=Series(1e3 * way_m, poses.t_us[1:] / 1e6, "time, s", "step between poses, mm"),
+        series=Series(1e3 * way_m, poses.t_us[1:] / 1e6, TIME, "step between poses, mm"),
     )  # fmt: skip
 
 
@@ -196,7 +196,7 @@ def _motion(poses: Trajectory) -> list[Finding]:
             "degrees were read as radians" if turns
             else "write positions in metres; check poses.unit",
             suspect=suspect,
-            series=Series(values, t_s[1 : len(values) + 1], "time, s", f"{name[6:]}, {unit}",
+            series=Series(values, t_s[1 : len(values) + 1], TIME, f"{name[6:]}, {unit}",
                           limits),
         ))  # fmt: skip
     return findings

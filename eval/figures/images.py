@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from base64 import b64encode
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -116,6 +117,22 @@ def expected_error_image(
     known = mask & np.isfinite(error_m)
     error_cm = np.where(known, 100 * error_m, 0.0)
     return IndexedImage(_dilated(scale.index(error_cm, known), point_px), scale.palette)
+
+
+def categories_image(
+    category: NDArray[np.uint8], colours: Sequence[str], point_px: int = 1
+) -> IndexedImage:
+    """Draws (H, W) categories, each in its colour; 0 is none and transparent, 1 the first."""
+    palette = np.zeros((BLANK + 1, 4), np.uint8)
+    for k, colour in enumerate(colours):
+        palette[k] = [*bytes.fromhex(colour.removeprefix("#")), 255]
+    index = np.where(category > 0, category - np.uint8(1), np.uint8(BLANK))
+    return IndexedImage(_dilated(index, point_px), palette)
+
+
+def every_nth(image: IndexedImage, n: int) -> IndexedImage:
+    """The middle of every `n` by `n` pixels."""
+    return IndexedImage(image.index[n // 2 :: n, n // 2 :: n], image.palette)
 
 
 def error_of(

@@ -45,9 +45,13 @@ SharesByName = Mapping[str, NDArray[np.float64]]
 TRUTH_COLOUR = "#0072b2"
 ESTIMATE_COLOUR = "#d55e00"
 # Okabe and Ito's colours in the order of the causes, black replaced: it has no place on dark.
-_COLOURS = (
-    "#999999", "#cc79a7", "#0072b2", "#d55e00", "#e69f00", "#56b4e9", "#009e73", "#f0e442",
-)  # fmt: skip
+CAUSE_COLOURS = dict(
+    zip(
+        CAUSES,
+        ("#999999", "#cc79a7", "#0072b2", "#d55e00", "#e69f00", "#56b4e9", "#009e73", "#f0e442"),
+        strict=True,
+    )
+)
 _BAR_INCHES = 0.27
 
 
@@ -205,7 +209,7 @@ def causes_figure(shares: Mapping[str, tuple[float, dict[str, float]]]) -> Figur
     figure = LaidOutFigure(figsize=(10.5, 1.1 + _BAR_INCHES * len(shares)))
     axes = figure.subplots()
     order = list(CAUSES)
-    for k, (cause, colour) in enumerate(zip(order, _COLOURS, strict=True)):
+    for k, (cause, colour) in enumerate(CAUSE_COLOURS.items()):
         lengths = [share * causes[cause] / 100 for share, causes in shares.values()]
         before = [
             share * sum(causes[name] for name in order[:k]) / 100

@@ -86,6 +86,8 @@ class RankingEntry(FrozenModel):
         stated: per method of others, what its submitter says.
         cost: per method, what was measured here.
         perfect: per method, where it has a perfect score.
+        digests: per method of others, the hash over its depth maps and what their numbers mean.
+        settings: per method of ours, what its mapper sets apart from the defaults.
         code: per stage, the version of its code.
         versions: of everything that shapes numbers.
         platform: of the machine that collected them.
@@ -104,6 +106,8 @@ class RankingEntry(FrozenModel):
     stated: dict[str, SubmissionFacts] = Field(default_factory=dict)
     cost: dict[str, MeasuredCost] = Field(default_factory=dict)
     perfect: dict[str, list[str]] = Field(default_factory=dict)
+    digests: dict[str, str] = Field(default_factory=dict)
+    settings: dict[str, dict[str, Any]] = Field(default_factory=dict)
     code: dict[str, str] = Field(default_factory=dict)
     versions: dict[str, str] = Field(default_factory=dict)
     platform: str = ""
@@ -185,6 +189,12 @@ def of_suite(result: SuiteResult, label: str) -> RankingEntry:
         stated={n: SubmissionFacts.model_validate(one) for n, one in result.stated.items()},
         cost={shown_name(name, mappers): one for name, one in result.cost.items()},
         perfect={shown_name(name, mappers): where for name, where in perfect.items()},
+        digests=dict(result.predictions),
+        settings={
+            shown_name(name, mappers): settings_of(name, mappers)
+            for name in dict.fromkeys(rows["method"])
+            if shown_name(name, mappers) in values and name not in result.predictions
+        },
         code=_code(result),
         versions=result.versions,
         platform=result.platform,
@@ -203,6 +213,13 @@ def shown_name(method: str, mappers: Mapping[str, Mapping[str, Any]]) -> str:
         return method
     own, usual = ({**one, "methods": None} for one in (mappers[mapper], default))
     return name if own == usual and name not in default.get("methods", ()) else method
+
+
+def settings_of(method: str, mappers: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """What the mapper of a method's rows sets, but for its list of methods."""
+    _, _, mapper = method.partition(" ")
+    own = mappers.get(mapper or DEFAULT_MAPPER, {})
+    return {name: value for name, value in own.items() if name != "methods"}
 
 
 def _case(result: SuiteResult, case: str) -> RankedCase:

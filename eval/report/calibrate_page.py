@@ -24,6 +24,7 @@ from eventsweep.eval.figures.plots import (
     slice_figure,
     svg,
 )
+from eventsweep.eval.numbers import shown_zero_us
 from eventsweep.eval.report.html import (
     Grid,
     GridCell,
@@ -112,19 +113,22 @@ def _line(estimate: Estimate) -> tuple[GridCell, ...]:
 
 
 def windows_grid(refinement: Refinement) -> Grid:
-    """A line per window: its time and its sharpness before and after."""
+    """A line per window: its time and its sharpness before and after.
+
+    Times of a clock are those since the first window's begin.
+    """
     heads = (
         Head("window", "s"),
         Head("as given", "votes"),
         Head("refined", "votes"),
         Head("gain", "%"),
     )
-    lines = []
+    lines, zero_us = [], shown_zero_us(min((t0_us for t0_us, _ in refinement.windows), default=0))
     for (t0_us, t1_us), (before, after) in zip(
         refinement.windows, refinement.sharpness, strict=True
     ):
         gain = 100 * (after / before - 1)
-        times = f"{t0_us / 1e6:.3f} to {t1_us / 1e6:.3f}"
+        times = f"{(t0_us - zero_us) / 1e6:.3f} to {(t1_us - zero_us) / 1e6:.3f}"
         cells = (GridCell(times, t0_us), GridCell(f"{before:.2f}", before),
                  GridCell(f"{after:.2f}", after), GridCell(f"{gain:+.1f}", gain))  # fmt: skip
         lines.append(cells)

@@ -10,13 +10,15 @@ import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from PIL import Image
 
-from eventsweep.emvs.check.findings import VERDICTS, Finding, Report, Series
+from eventsweep.emvs.check.findings import TIME, VERDICTS, Finding, Report, Series
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, svg
+from eventsweep.eval.numbers import shown_zero_us
 from eventsweep.eval.report.html import REPORT_NAME, files_in, plural, render, versions_grid
 
 JSON_NAME = "check.json"
@@ -86,7 +88,8 @@ def _bars(series: Series, finding: Finding, position: int) -> Figure:
 def _curve(series: Series, finding: Finding, position: int) -> Figure:
     figure = LaidOutFigure(figsize=_SIZE_INCHES)
     axes = figure.subplots()
-    (line,) = axes.plot(series.x, series.y, color=ESTIMATE_COLOUR, linewidth=1.2, marker=".",
+    x, x_label = _since_zero(series)
+    (line,) = axes.plot(x, series.y, color=ESTIMATE_COLOUR, linewidth=1.2, marker=".",
                         markersize=3 if len(series.y) < 100 else 0)  # fmt: skip
     line.set_gid(f"check-{position}-{finding.name}")
     top = float(np.nanmax(np.abs(series.y), initial=0.0))
@@ -94,10 +97,19 @@ def _curve(series: Series, finding: Finding, position: int) -> Figure:
         # A limit far beyond all values would press them into a line.
         if abs(limit) <= 3 * top:
             axes.axhline(limit, linewidth=0.8, linestyle=(0, (4, 2)), color="#777777")
-    axes.set_xlabel(series.x_label)
+    axes.set_xlabel(x_label)
     axes.set_ylabel(series.y_label)
     axes.grid(linewidth=0.4, alpha=0.35)
     return figure
+
+
+def _since_zero(series: Series) -> tuple[NDArray[np.float64], str]:
+    """Times and their label; those of a clock as seconds since the first."""
+    zero_us = 0
+    if series.x_label == TIME and len(series.x):
+        zero_us = shown_zero_us(int(1e6 * series.x[0]))
+    label = f"time since {zero_us / 1e6:.3f} s, s" if zero_us else series.x_label
+    return series.x - zero_us / 1e6, label
 
 
 def _image(series: Series, finding: Finding) -> Markup:

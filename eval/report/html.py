@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -41,12 +42,13 @@ class Head:
 
 @dataclass(frozen=True, slots=True)
 class GridCell:
-    """One cell: as read, as sorted, and how it stands out."""
+    """One cell: as read, as sorted, how it stands out, and the page beside that it leads to."""
 
     text: str
     value: float = math.nan
     kind: Kind = ""
     colour: str = ""
+    link: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +67,29 @@ class Picture:
     title: str
     address: str
     about: str
+
+
+@dataclass(frozen=True, slots=True)
+class Moving:
+    """Marks that a slider moves over a section's figure.
+
+    Attributes:
+        names: of the slider's steps.
+        dots: per mark, its place at each step, as shares of the figure's width and height.
+        line: an upright line's place at each step, as a share of the width; empty for none.
+        line_span: its upper and lower end, as shares of the height.
+    """
+
+    names: tuple[str, ...]
+    dots: tuple[tuple[tuple[float, float], ...], ...] = ()
+    line: tuple[float, ...] = ()
+    line_span: tuple[float, float] = (0.0, 1.0)
+
+    def as_json(self) -> Markup:
+        """What the page's script reads."""
+        lines = [[[x, 0] for x in self.line]] if self.line else []
+        text = json.dumps({"names": self.names, "marks": [*self.dots, *lines]})
+        return Markup(text.replace("<", "\\u003c"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,11 +114,15 @@ class Section:
     choice: str = "Metric"
     chosen: int = 0
     pictures: tuple[Picture, ...] = ()
+    moving: Moving | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A whole page; `files` lie beside it and are linked."""
+    """A whole page; `files` lie beside it and are linked.
+
+    It begins with a sentence, `lead`, and pictures, before all numbers.
+    """
 
     title: str
     subtitle: str
@@ -104,13 +133,17 @@ class Page:
     note: str = ""
     version: str = ""
     files: tuple[str, ...] = ()
+    lead: str = ""
+    pictures: tuple[Picture, ...] = ()
+    links: tuple[tuple[str, str], ...] = ()
 
 
 def page_text(page: Page) -> str:
     """The page as HTML."""
     content = {name: getattr(page, name) for name in Page.__slots__}
     most = max((len(section.names) for section in page.sections), default=0)
-    return render("tables.html.j2", "tables", most=most, **content)
+    player_js = inline("player.js")
+    return render("tables.html.j2", "tables", "player", most=most, player_js=player_js, **content)
 
 
 def render(template: str, *styles: str, **content: Any) -> str:

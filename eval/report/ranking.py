@@ -196,6 +196,19 @@ def with_unit(row: Any) -> str:
     return f"{displayed(row.value, row.unit)} {display_unit(row.unit)}"
 
 
+def best_words(rows: pd.DataFrame, metric: str) -> str:
+    """Who is ahead, by how much; empty where nothing is ranked."""
+    values = {row.method: row for row in each(rows[rows["metric"] == metric])}
+    points = {row.method: row for row in each(rows[rows["metric"] == "points"])}
+    ranked = ranked_methods(rows, metric)
+    if not ranked:
+        return ""
+    first, *others = ranked
+    words = f"{first} is ahead: {column(metric).title} {with_unit(values[first])}"
+    words += f" over {with_unit(points[first])}" if first in points else ""
+    return words + (f"; next is {others[0]}, {with_unit(values[others[0]])}." if others else ".")
+
+
 def findings(rows: pd.DataFrame, metric: str, cases: int = 1) -> list[str]:
     """Sentences about one case: the order, and what fusion gains over a single camera.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -22,9 +22,11 @@ from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, inside, read_text
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.figures.plots import DsiSlice
-from eventsweep.eval.numbers import thousands
-from eventsweep.eval.scoring.pairing import Truth
-from eventsweep.eval.scoring.results import JSON_NAME, Results, read_results, tidy
+from eventsweep.eval.numbers import shown_zero_us, thousands
+from eventsweep.eval.report.ranking import ranked_methods
+from eventsweep.eval.scoring.pairing import REFERENCE, Truth, bad_pixels
+from eventsweep.eval.scoring.regions import region_masks
+from eventsweep.eval.scoring.results import JSON_NAME, POOLED, Results, read_results, tidy
 from eventsweep.eval.scoring.run_folder import (
     CONFIG_FILE,
     Scored,
@@ -34,7 +36,9 @@ from eventsweep.eval.scoring.run_folder import (
     other_maps,
     truth_of,
 )
+from eventsweep.eval.scoring.score import outlier_classifier
 
+_MOST_FILMED = 24
 _MOST_PIXELS_SHOWN = 1_000_000
 _EVENTS_PER_PIXEL = 0.25
 FloatImage = NDArray[np.floating]
@@ -52,8 +56,7 @@ class RunData:
 
     def rows_of(self, case: str, window: str) -> pd.DataFrame:
         """The rows of one case and window."""
-        rows = self.results.rows
-        return rows[(rows["case"] == case) & (rows["window"] == window)]
+        return _rows_of(self.results, case, window)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +67,8 @@ class CaseData:
         summary: what it shows, in a sentence.
         windows: those that the report shows, of `window_count`.
         facts: (name, value) pairs: rig, duration, renderer, and the like.
+        film: what one method found in many windows, in order of time.
+        clock_us: the recording's time that pages show as 0, µs.
     """
 
     name: str
@@ -71,6 +76,8 @@ class CaseData:
     windows: tuple[WindowData, ...]
     window_count: int
     facts: tuple[tuple[str, str], ...] = ()
+    film: tuple[WindowData, ...] = ()
+    clock_us: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +123,8 @@ class MethodData:
         dsi_slice: one row of the DSI; None where it was not kept.
         error_m: (H, W) half-width of the band that should hold 68 % of the errors, m; None where
             the method is not calibrated.
+        causes: (H, W) 1 + position in `CAUSES` of why a pixel is bad, 0 where it is not; None where
+            that is not known.
     """
 
     name: str
@@ -124,6 +133,7 @@ class MethodData:
     confidence: FloatImage
     dsi_slice: DsiSlice | None = None
     error_m: FloatImage | None = None
+    causes: NDArray[np.uint8] | None = None
 
     @property
     def is_sure(self) -> bool:
@@ -131,14 +141,19 @@ class MethodData:
         return bool(np.isfinite(self.confidence).any())
 
 
-def load_run(run_dir: Path) -> RunData:
-    """Reads what a report shows of a run (`RUN/<case>/map`) or of a single map folder."""
+def load_run(run_dir: Path, *, for_page: bool = False) -> RunData:
+    """Reads what a report shows of a run (`RUN/<case>/map`) or of a single map folder.
+
+    Args:
+        run_dir: the folder.
+        for_page: whether to read what only the page shows, too: causes and films.
+    """
     maps = find_maps(run_dir)
     results = _results(run_dir, maps)
     config = EvalConfig.model_validate(results.configuration.get("score", {}))
     return RunData(
         cases=tuple(
-            _case(run_dir, name, stored, config, set(results.rows["method"]))
+            _case(run_dir, name, stored, config, results, for_page=for_page)
             for name, stored in maps.items()
         ),
         results=results,
@@ -162,16 +177,26 @@ def _configuration_text(run_dir: Path, results: Results) -> str:
 
 
 def _case(
-    run_dir: Path, name: str, stored: StoredMap, config: EvalConfig, scored: Set[str]
-) -> CaseData:
+    run_dir: Path, name: str, stored: StoredMap, config: EvalConfig, results: Results, *,
+    for_page: bool,
+) -> CaseData:  # fmt: skip
     recording = existing_recording(stored)
-    windows = []
     # Ground truth is camera 0's: it says nothing about a map from a view of its own.
     scorable = stored.info.config.is_camera_0_view
-    for window in _shown(stored.windows):
-        maps = [window.depth_map(method) for method in window.info.methods]
-        maps += [m for m in other_maps(run_dir, name, window) if m.method in scored]
-        windows.append(window_data(window, maps, recording, config, scorable=scorable))
+    scored = set(results.rows["method"])
+
+    def read(window: StoredWindow, methods: Sequence[str], *, causes: bool) -> WindowData:
+        every = [window.depth_map(method) for method in window.info.methods]
+        every += [m for m in other_maps(run_dir, name, window) if m.method in scored]
+        maps = [one for one in every if one.method in methods] if methods else every
+        return window_data(window, maps, recording, config, scorable=scorable, causes=causes)
+
+    windows = [read(one, (), causes=for_page) for one in _shown(stored.windows)]
+    film = []
+    if for_page and stored.windows:
+        names = [method.name for window in windows for method in window.methods]
+        best = best_method(_rows_of(results, name, POOLED), config.ranking_metric, names)
+        film = [read(one, (best,), causes=False) for one in _filmed(stored.windows)]
     known = recording is not None and recording.name in scenes.names()
     return CaseData(
         name=name,
@@ -179,34 +204,59 @@ def _case(
         windows=tuple(windows),
         window_count=len(stored.windows),
         facts=tuple(_facts(stored, recording)),
+        film=tuple(film),
+        clock_us=shown_zero_us(min((one.info.t0_us for one in stored.windows), default=0)),
     )
+
+
+def _rows_of(results: Results, case: str, window: str) -> pd.DataFrame:
+    rows = results.rows
+    return rows[(rows["case"] == case) & (rows["window"] == window)]
+
+
+def best_method(rows: pd.DataFrame, metric: str, names: Sequence[str]) -> str:
+    """The one of rank 1; without scores the harmonic mean, as in Algorithm 1, or the first."""
+    wished = [*ranked_methods(rows, metric), REFERENCE]
+    return next((name for name in wished if name in names), names[0])
+
+
+def _filmed(windows: tuple[StoredWindow, ...]) -> tuple[StoredWindow, ...]:
+    return _evenly(windows, _MOST_FILMED)
 
 
 def _shown(windows: tuple[StoredWindow, ...]) -> tuple[StoredWindow, ...]:
     """Windows evenly over time, as many as a page can hold."""
     pixels = windows[0].event_image[0].size if windows else 1
-    most = max(1, min(3, _MOST_PIXELS_SHOWN // pixels))
+    return _evenly(windows, max(1, min(3, _MOST_PIXELS_SHOWN // pixels)))
+
+
+def _evenly(windows: tuple[StoredWindow, ...], most: int) -> tuple[StoredWindow, ...]:
     chosen = np.unique(np.linspace(0, len(windows) - 1, min(most, len(windows))).astype(int))
     return tuple(windows[k] for k in chosen)
 
 
 def window_data(
     window: StoredWindow, maps: Sequence[DepthMap], recording: Recording | None, config: EvalConfig,
-    *, scorable: bool,
+    *, scorable: bool, causes: bool = False,
 ) -> WindowData:  # fmt: skip
     """Reads what pages and pictures show of a window; only a view of camera 0's is `scorable`.
 
-    The maps are of the same view; the recording is None where it is gone.
+    The maps are of the same view; the recording is None where it is gone. With `causes`, bad pixels
+    get theirs.
     """
     t_us, truth = window.info.t_ref_us, None
     if scorable and isinstance(recording, Scored) and has_truth(recording, t_us, config):
         truth = truth_of(recording, t_us, config)
     (darker, brighter), events_caption = _events(window, recording)
     rho = maps[0].rho
+    found = _causes(window, maps, recording, truth, config) if causes and truth else {}
     return WindowData(
         name=window.info.name,
         t_us=t_us,
-        methods=tuple(_method(depth_map, window.slices, truth) for depth_map in maps),
+        methods=tuple(
+            _method(depth_map, window.slices, truth, found.get(depth_map.method))
+            for depth_map in maps
+        ),
         depth_range_m=(float(1 / rho.max()), float(1 / rho.min())),
         frame=None if recording is None else recording.frame(0, t_us),
         brighter=brighter,
@@ -239,10 +289,32 @@ def _events(window: StoredWindow, recording: Recording | None) -> tuple[NDArray[
     return few, f"camera 0, {2 * half_us / 1000:.1f} ms"
 
 
-def _method(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> MethodData:
+def _causes(
+    window: StoredWindow, maps: Sequence[DepthMap], recording: Recording | None, truth: Truth,
+    config: EvalConfig,
+) -> dict[str, NDArray[np.uint8]]:  # fmt: skip
+    """Per method, why pixels are bad; a data set's truth does not tell."""
+    if not isinstance(recording, EventSequence):
+        return {}
+    info = window.info
+    regions = region_masks(recording, info.t_ref_us, truth.depth_m, config)
+    known = replace(truth, regions=regions)
+    classifier = outlier_classifier(recording, info, maps[0], known, config)
+    found = {}
+    for one in maps:
+        bad = bad_pixels((one.depth_m, one.mask), known)
+        image = np.zeros(bad.shape, np.uint8)
+        image[bad] = 1 + classifier.causes(one.depth_m, bad)
+        found[one.method] = image
+    return found
+
+
+def _method(
+    depth_map: DepthMap, slices: Slices, truth: Truth | None, causes: NDArray[np.uint8] | None
+) -> MethodData:
     return MethodData(
         depth_map.method, depth_map.depth_m, depth_map.mask, depth_map.confidence,
-        slice_of(depth_map, slices, truth), depth_map.error_m,
+        slice_of(depth_map, slices, truth), depth_map.error_m, causes,
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from eventsweep.eval.figures.colormaps import (
 from eventsweep.eval.figures.images import (
     IndexedImage,
     behind_image,
+    categories_image,
     confidence_image,
     depth_image,
     enlargement,
@@ -33,12 +35,14 @@ from eventsweep.eval.figures.images import (
     error_image,
     error_of,
     events_image,
+    every_nth,
     expected_error_image,
     frame_image,
     photo_image,
     point_size_px,
 )
 from eventsweep.eval.figures.plots import (
+    CAUSE_COLOURS,
     SharesByName,
     causes_figure,
     curves_figure,
@@ -50,6 +54,7 @@ from eventsweep.eval.numbers import displayed, thousands
 from eventsweep.eval.report.html import REPORT_NAME, files_in, inline, plural, render
 from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import (
+    best_words,
     column,
     findings,
     mean_over_cases,
@@ -57,16 +62,25 @@ from eventsweep.eval.report.ranking import (
     table,
     with_unit,
 )
-from eventsweep.eval.report.run_data import CaseData, MethodData, RunData, WindowData, load_run
+from eventsweep.eval.report.run_data import (
+    CaseData,
+    MethodData,
+    RunData,
+    WindowData,
+    best_method,
+    load_run,
+)
 from eventsweep.eval.report.viewer import window_json
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.metrics import NAN
-from eventsweep.eval.scoring.pairing import REFERENCE, Truth
+from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.scoring.pairing import Truth
 from eventsweep.eval.scoring.results import POOLED, RIG, each
 from eventsweep.eval.scoring.run_folder import TRACK_FOLDER
 
 _CAPTION = ("points", "completeness", "mean_error", "median_error", "bad_published")
 OVERVIEW_NAME = "overview.png"
+_SMALL_PX = 480
 _BUSY_PERCENT = 99.7
 """Of the pixels this share lies within a scale of confidence."""
 
@@ -79,7 +93,7 @@ def case_context(
     drawn = dict.fromkeys(m.name for window in case.windows for m in window.methods)
     first = [name for name in ranked_methods(rows, metric) if name in drawn]
     methods = list(dict.fromkeys([*first, *drawn]))
-    identity = f"case{position}"
+    identity, chosen = f"case{position}", chosen_method(rows, metric, methods)
     measured = rows.loc[rows["method"] != RIG, "metric"].unique()
     every = [name for name in measured if not name.startswith(("precision", "recall", "f1"))]
     scored = with_predictions(methods, rows)
@@ -91,9 +105,11 @@ def case_context(
         "table": table(rows, metric) if len(rows) and with_table else None,
         "findings": findings(rows, metric),
         "methods": methods,
-        "chosen": chosen_method(rows, metric, methods),
+        "chosen": chosen,
+        "film": film_context(case, methods[chosen]),
         "windows": [
-            window_context(w, methods, data.rows_of(case.name, w.name)) for w in case.windows
+            window_context(w, methods, data.rows_of(case.name, w.name), case.clock_us)
+            for w in case.windows
         ],
         "window_count": case.window_count,
         "curves_svg": _drawn(curves_figure, curves_of(rows, scored), identity),
@@ -102,15 +118,66 @@ def case_context(
     }
 
 
+def film_context(case: CaseData, method: str) -> list[dict[str, Any]]:
+    """What the template shows first: the best method's depth, in small pictures.
+
+    Of a case without a film, that is one of its windows.
+    """
+    film = (
+        case.film
+        or [
+            replace(window, methods=(found,))
+            for window in case.windows
+            for found in window.methods
+            if found.name == method
+        ][:1]
+    )
+    if not film:
+        return []
+    scale = depth_scale(film[0].depth_range_m)
+    return [
+        {
+            "name": f"{window.name}, {seconds(window.t_us - case.clock_us)}",
+            "method": window.methods[0].name,
+            "depth": small_uri(
+                depth_image(
+                    window.methods[0].depth_m, window.methods[0].mask, scale,
+                    point_size_px(window.methods[0].depth_m.shape[1]),
+                )
+            ),
+            "frame": None if window.frame is None else small_uri(frame_image(window.frame)),
+            "events": (
+                None
+                if window.brighter is None or window.darker is None
+                else small_uri(
+                    events_image(window.brighter, window.darker, events_scale(_events_cap(window)))
+                )
+            ),
+            "scale": scale,
+        }
+        for window in film
+    ]  # fmt: skip
+
+
+def seconds(t_us: int) -> str:
+    """A time since the recording's begin, as a page shows it."""
+    return f"{t_us / 1e6:.3f} s"
+
+
+def small_uri(image: IndexedImage) -> str:
+    """A picture of at most some 500 columns: every n-th row and column of a larger one."""
+    return every_nth(image, -(-image.index.shape[1] // _SMALL_PX)).data_uri()
+
+
 def window_context(
-    window: WindowData, methods: Sequence[str], rows: pd.DataFrame
+    window: WindowData, methods: Sequence[str], rows: pd.DataFrame, clock_us: int = 0
 ) -> dict[str, Any]:
     """What the template shows of one window."""
     scales, sure = _scales(window), _confidence_scales(window)
     names = dict.fromkeys(name for counts in window.counts.values() for name in counts)
     return {
         "name": window.name,
-        "t_s": f"{window.t_us / 1e6:.3f}",
+        "time": seconds(window.t_us - clock_us),
         "frame": frame_uri(window),
         "behind": behind_uri(window),
         **_photo_context(window),
@@ -122,6 +189,7 @@ def window_context(
             for m in window.methods
         ],
         "confidence_title": _confidence_title(window),
+        "has_causes": any(m.causes is not None for m in window.methods),
         "is_calibrated": any(m.error_m is not None for m in window.methods),
         "has_slices": any(m.dsi_slice is not None for m in window.methods),
         "counts": window.counts,
@@ -152,6 +220,8 @@ def _method_context(
         "confidence_unit": confidence_unit(method.name),
         "error": error_uri(method, window.truth, scales["error_scale"]),
         "expected": _expected_uri(method, scales["error_scale"], point_px),
+        "cause": _cause_uri(method, point_px),
+        "causes": _cause_shares(method),
         "within": _within_band(method, window),
         "slice_svg": _drawn(slice_figure, method.dsi_slice),
     }
@@ -274,6 +344,26 @@ def error_uri(method: MethodData, truth: Truth | None, scale: Scale) -> str | No
     return image_uri(image)
 
 
+def _cause_uri(method: MethodData, point_px: int) -> str | None:
+    if method.causes is None:
+        return None
+    return image_uri(categories_image(method.causes, list(CAUSE_COLOURS.values()), point_px))
+
+
+def _cause_shares(method: MethodData) -> list[tuple[str, str, str]]:
+    """Colour, name and share of the causes that occur, as a picture's legend."""
+    if method.causes is None:
+        return []
+    counts = np.bincount(method.causes.ravel(), minlength=1 + len(CAUSES))[1:]
+    named = zip(CAUSE_COLOURS.items(), counts.tolist(), strict=True)
+    total = max(1, int(counts.sum()))
+    return [
+        (colour, cause.replace("_", " "), f"{100 * count / total:.0f} %")
+        for (cause, colour), count in named
+        if count
+    ]
+
+
 def _expected_uri(method: MethodData, scale: Scale, point_px: int) -> str | None:
     if method.error_m is None:
         return None
@@ -298,9 +388,8 @@ def image_uri(image: IndexedImage) -> str:
 
 
 def chosen_method(rows: pd.DataFrame, metric: str, methods: Sequence[str]) -> int:
-    """Place of the method of rank 1; without scores of the harmonic mean, as in Algorithm 1."""
-    wished = [*ranked_methods(rows, metric), REFERENCE]
-    return next((methods.index(name) for name in wished if name in methods), 0)
+    """Place of the method that is shown first."""
+    return methods.index(best_method(rows, metric, methods))
 
 
 def with_predictions(mapped: Sequence[str], rows: pd.DataFrame) -> list[str]:
@@ -330,7 +419,7 @@ def write_report(run_dir: Path) -> Path:
     """Writes `report.html` and `overview.png` for a run or map and returns the page's path."""
     run_dir = Path(run_dir)
     check_files(run_dir, (REPORT_NAME, OVERVIEW_NAME), force=True)
-    data = load_run(run_dir)
+    data = load_run(run_dir, for_page=True)
     page = page_text(data, _files(run_dir, data))
     first = data.cases[0]
     rows = data.rows_of(first.name, POOLED)
@@ -369,10 +458,11 @@ def page_text(data: RunData, files: Sequence[str] = ()) -> str:
         "version": data.results.versions.get("eventsweep", ""),
         "colour_of": lambda method: line_style(method).css,
         "count": lambda value: "–" if value is None else thousands(value),
-        "viewer_js": inline("viewer.js"),
+        "best": best_words(overall, data.ranking_metric),
+        "viewer_js": inline("viewer.js") + inline("player.js"),
         "files": files,
     }
-    return render("report.html.j2", "viewer", **content)
+    return render("report.html.j2", "viewer", "player", **content)
 
 
 def _subtitle(data: RunData) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
@@ -28,7 +29,7 @@ from eventsweep.eval.report.html import (
 )
 from eventsweep.eval.report.ranking import column, definition
 from eventsweep.eval.scoring.results import Value, read_json
-from eventsweep.eval.studies.curves import BREAKS_AT
+from eventsweep.eval.studies.curves import BREAKS_AT, METRICS
 
 # The colours of `report.css`, which does not reach into an image; the first patch is its ground.
 _GROUND = (
@@ -117,9 +118,33 @@ def study_page(studies: list[StoredStudy], figures: list[str], files: tuple[str,
         ),
         provenance=versions_grid(names, [study.versions for study in studies]),
         overview=_overview(studies),
+        findings=tuple(_findings(studies)),
         version=studies[0].versions.get("eventsweep", ""),
         files=files,
     )
+
+
+def _findings(studies: list[StoredStudy]) -> Iterator[str]:
+    """Per study, who has the smallest error without and with the largest perturbation."""
+    for study in studies:
+        curves = {c.method: c.mean for c in study.curves if c.metric == METRICS[0]}
+        ends = [_smallest({name: mean[k] for name, mean in curves.items()}) for k in (0, -1)]
+        if not all(ends):
+            continue
+        least, most = (
+            f"{amount:g} {study.unit}" for amount in (study.amounts[0], study.amounts[-1])
+        )
+        who = (
+            f"{ends[0]} at {least} and at {most}"
+            if ends[0] == ends[1]
+            else (f"{ends[0]} at {least}, {ends[1]} at {most}")
+        )
+        yield f"{study.study}: smallest mean error: {who}."
+
+
+def _smallest(values: dict[str, float]) -> str:
+    known = {name: value for name, value in values.items() if math.isfinite(value)}
+    return min(known, key=known.__getitem__) if known else ""
 
 
 def _figure(path: Path) -> str:

@@ -20,6 +20,7 @@ from eventsweep.eval.report.html import (
     GridCell,
     Head,
     Page,
+    Picture,
     Section,
     files_in,
     page_text,
@@ -31,6 +32,7 @@ from eventsweep.eval.report.ranking import (
     RANKING_COLUMNS,
     RankingLine,
     RankingTable,
+    best_words,
     column,
     findings,
     mean_over_cases,
@@ -81,12 +83,18 @@ def suite_page(result: SuiteResult, files: Sequence[str], pictures: Mapping[str,
         case: [numbers for numbers in shown if numbers.case == case] for case in result.cases
     }
     measured = {case: found for case, found in by_case.items() if found}
+    lead, first = _lead(measured, metric), next(iter(pictures), "")
     return Page(
         title=f"{result.suite}, {result.subset}",
         subtitle=f"A suite's run: {plural(len(measured), 'case')}, "
         f"{plural(len(result.seeds), 'seed')} ({', '.join(map(str, result.seeds))}).",
+        lead=lead,
+        pictures=(Picture(first, pictures[first], "camera, depth, true depth"),) if first else (),
         sections=tuple(
-            replace(_section(k, case, found, metric), figure=pictures.get(case, ""))
+            replace(
+                _section(k, case, found, metric),
+                figure="" if case == first else pictures.get(case, ""),
+            )
             for k, (case, found) in enumerate(measured.items())
         ),
         provenance=_provenance(result),
@@ -96,6 +104,12 @@ def suite_page(result: SuiteResult, files: Sequence[str], pictures: Mapping[str,
         version=result.versions.get("eventsweep", ""),
         files=tuple(files),
     )
+
+
+def _lead(by_case: Mapping[str, Sequence[Series]], metric: str) -> str:
+    """Who is ahead over all cases."""
+    rows = means_over_seeds([one for found in by_case.values() for one in found])
+    return best_words(mean_over_cases(rows, "mean"), metric) if by_case else ""
 
 
 def _provenance(result: SuiteResult) -> Grid:

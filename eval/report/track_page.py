@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import io
+
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from eventsweep.emvs.depth.point_cloud import PointCloud
 from eventsweep.emvs.odometry.recorded import Tracked
 from eventsweep.emvs.odometry.tracker import Status
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.laid_out import LaidOutFigure
-from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, svg
+from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg
 from eventsweep.eval.report.html import (
     Grid,
     GridCell,
     Head,
+    Moving,
     Page,
     Section,
     page_text,
@@ -25,6 +30,8 @@ from eventsweep.eval.report.html import (
 )
 
 _MOST_POINTS = 4000  # of the map, drawn
+_MOST_STEPS = 200  # of the slider
+_VIEWS = (("from above", 0, 2), ("from the side", 2, 1))
 _COLOURS = {
     Status.TRACKING: "#009e73",
     Status.STILL: "#56b4e9",
@@ -38,18 +45,18 @@ def track_page(name: str, tracked: Tracked, cloud: PointCloud) -> str:
     """The page as HTML."""
     installed = versions()
     lost = sum(change.status is Status.LOST for change in tracked.changes)
-    path = Section(
-        "path", "Path", ("Status",), (_changes(tracked),),
-        text="Axes are those of the first pose's world: for a body that looks ahead x points "
-        "right, y down, z forward. Grey: points of the maps.",
-        figure=svg_uri(svg(_paths, tracked, cloud)),
-        figure_about="path and map from above and from the side",
-    )  # fmt: skip
-    status = Section(
-        "status", "Over time", ("Poses",), (_counts(tracked),),
-        figure=svg_uri(svg(_over_time, tracked)), figure_about="place and status over time",
-    )  # fmt: skip
     first_us, last_us = tracked.span_us
+    figure = _overview(tracked, cloud)
+    path = Section(
+        "path", "Path", ("Changes of status",), (_changes(tracked),),
+        text="Axes are those of the first pose's world: for a body that looks ahead x points "
+        "right, y down, z forward. Grey: points of the maps. Colours below: status. Move the "
+        "slider, or play.",
+        figure=svg_uri(svg(lambda: figure)),
+        figure_about="path and map from above and from the side; position and status over time",
+        moving=_moving(tracked, figure),
+    )  # fmt: skip
+    status = Section("status", "Status", ("Poses",), (_counts(tracked),))
     return page_text(
         Page(
             title=f"{name}, tracked",
@@ -83,28 +90,36 @@ def _counts(tracked: Tracked) -> Grid:
     return Grid((Head("status", text=True), Head("poses", direction="higher")), lines)
 
 
-def _paths(tracked: Tracked, cloud: PointCloud) -> Figure:
-    figure = LaidOutFigure(figsize=(10.5, 4.4))
-    panels = figure.subplots(1, 2)
-    step = max(1, len(cloud) // _MOST_POINTS)
-    views = (("from above", 0, 2), ("from the side", 2, 1))
-    for axes, (title, across, up) in zip(panels, views, strict=True):
-        points, places = cloud.points_world[::step], tracked.trajectory.positions_m
-        axes.plot(points[:, across], points[:, up], ".", ms=1, color="#999999", rasterized=True)
-        axes.plot(places[:, across], places[:, up], lw=1.6, color=ESTIMATE_COLOUR)
-        axes.plot(*places[0, [across, up]], "o", ms=4, color=ESTIMATE_COLOUR)
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.set_title(title, fontsize=10, loc="left")
-        axes.set_xlabel(f"{'xyz'[across]} [m]")
-        axes.set_ylabel(f"{'xyz'[up]} [m]")
-        axes.grid(linewidth=0.4, alpha=0.35)
-    panels[1].invert_yaxis()
+def _overview(tracked: Tracked, cloud: PointCloud) -> Figure:
+    """Path and map from above and from the side; below, position and status over time."""
+    with mpl.rc_context(STYLE):
+        figure = LaidOutFigure(figsize=(10.5, 6.8))
+        grid = figure.add_gridspec(2, 2, height_ratios=(4.4, 2.4))
+        for k, view in enumerate(_VIEWS):
+            _draw_path(figure.add_subplot(grid[0, k]), tracked, cloud, *view)
+        figure.axes[1].invert_yaxis()
+        _draw_over_time(figure.add_subplot(grid[1, :]), tracked)
+        figure.legend(loc="outside lower right", ncols=8)
+        figure.savefig(io.BytesIO(), format="svg")  # finds the layout
     return figure
 
 
-def _over_time(tracked: Tracked) -> Figure:
-    figure = LaidOutFigure(figsize=(10.5, 3.0))
-    axes = figure.subplots()
+def _draw_path(
+    axes: Axes, tracked: Tracked, cloud: PointCloud, title: str, across: int, up: int
+) -> None:
+    step = max(1, len(cloud) // _MOST_POINTS)
+    points, places = cloud.points_world[::step], tracked.trajectory.positions_m
+    axes.plot(points[:, across], points[:, up], ".", ms=1, color="#999999", rasterized=True)
+    axes.plot(places[:, across], places[:, up], lw=1.6, color=ESTIMATE_COLOUR)
+    axes.plot(*places[0, [across, up]], "o", ms=4, color=ESTIMATE_COLOUR)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_title(title, fontsize=10, loc="left")
+    axes.set_xlabel(f"{'xyz'[across]} [m]")
+    axes.set_ylabel(f"{'xyz'[up]} [m]")
+    axes.grid(linewidth=0.4, alpha=0.35)
+
+
+def _draw_over_time(axes: Axes, tracked: Tracked) -> None:
     first_us, last_us = tracked.span_us
     t_s = (tracked.trajectory.t_us - first_us) / 1e6
     for k, (name, dash) in enumerate((("x", "-"), ("y", "--"), ("z", ":"))):
@@ -113,8 +128,33 @@ def _over_time(tracked: Tracked) -> Figure:
     axes.set_xlabel("time [s]")
     axes.set_ylabel("position [m]")
     axes.grid(linewidth=0.4, alpha=0.35)
-    figure.legend(loc="outside upper right", ncols=8)
-    return figure
+
+
+def _moving(tracked: Tracked, figure: Figure) -> Moving:
+    """Where the body is at each step of the slider, on all panels."""
+    count = len(tracked.trajectory)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_STEPS)).astype(int))
+    t_s = (tracked.trajectory.t_us[chosen] - tracked.span_us[0]) / 1e6
+    places = tracked.trajectory.positions_m[chosen]
+    *views, over_time = figure.axes
+    dots = tuple(
+        _shares(figure, axes, places[:, [across, up]])
+        for axes, (_, across, up) in zip(views, _VIEWS, strict=True)
+    )
+    line = _shares(figure, over_time, np.column_stack([t_s, np.zeros_like(t_s)]))
+    names = tuple(
+        f"{time:.2f} s, {tracked.statuses[k].value}" for time, k in zip(t_s, chosen, strict=True)
+    )
+    box = over_time.get_position()
+    return Moving(names, dots, tuple(x for x, _ in line), (1 - box.y1, 1 - box.y0))
+
+
+def _shares(
+    figure: Figure, axes: Axes, points: NDArray[np.float64]
+) -> tuple[tuple[float, float], ...]:
+    """(N, 2) points of a panel as shares of the figure's width, and of its height from the top."""
+    places = figure.transFigure.inverted().transform(axes.transData.transform(points))
+    return tuple((round(float(x), 4), round(1 - float(y), 4)) for x, y in places)
 
 
 def _shade(axes: Axes, tracked: Tracked, end_s: float) -> None:

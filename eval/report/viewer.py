@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from eventsweep.eval.figures.colormaps import Scale
 from eventsweep.eval.report.run_data import MethodData, WindowData
+from eventsweep.eval.scoring.outlier_causes import CAUSES
 
 MOST_POINTS = 30_000
 """Points of one cloud that the page draws; more are thinned out evenly."""
@@ -21,11 +22,12 @@ _LARGEST_HALF = 65_504.0
 
 
 def window_json(window: WindowData, methods: Sequence[str], error: Scale, depth: Scale) -> Markup:
-    """A window as JSON for the page's script; numbers and base64 only, so nothing to escape.
+    """A window as JSON for the page's script; numbers, base64 and fixed texts: nothing to escape.
 
     Depth in m, confidence in the method's own unit (left out where it has none), each at the pixels
     of the method's mask in reading order; true depth in m, 0 where it is unknown; intrinsics in px;
-    colours of errors in cm. Methods stand in the order of the case's buttons.
+    colours of errors in cm; 1 + position of a bad pixel's cause. Methods stand in the order of the
+    case's buttons.
     """
     height_px, width_px = window.methods[0].depth_m.shape
     camera = window.camera
@@ -39,6 +41,8 @@ def window_json(window: WindowData, methods: Sequence[str], error: Scale, depth:
         "error_colours": error.css_colours(64),
         "methods": [_method(method, methods.index(method.name)) for method in window.methods],
     }
+    if any(method.causes is not None for method in window.methods):
+        data["causes"] = [[cause.replace("_", " "), why] for cause, why in CAUSES.items()]
     if camera is not None:
         data["camera"] = [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]
     if window.frame is not None and window.frame.shape == (height_px, width_px):
@@ -57,6 +61,8 @@ def _method(method: MethodData, position: int) -> dict[str, Any]:
     }
     if method.is_sure:
         found["votes"] = packed(half(np.nan_to_num(method.confidence[method.mask])))
+    if method.causes is not None:
+        found["causes"] = packed(method.causes[method.mask])
     return found
 
 

@@ -42,6 +42,7 @@ Floats = NDArray[np.float64]
 Pixels = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Counts = NDArray[np.uint16]
+Causes = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -67,11 +68,18 @@ class OutlierClassifier:
     contrast: float = 0.1
 
     def count(self, estimate_m: NDArray[np.floating], bad: Flags) -> dict[str, int]:
-        """Counts one method's bad pixels by cause.
+        """Counts one method's bad pixels by cause; arguments as of `causes`."""
+        return counts_by_cause(self.causes(estimate_m, bad))
+
+    def causes(self, estimate_m: NDArray[np.floating], bad: Flags) -> Causes:
+        """The cause of each of one method's bad pixels.
 
         Args:
             estimate_m: (H, W) estimated z-depth, m.
             bad: (H, W) the bad pixels; they have an estimate and a truth.
+
+        Returns:
+            (N,) positions in `CAUSES`, of the bad pixels row by row.
         """
         rows, columns = np.nonzero(bad)
         true_m, wrong_m = (depth[bad].astype(np.float64) for depth in (self.truth_m, estimate_m))
@@ -86,7 +94,7 @@ class OutlierClassifier:
             "repeated": self._repeated(rows, columns, true_world, wrong_world),
             **self._by_events(true_world, wrong_world),
         }
-        return count_causes(flags, len(rows))
+        return first_causes(flags, len(rows))
 
     def _by_events(self, true_world: Floats, wrong_world: Floats) -> dict[str, Flags]:
         """What the events of all cameras say: (N,) flags of three causes."""
@@ -170,8 +178,8 @@ def strongest(gradient: Floats) -> Floats:
     return best
 
 
-def count_causes(flags: Mapping[str, Flags], bad: int) -> dict[str, int]:
-    """Counts bad pixels by their first cause.
+def first_causes(flags: Mapping[str, Flags], bad: int) -> Causes:
+    """The first cause of each bad pixel.
 
     Args:
         flags: per cause, (N,) whether it applies to each bad pixel; a missing cause applies to
@@ -179,15 +187,20 @@ def count_causes(flags: Mapping[str, Flags], bad: int) -> dict[str, int]:
         bad: N.
 
     Returns:
-        Counts of all causes, which add up to N.
+        (N,) positions in `CAUSES`.
     """
-    left = np.ones(bad, np.bool_)
-    counts = {}
-    for cause in CAUSES:
-        found = left & flags.get(cause, np.full(bad, cause == "other"))
-        counts[cause] = int(np.count_nonzero(found))
-        left = left & ~found
-    return counts
+    names = list(CAUSES)
+    found = np.full(bad, names.index("other"), np.uint8)
+    for position in reversed(range(len(names))):
+        if names[position] in flags:
+            found[flags[names[position]]] = position
+    return found
+
+
+def counts_by_cause(causes: Causes) -> dict[str, int]:
+    """Counts of all causes, which add up to the number of bad pixels."""
+    counts = np.bincount(causes, minlength=len(CAUSES))
+    return dict(zip(CAUSES, counts.tolist(), strict=True))
 
 
 def pooled_causes(parts: Sequence[Mapping[str, int] | None]) -> dict[str, int] | None:

@@ -176,7 +176,7 @@ def pairs_of_maps(
     pairs = pair_methods(estimates, truth, mapped=maps, reference=reference)
     if not isinstance(sequence, EventSequence):
         return pairs
-    classifier = _outlier_classifier(sequence, window, next(iter(maps.values())), truth, config)
+    classifier = outlier_classifier(sequence, window, next(iter(maps.values())), truth, config)
     return {
         method: replace(
             compared,
@@ -201,9 +201,11 @@ def _check_unit(name: str, truth: Truth, rho: NDArray[np.floating]) -> None:
         )
 
 
-def _outlier_classifier(
-    sequence: EventSequence, window: Window, depth_map: DepthMap, truth: Truth, config: EvalConfig
-) -> OutlierClassifier:
+def outlier_classifier(
+    sequence: EventSequence, window: Window | WindowInfo, depth_map: DepthMap, truth: Truth,
+    config: EvalConfig,
+) -> OutlierClassifier:  # fmt: skip
+    """What finds the causes of bad pixels in a window; `truth` has its regions."""
     counts = (
         count_events(sequence, camera, window.t0_us, window.t1_us)
         for camera in range(len(sequence.rig))

@@ -76,6 +76,7 @@ def test_links_lead_to_headings_that_exist():
 def test_every_page_is_in_the_navigation_once():
     found = listed(settings()["nav"])
     pages = {path.name for path in DOCS.glob("*.md")}
+    pages |= {f"notebooks/{path.stem}.md" for path in (DOCS / "notebooks").glob("*.ipynb")}
     top = {"index.md", "contributing.md", "changelog.md", "security.md", "support.md"}
     assert sorted(found) == sorted(pages | top)
 

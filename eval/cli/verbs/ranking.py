@@ -15,18 +15,24 @@ if TYPE_CHECKING:
 
 @app.command
 def ranking(
-    results: Annotated[tuple[str, ...], NO_NEGATIVE], /, *, out: Path, common: Common = COMMON
+    results: Annotated[tuple[str, ...], NO_NEGATIVE],
+    /,
+    *,
+    out: Path,
+    site: str = "",
+    common: Common = COMMON,
 ) -> None:
-    """Rank the methods of one or more results; writes index.html and ranking.json.
+    """Rank the methods of one or more results; writes index.html, ranking.json and methods/.
 
     Args:
         results: Folders of `suite` or of earlier rankings, oldest first, or LABEL=FOLDER.
-        out: Folder to write: index.html, ranking.json and pictures.
+        out: Folder to write: index.html, ranking.json, a page for every method and pictures.
+        site: Address or folder of the documentation, for links to the rules and home.
     """
     from eventsweep.eval.ranking.entries import read_source
     from eventsweep.eval.report.standings.page import HTML_NAME, write_ranking
 
-    page = write_ranking([read_source(result) for result in results], out)
+    page = write_ranking([read_source(result) for result in results], out, site)
     console = common.console()
     console.result(_facts(page.public), _summary(page.public))
     console.wrote(out / HTML_NAME)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from eventsweep.eval.cli.app import COMMON, Common, Force, SuiteName, app
+from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, SuiteName, app
 from eventsweep.eval.cli.help import HELP_FLAGS, Program
 
 if TYPE_CHECKING:
@@ -49,28 +49,74 @@ def make(
 
 
 @submission.command
-def check(
-    path: Path,
+def enter(
+    folder: Path,
     /,
     *,
     suite: SuiteName,
+    out: Path,
     archive: Path | None = None,
+    force: Force = False,
     common: Common = COMMON,
 ) -> None:
-    """Check a whole submission, without truth; any fault is reported in one line.
+    """Check depth maps and make an entry to a public ranking: a folder for a pull request.
 
     Args:
-        path: File of `submission make`, or the folder it is made of.
-        suite: Such as suite-v4, quick, or FILE.toml.
+        folder: Depth maps as CASE/seedN/TIME.npz, beside them submission.toml.
+        suite: Such as suite-v4 or quick.
+        out: Folder to write, such as submissions/mine: entry.toml and maps.tar.zst.
         archive: Folder of the archive whose sequences were read: its cases and seeds.
     """
     from eventsweep.eval.archives.manifest import read
     from eventsweep.eval.suite.definition import load
-    from eventsweep.eval.suite.submission import Asked, check_submission
+    from eventsweep.eval.suite.entry import make_entry
+    from eventsweep.eval.suite.submission import Asked
 
     asked = Asked.of(*load(suite), read(archive) if archive else None)
-    facts = check_submission(path, asked)
+    facts = make_entry(folder, asked, out, force=force)
     _show(common, facts, asked)
+    common.console().wrote(out)
+
+
+@submission.command
+def check(
+    paths: Annotated[tuple[Path, ...], NO_NEGATIVE],
+    /,
+    *,
+    suite: SuiteName | None = None,
+    archive: Path | None = None,
+    common: Common = COMMON,
+) -> None:
+    """Check whole submissions, without truth; any fault is reported in one line.
+
+    Args:
+        paths: Files of `submission make`, the folders they are made of, or entries: submissions/*.
+        suite: Such as suite-v4, quick, or FILE.toml; an entry names its own.
+        archive: Folder of the archive whose sequences were read: its cases and seeds.
+    """
+    from eventsweep.eval.suite.entry import check_apart, check_entry, is_entry
+
+    entries = []
+    for path in paths:
+        if is_entry(path):
+            facts, asked = check_entry(path, suite or "")
+            entries.append((path, facts))
+        else:
+            facts, asked = _checked(path, suite, archive)
+        _show(common, facts, asked)
+    check_apart(entries)
+
+
+def _checked(path: Path, suite: str | None, archive: Path | None) -> tuple[SubmissionFacts, Asked]:
+    from eventsweep.emvs.errors import InputError
+    from eventsweep.eval.archives.manifest import read
+    from eventsweep.eval.suite.definition import load
+    from eventsweep.eval.suite.submission import Asked, check_submission
+
+    if suite is None:
+        raise InputError(f"{path}: is not an entry (no entry.toml): give its --suite")
+    asked = Asked.of(*load(suite), read(archive) if archive else None)
+    return check_submission(path, asked), asked
 
 
 def _show(common: Common, facts: SubmissionFacts, asked: Asked) -> None:

@@ -105,7 +105,7 @@ def _run(
     from eventsweep.eval.suite.submission import perfect_scores
 
     suite, cache, console = parts.suite, job_flags.cache_folder(), common.console()
-    entered = [NamedFolder.of(one) for one in prediction]
+    entered = [_package(NamedFolder.of(one)) for one in prediction]
     given, stated = _opened(parts, entered, cache)
     inputs = (Path(name), *(one.path for one in entered))
     with output.prepare_folder(out, force=force, inputs=inputs) as folder:
@@ -125,6 +125,13 @@ def _run(
     console.result(_facts(result), _summary(result, cache))
     console.wrote(folder / "suite.json")
     return _FAILED if result.failures else 0
+
+
+def _package(given: NamedFolder) -> NamedFolder:
+    """Of an entry to a ranking its package; anything else as it is."""
+    from eventsweep.eval.suite.entry import is_entry, package_of
+
+    return given._replace(path=package_of(given.path)) if is_entry(given.path) else given
 
 
 def _opened(

@@ -12,7 +12,7 @@ from eventsweep.eval.figures.images import depth_image, point_size_px
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.compare.results import ComparedResult, Number
 from eventsweep.eval.report.ranking import column
-from eventsweep.eval.report.run_data import MethodData, RunData, WindowData, load_run
+from eventsweep.eval.report.run_data import CaseData, MethodData, RunData, WindowData, load_run
 from eventsweep.eval.report.run_page import (
     behind_uri,
     chosen_method,
@@ -22,6 +22,7 @@ from eventsweep.eval.report.run_page import (
     frame_uri,
     image_uri,
     middle_cap_cm,
+    seconds,
     truth_uri,
 )
 from eventsweep.eval.scoring.results import POOLED
@@ -80,6 +81,7 @@ class _View:
     result: ComparedResult
     case: str
     window: WindowData
+    clock_us: int
 
     def method(self, name: str) -> MethodData:
         return next(method for method in self.window.methods if method.name == name)
@@ -109,15 +111,12 @@ def _load(result: ComparedResult) -> RunData:
 def _case(
     case: str, results: Sequence[ComparedResult], runs: Mapping[str, RunData]
 ) -> ComparedPictures | None:
-    windows = [
-        (result, one.windows)
-        for result in results
-        for one in runs[result.name].cases
-        if one.name == case
+    found = [
+        (result, one) for result in results for one in runs[result.name].cases if one.name == case
     ]
-    if len(windows) < 2:
+    if len(found) < 2:
         return None
-    groups = _together(case, windows)
+    groups = _together(case, found)
     methods = _shared_methods(view for group in groups for view in group)
     if not methods:
         return None
@@ -127,22 +126,20 @@ def _case(
     return ComparedPictures(case, methods, chosen, drawn)
 
 
-def _together(
-    case: str, found: Sequence[tuple[ComparedResult, tuple[WindowData, ...]]]
-) -> list[list[_View]]:
+def _together(case: str, found: Sequence[tuple[ComparedResult, CaseData]]) -> list[list[_View]]:
     """Windows of one name and time; where there are none, the first ones."""
-    first = found[0][1]
+    first = found[0][1].windows
     groups = []
     for window in first:
         group = [
-            _View(result, case, one)
-            for result, windows in found
-            for one in windows
+            _View(result, case, one, data.clock_us)
+            for result, data in found
+            for one in data.windows
             if (one.name, one.t_us) == (window.name, window.t_us)
         ]
         if len(group) == len(found):
             groups.append(group)
-    return groups or [[_View(result, case, windows[0]) for result, windows in found]]
+    return groups or [[_View(result, case, d.windows[0], d.clock_us) for result, d in found]]
 
 
 def _shared_methods(views: Iterable[_View]) -> tuple[str, ...]:
@@ -154,7 +151,7 @@ def _window(views: Sequence[_View], methods: Sequence[str]) -> ComparedWindow:
     ranges = [view.window.depth_range_m for view in views]
     depth = depth_scale((min(near for near, _ in ranges), max(far for _, far in ranges)))
     error = error_scale(_error_cap(views, methods))
-    times = dict.fromkeys(f"{view.window.t_us / 1e6:.3f} s" for view in views)
+    times = dict.fromkeys(seconds(view.window.t_us - view.clock_us) for view in views)
     return ComparedWindow(
         f"Window {views[0].window.name}, reference view at {' and '.join(times)}",
         tuple(_seen(views, depth)),

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from eventsweep.emvs.errors import InputError, repeated
+from eventsweep.emvs.utils import release
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, inside, parse_json, read_text
 from eventsweep.emvs.utils.outputs import (
     atomic_dir,
@@ -24,6 +25,8 @@ from eventsweep.eval.ranking.summary import MAIN
 from eventsweep.eval.report.html import Page, Picture, files_in, page_text, plural
 from eventsweep.eval.report.ranking import column
 from eventsweep.eval.report.standings import sections
+from eventsweep.eval.report.standings.method_page import FOLDER as METHODS
+from eventsweep.eval.report.standings.method_page import method_page, page_names
 from eventsweep.eval.report.standings.sections import RankingPage
 from eventsweep.eval.report.suite_pictures import METHODS_NAME
 from eventsweep.eval.suite.output import PICTURES_FOLDER
@@ -32,18 +35,24 @@ HTML_NAME = "index.html"
 _PICTURE_BYTES = 1 << 22
 _MOST_NAMED = 4
 _PLACES = (
-    "In every case and seed methods are placed, 1 is best, and their places averaged, every case "
-    "weighing the same. Methods share a rank where other seeds could turn their order around "
-    "(95 %, corrected for the number of pairs); “other seeds” is the rank that it would have then."
+    "In every case and seed, methods are placed (1 is best), and places are averaged; every case "
+    "weighs the same. Equal ranks: the difference between these methods is not significant over "
+    "seeds (95 %, corrected for the number of pairs), so a repetition with other seeds could swap "
+    "them. “Other seeds” gives the ranks in such repetitions. Click a method for its own page."
 )
 _RELATIVE = "relative error is the geometric mean over cases of the mean error over true depth"
 
 
-def write_ranking(sources: Sequence[Source], out: Path) -> RankingPage:
-    """Writes `index.html`, `ranking.json` with its data, and `pictures/`; returns what they say.
+def write_ranking(sources: Sequence[Source], out: Path, site: str = "") -> RankingPage:
+    """Writes `index.html`, `ranking.json` with its data, `methods/` and `pictures/`.
 
-    Sources are oldest first, of two pictures of a method the later is shown; `out` may be one of
-    them.
+    Args:
+        sources: oldest first; of two pictures of a method the later is shown.
+        out: the folder to write; it may be that of a source.
+        site: address of the documentation, for links to the rules and home; empty for none.
+
+    Returns:
+        What the pages say.
     """
     entries = tuple(entry for source in sources for entry in source.entries)
     twice = repeated(entry.label for entry in entries)
@@ -53,13 +62,16 @@ def write_ranking(sources: Sequence[Source], out: Path) -> RankingPage:
         raise InputError("only results of a hidden part: give one of the public part, too")
     found = _pictures(sources)
     page = _page_of(entries, found)
-    with output_folder(out, (HTML_NAME, DATA_NAME, PICTURES_FOLDER), force=True) as folder:
+    links = _links(site or release.DOCUMENTATION)
+    names = (HTML_NAME, DATA_NAME, PICTURES_FOLDER, METHODS)
+    with output_folder(out, names, force=True) as folder:
         folder.mkdir(parents=True, exist_ok=True)
         _write_pictures(folder, found)
+        _write_methods(folder, page, links)
         with files_together(folder, (DATA_NAME, HTML_NAME)) as staged:
             data = RankingData(entries=entries).to_text() + "\n"
             (staged / DATA_NAME).write_text(data, encoding="utf-8")
-            text = page_text(ranking_page(page, files_in(staged, (DATA_NAME,))))
+            text = page_text(ranking_page(page, files_in(staged, (DATA_NAME,)), links))
             (staged / HTML_NAME).write_text(text, encoding="utf-8")
     return page
 
@@ -72,12 +84,33 @@ def _page_of(entries: tuple[RankingEntry, ...], found: Mapping[str, MethodPictur
             "run the suite without --case, or with fewer failures"
         )
     pictures = {method: tuple(one.pictures(method)) for method, one in found.items()}
+    ranked = summary.ranked(public)
+    names = page_names([one.method for one in ranked.standings])
     return RankingPage(
         entries,
-        summary.ranked(public),
+        ranked,
         summary.ranked(hidden) if hidden and hidden.cases else None,
         pictures,
+        {method: f"{METHODS}/{name}" for method, name in names.items()},
     )
+
+
+def _links(site: str) -> tuple[tuple[str, str], ...]:
+    """To the rules and home."""
+    if not site:
+        return ()
+    place = site.rstrip("/")
+    return ("How to enter", f"{place}/ranking.html#entering"), ("Home", f"{place}/index.html")
+
+
+def _write_methods(out: Path, page: RankingPage, links: Sequence[tuple[str, str]]) -> None:
+    """Writes a page for every ranked method."""
+    back = [("Ranking", f"../{HTML_NAME}")]
+    back += [(title, to if "://" in to else f"../{to}") for title, to in links]
+    with atomic_dir(out / METHODS, force=True, part_of=out) as made:
+        for method, address in page.pages.items():
+            text = page_text(method_page(page, method, back))
+            (made / Path(address).name).write_text(text, encoding="utf-8")
 
 
 # Pictures
@@ -136,8 +169,10 @@ def _write_pictures(out: Path, found: Mapping[str, MethodPictures]) -> None:
 # The page
 
 
-def ranking_page(page: RankingPage, files: Sequence[str] = ()) -> Page:
-    """What the page shows."""
+def ranking_page(
+    page: RankingPage, files: Sequence[str] = (), links: Sequence[tuple[str, str]] = ()
+) -> Page:
+    """What the page shows; `links` are (title, address) pairs."""
     base = page.joined.base
     shown = (
         *sections.hidden(page), sections.ranks(page), sections.coverage(page),
@@ -145,18 +180,23 @@ def ranking_page(page: RankingPage, files: Sequence[str] = ()) -> Page:
         *sections.causes(page), *sections.gallery(page), *sections.history(page),
     )  # fmt: skip
     seeds = plural(len(base.seeds), "seed")
+    lead, *findings = _findings(page)
+    best = page.pictures.get(page.methods[0], ())
     return Page(
         title=f"Ranking, {base.suite}",
         subtitle=f"{plural(len(page.methods), 'method')} on "
         f"{plural(len(page.joined.cases), 'case')} with {seeds} each; sequences: "
         f"{sections.data(base)}.",
+        lead=lead,
+        pictures=best[:1],
         sections=shown,
         provenance=sections.provenance(page),
         overview=sections.overview(page),
-        findings=tuple(_findings(page)),
+        findings=tuple(findings),
         note=f"{_PLACES} Ordered by {column(MAIN).title}; {_RELATIVE}.",
         version=base.versions.get("eventsweep", ""),
         files=tuple(files),
+        links=tuple(links),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 from eventsweep.emvs.methods import named
 from eventsweep.emvs.methods.method import Method
@@ -32,12 +32,16 @@ from eventsweep.eval.scoring.outlier_causes import CAUSES
 
 @dataclass(frozen=True)
 class RankingPage:
-    """What a page is made of; entries are oldest first, and ranks are by the main metric."""
+    """What a page is made of; entries are oldest first, and ranks are by the main metric.
+
+    `pages` are addresses of pages of single methods.
+    """
 
     entries: tuple[RankingEntry, ...]
     public: Ranked
     hidden: Ranked | None
     pictures: Mapping[str, tuple[Picture, ...]]
+    pages: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def joined(self) -> Merged:
@@ -89,8 +93,9 @@ def overview(page: RankingPage) -> Grid:
     for one, error in zip(page.public.standings, errors, strict=True):
         coverage = summary.arithmetic(joined, one.method, "completeness", joined.cases)
         outliers = summary.arithmetic(joined, one.method, "outlier_share", joined.cases)
+        named = replace(_name(one.method), link=page.pages.get(one.method, ""))
         cells = [
-            _name(one.method), *_rank(one), _number(one.place, 2),
+            named, *_rank(one), _number(one.place, 2),
             _number(error, is_best=error == best_error), _number(coverage),
             _number(outliers),
         ]  # fmt: skip

@@ -35,6 +35,7 @@ async function load(linked) {
     method.pixels = setBits(await unpack(method.mask));
     method.depth = halves(await unpack(method.depth));
     method.votes = method.votes && halves(await unpack(method.votes));
+    method.causes = method.causes && await unpack(method.causes);
   }
   const picks = [...linked.closest("section").querySelectorAll("input.pick")];
   data.chosen = () => {
@@ -54,6 +55,8 @@ function words(data, pixel) {
   if (at < 0) return [...parts, "no depth"].join(" · ");
   parts.push(`depth ${method.depth[at].toFixed(3)} m`);
   if (truth > 0) parts.push(`error ${(100 * (method.depth[at] - truth)).toFixed(1)} cm`);
+  const cause = method.causes && data.causes[method.causes[at] - 1];
+  if (cause) parts.push(`off by more than a tenth, ${cause[0]}: ${cause[1]}`);
   parts.push(method.votes ? `confidence ${method.votes[at].toPrecision(3)}` : "says no confidence");
   return parts.join(" · ");
 }

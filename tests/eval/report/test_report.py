@@ -44,6 +44,47 @@ def test_the_method_of_rank_1_is_shown_first(one_case):
     assert page.ids.index("ranking") < page.ids.index("case0") < page.ids.index("provenance")
 
 
+def test_the_winner_and_its_depth_come_before_all_numbers(one_case):
+    page = WellFormed(one_case)
+    assert page.ids.index("best") < page.ids.index("ranking")
+    top = one_case[one_case.index('id="best"') : one_case.index('id="ranking"')]
+    assert re.search(r'class="lead">Alg1/H is ahead: mean error [\d.]+ cm over \d+ px; next', top)
+    assert top.index("Depth [m], Alg1/H") < top.index("Frame, camera 0")
+    assert "<button" not in top
+
+
+def test_many_windows_are_a_film_with_a_slider_and_times_of_a_clock_are_short():
+    data = report_data("desk", windows=3)
+    (case,) = data.cases
+    clock_us = 1_700_000_000_000_000
+    film = tuple(
+        replace(w, t_us=clock_us + 100_000 * k, methods=w.methods[:1])
+        for k, w in enumerate(case.windows)
+    )
+    case = replace(case, windows=film[:1], film=film, clock_us=clock_us)
+    page = page_text(replace(data, cases=(case,)))
+    WellFormed(page)
+    names = re.findall(r'data-name="([^"]*)"', page)
+    assert names == ["w000, 0.000 s", "w001, 0.100 s", "w002, 0.200 s"]
+    assert page.count('type="range"') == 1
+    assert "1700000" not in page
+
+
+def test_causes_are_drawn_as_categories_with_their_shares():
+    data = report_data("desk")
+    window = data.cases[0].windows[0]
+    causes = np.zeros(SHAPE, np.uint8)
+    causes[:3], causes[3] = 3, 8
+    methods = (replace(window.methods[0], causes=causes), *window.methods[1:])
+    case = replace(data.cases[0], windows=(replace(window, methods=methods),))
+    page = page_text(replace(data, cases=(case,)))
+    WellFormed(page)
+    assert page.count("Cause of the error</b>") == 1
+    legend = re.search(r'class="legend">(.*?)</p>', page)[1]
+    assert re.findall(r"</i>([^<]*)<", legend) == ["occlusion 75 %", "other 25 %"]
+    assert "Cause of the error" not in page_text(data)
+
+
 def test_the_overview_draws_the_first_of_the_ranked_methods_that_has_a_map():
     case = report_data("desk").cases[0]
     unranked, best = overview_png(case), overview_png(case, ranked=("Given/none", "Alg1/max"))

@@ -127,6 +127,39 @@ def test_a_comparison_shows_the_chosen_method_and_opens_what_is_folded(tmp_path,
     assert rows
 
 
+def test_the_cursor_reads_why_a_pixel_is_wrong(tmp_path, data):
+    window = data.cases[0].windows[0]
+    method = next(m for m in window.methods if m.name == "Alg1/H")
+    y, x = (int(v) for v in np.argwhere(method.mask)[7])
+    causes = np.zeros(SHAPE, np.uint8)
+    causes[y, x] = 3
+    methods = tuple(replace(m, causes=causes) if m is method else m for m in window.methods)
+    case = replace(data.cases[0], windows=(replace(window, methods=methods),))
+    question = f"""
+      const linked = document.querySelector(".linked"), x = {x}, y = {y};
+      const picture = linked.querySelector(".picture"); {MOVE}
+      return linked.querySelector(".readout").textContent;"""
+    text = _ask(tmp_path, run_page(replace(data, cases=(case,))), question)
+    assert re.search(r"error [-\d.]+ cm · off by more than a tenth, occlusion: at a depth", text)
+
+
+def test_the_slider_shows_one_window_at_a_time_and_play_goes_on(tmp_path, data):
+    film = tuple(replace(w, name=f"w{k:03d}") for k, w in enumerate(data.cases[0].windows * 3))
+    page = run_page(replace(data, cases=(replace(data.cases[0], film=film),)))
+    question = """
+      const player = document.querySelector(".player"), range = player.querySelector("input");
+      const shown = () => [...player.querySelectorAll(".still")].map((still) => !still.hidden);
+      const output = player.querySelector("output"), button = player.querySelector("button");
+      const before = shown();
+      range.value = 1; range.dispatchEvent(new Event("input"));
+      const after = [shown(), output.textContent.slice(0, 4)];
+      button.click(); const playing = button.ariaLabel; button.click();
+      return [before, ...after, playing, button.ariaLabel];"""
+    got = _ask(tmp_path, page, question)
+    first, second = [True, False, False], [False, True, False]
+    assert got == [first, second, "w001", "pause", "play"]
+
+
 def test_a_pixel_without_depth_says_so_until_a_method_has_one(tmp_path, page, data):
     first, second = (
         next(m for m in data.cases[0].windows[0].methods if m.name == name)

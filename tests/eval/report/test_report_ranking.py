@@ -6,6 +6,8 @@ import re
 from unittest import mock
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.output_manifest import NAME, strangers
@@ -14,6 +16,7 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, Source, read_data
 from eventsweep.eval.report import run_page
 from eventsweep.eval.report.standings import page as standings
+from eventsweep.eval.report.standings.method_page import page_names
 from eventsweep.eval.report.standings.page import HTML_NAME, ranking_page, write_ranking
 from eventsweep.eval.report.suite_pictures import METHODS_NAME
 from eventsweep.eval.suite.submission import SubmissionFacts
@@ -71,19 +74,51 @@ def text_of(out):
 def cells(page, method, section):
     """The texts of a method's line in the first table below a heading."""
     below = page[page.index(section) :]
-    (line,) = [x for x in re.findall(r"<tr>.*?</tr>", below)[:20] if f"</span>{method}<" in x][:1]
+    named = re.compile(rf"</span>(?:<a [^>]*>)?{re.escape(method)}<")
+    (line,) = [x for x in re.findall(r"<tr>.*?</tr>", below)[:20] if named.search(x)][:1]
     return [re.sub(r"<[^>]+>", "", one) for one in re.findall(r"<td.*?</td>", line)]
 
 
 def test_one_file_holds_everything_and_nothing_is_loaded(written):
     page = text_of(written)
-    assert not re.findall(r'(?:src|href)="(?!data:|#|ranking\.json)[^"]*"', page)
+    assert not re.findall(r'(?:src|href)="(?!data:|#|ranking\.json|methods/)[^"]*"', page)
     assert "@import" not in page
     assert "url(" not in page.replace("url(#", "")
     assert '<meta name="viewport"' in page
     assert sorted(path.name for path in written.iterdir()) == [
-        NAME, HTML_NAME, "pictures", DATA_NAME,
+        NAME, HTML_NAME, "methods", "pictures", DATA_NAME,
     ]  # fmt: skip
+
+
+def test_every_method_has_a_page_that_leads_back(written):
+    page = text_of(written)
+    for method in ERRORS:
+        (address,) = re.findall(rf'<a href="(methods/[^"]*)">{method}</a>', page)
+        own = (written / address).read_text()
+        assert f"<h1>{method}</h1>" in own
+        assert re.search(r'class="lead">Rank [1-4] of 4: relative error [\d.]+ %\.', own)
+        assert '<a href="../index.html">Ranking</a>' in own
+        assert [case for case in CASES if f">{case}</td>" not in own] == []
+    own = (written / "methods" / "Given_Guess.html").read_text()
+    assert "A. Author" in own
+    assert "a &lt;laptop&gt;" in own
+    assert len(list((written / "methods").iterdir())) == len(ERRORS) + 1  # and the manifest
+
+
+def test_links_to_rules_and_home_are_relative_from_every_page(written, tmp_path):
+    out = tmp_path / "again"
+    assert main(["ranking", str(written), "--out", str(out), "--site", "..", "--quiet"]) == 0
+    assert '<a href="../ranking.html#entering">How to enter</a>' in text_of(out)
+    assert '<a href="../../index.html">Home</a>' in (out / "methods" / "Alg1_H.html").read_text()
+    assert "How to enter" not in text_of(written)
+
+
+@given(st.lists(st.text(max_size=12), unique=True, max_size=8))
+def test_pages_of_methods_have_names_of_their_own(methods):
+    names = page_names(["a/b", "a b", *(one for one in methods if one not in ("a/b", "a b"))])
+    found = [name.lower() for name in names.values()]
+    assert len(set(found)) == len(found)
+    assert [name for name in found if re.search(r"[^a-z0-9._-]", name)] == []
 
 
 def test_every_part_is_there(written):
@@ -126,7 +161,8 @@ def test_conditions_have_a_column_each_and_say_their_cases(written):
 def test_of_a_hidden_part_no_seed_and_no_picture_is_shown(written):
     page = text_of(written)
     assert "ab" * 32 in page
-    assert page.count("data:image/webp") == 2
+    # Best and worst in the gallery, and the best once more on top.
+    assert page.count("data:image/webp") == 3
     assert "EMVS_cam0-best.webp" not in {path.name for path in (written / "pictures").iterdir()}
     seeds = page[page.index(">seeds</td>") :]
     assert re.findall(r"<td[^>]*>([^<]*)</td>", seeds)[:3] == [
@@ -278,7 +314,9 @@ def test_a_ranking_killed_anywhere_is_taken_up_and_leaves_nothing(tmp_path, monk
 
     killed_at_every_step(call, lambda _: out.exists() and nothing_of_others(out))
     call()
-    assert {path.name for path in out.iterdir()} == {HTML_NAME, DATA_NAME, "pictures", NAME}
+    assert {path.name for path in out.iterdir()} == {
+        HTML_NAME, DATA_NAME, "methods", "pictures", NAME,
+    }  # fmt: skip
     assert {path.name for path in tmp_path.iterdir()} == {"in", "out"}
 
 
@@ -291,7 +329,7 @@ def test_a_maps_page_killed_anywhere_is_taken_up_and_leaves_nothing(tmp_path, mo
         ("load_run", data), ("_files", ()), ("page_text", "page"), ("overview_png", b"png"),
         ("ranked_methods", ()),
     ):  # fmt: skip
-        monkeypatch.setattr(run_page, name, lambda *_, value=value: value)
+        monkeypatch.setattr(run_page, name, lambda *_, value=value, **__: value)
     killed_at_every_step(lambda: run_page.write_report(out), lambda _: nothing_of_others(out))
     assert {path.name for path in out.iterdir()} == {
         "map.json", "report.html", "overview.png", NAME,

@@ -14,6 +14,7 @@ from hypothesis.extra import numpy as hnp
 
 from eventsweep.eval.figures.colormaps import depth_scale, error_scale
 from eventsweep.eval.report.viewer import half, packed, window_json
+from eventsweep.eval.scoring.outlier_causes import CAUSES
 from report_data import METHODS, window_data
 
 
@@ -61,3 +62,16 @@ def test_what_is_not_known_is_left_out():
 
 def test_a_frame_of_another_size_has_no_values_at_these_pixels():
     assert "frame" not in _data(replace(window_data("w000", 0), frame=np.zeros((5, 5), np.uint8)))
+
+
+def test_causes_of_bad_pixels_come_back():
+    window = window_data("w000", 0)
+    assert "causes" not in _data(window)
+    causes = np.random.default_rng(0).integers(0, 1 + len(CAUSES), window.methods[0].mask.shape)
+    first = replace(window.methods[0], causes=causes.astype(np.uint8))
+    data = _data(replace(window, methods=(first, *window.methods[1:])))
+    assert [name for name, _ in data["causes"]] == [name.replace("_", " ") for name in CAUSES]
+    np.testing.assert_array_equal(
+        _unpacked(data["methods"][0]["causes"], np.uint8), causes[first.mask]
+    )
+    assert "causes" not in data["methods"][1]

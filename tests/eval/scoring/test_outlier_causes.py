@@ -19,8 +19,9 @@ from eventsweep.eval.scoring.outlier_causes import (
     CAUSES,
     EventCounts,
     OutlierClassifier,
-    count_causes,
     count_events,
+    counts_by_cause,
+    first_causes,
     pixel_of,
     pooled_causes,
 )
@@ -158,7 +159,7 @@ def test_each_pixel_has_the_first_cause_that_applies(flags):
     for n in range(7):
         first = next((c for c in CAUSES if c in flags and flags[c][n]), "other")
         expected[first] += 1
-    assert count_causes(flags, 7) == expected
+    assert counts_by_cause(first_causes(flags, 7)) == expected
     assert sum(expected.values()) == 7
 
 

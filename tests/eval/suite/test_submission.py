@@ -16,9 +16,12 @@ import pytest
 
 from blank_pictures import blank_pictures
 from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.utils.output_manifest import NAME
 from eventsweep.eval.archives.tarball import pack, sha256_of, unpack, zstd
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.suite.definition import read as read_definition
+from eventsweep.eval.suite.entry import ENTRY, read_entry
+from eventsweep.eval.suite.entry import PACKAGE as MAPS
 from eventsweep.eval.suite.results import read_suite
 from eventsweep.eval.suite.submission import MANIFEST, Asked, read_manifest
 from places import ROOT
@@ -120,6 +123,78 @@ def test_disparities_are_stored_as_depth(place):
     )
     assert make(place, "--quiet") == 0
     assert check(place) == 0
+
+
+# Entries: a folder in a pull request
+
+
+def entered(place, name="guess", *more):
+    suite = ["--suite", str(place / "pair.toml")]
+    out = ["--out", str(place / "submissions" / name)]
+    return main(["submission", "enter", str(place / "theirs"), *suite, *out, *more])
+
+
+def check_entries(place, *names):
+    folders = [str(place / "submissions" / name) for name in names]
+    return main(["submission", "check", *folders, "--suite", str(place / "pair.toml")])
+
+
+def test_an_entry_is_a_folder_that_a_command_makes_and_another_checks(place, capsys):
+    assert entered(place) == 0
+    folder = place / "submissions" / "guess"
+    assert {path.name for path in folder.iterdir()} == {ENTRY, MAPS, NAME}
+    assert read_entry(folder).sha256 == sha256_of(folder / MAPS)
+    (folder / NAME).unlink()  # whoever commits the folder may leave it out
+    capsys.readouterr()
+    assert check_entries(place, "guess") == 0
+    assert "Guess by A. Author" in capsys.readouterr().out
+
+
+def text_in(name, old, new):
+    def spoil(folder):
+        path = folder / name
+        path.write_text(path.read_text().replace(old, new))
+
+    return spoil
+
+
+SPOILT_ENTRIES = {
+    "another package": (lambda f: (f / MAPS).write_bytes(b"x"), "its SHA-256 is"),
+    "no package": (lambda f: (f / MAPS).unlink(), "is missing"),
+    "a linked package": (
+        lambda f: ((f / MAPS).rename(f.parent / "p"), (f / MAPS).symlink_to("../p")),
+        "is a link",
+    ),
+    "a file too many": (lambda f: (f / "run.sh").write_text("x"), "run.sh does not belong"),
+    "another suite": (text_in(ENTRY, '"pair"', '"quick"'), "is for quick, not for pair"),
+    "a suite that is a path": (text_in(ENTRY, '"pair"', '"../pair"'), "suite"),
+    "no hash": (text_in(ENTRY, "sha256", "sha"), "sha256"),
+    "not TOML": (lambda f: (f / ENTRY).write_text("x = ["), "not TOML"),
+    "a strange key": (text_in(ENTRY, "suite =", 'more = 1\nsuite ='), "more"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", SPOILT_ENTRIES)
+def test_what_is_wrong_with_an_entry_is_one_line(place, capsys, kind):
+    spoil, words = SPOILT_ENTRIES[kind]
+    assert entered(place, "guess", "--quiet") == 0
+    spoil(place / "submissions" / "guess")
+    capsys.readouterr()
+    assert check_entries(place, "guess") == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_names_of_entries_and_of_methods_are_checked(place, capsys):
+    assert entered(place, "Gu_ess") == 2
+    assert "needs a name of a to z" in capsys.readouterr().err
+    assert not (place / "submissions").exists()
+    assert entered(place, "one", "--quiet") == entered(place, "two", "--quiet") == 0
+    assert check_entries(place, "one", "two") == 2
+    assert "is called 'Guess', too" in capsys.readouterr().err
+    assert main(["submission", "check", str(place / "theirs")]) == 2
+    assert "give its --suite" in capsys.readouterr().err
 
 
 # What is wrong with a folder

@@ -1,0 +1,62 @@
+"""The workflow that checks entries to a ranking runs the command that the page on it names."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import yaml
+
+from eventsweep.eval.cli.main import main
+from places import ROOT
+from small_suite import case, suite_text
+
+FILE = ROOT / "docs" / "submission-workflow.yml"
+FACTS = """
+method = "Mine"
+authors = ["A. Author"]
+licence = "CC-BY-4.0"
+[cost]
+seconds_per_window = 0.5
+peak_memory_mb = 100
+hardware = "a laptop"
+"""
+
+
+def checks():
+    (job,) = yaml.safe_load(FILE.read_text(encoding="utf-8"))["jobs"].values()
+    return [step["run"] for step in job["steps"] if "run" in step]
+
+
+def test_what_it_runs_is_what_the_page_names():
+    install, check = checks()
+    assert install == 'pip install "$EVENTSWEEP"'
+    assert f"\n{check}\n" in (ROOT / "docs" / "ranking.md").read_text(encoding="utf-8")
+
+
+def test_it_names_this_version():
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
+    assert f"eventsweep-{version}-py3-none-any.whl" in FILE.read_text(encoding="utf-8")
+
+
+def test_its_command_accepts_an_entry_and_refuses_a_changed_one(tmp_path):
+    (tmp_path / "pair.toml").write_text(suite_text(case("wall")))
+    theirs = tmp_path / "theirs" / "wall" / "seed0"
+    theirs.mkdir(parents=True)
+    for k, name in enumerate(("10000", "30000")):
+        np.savez(theirs / f"{name}.npz", depth_m=np.full((180, 240), 2.0 + 0.1 * k))
+    (tmp_path / "theirs" / "submission.toml").write_text(FACTS)
+    suite, out = ["--suite", str(tmp_path / "pair.toml")], tmp_path / "submissions" / "mine"
+    entering = ["submission", "enter", str(tmp_path / "theirs"), *suite, "--out", str(out)]
+    assert main([*entering, "--quiet"]) == 0
+    (tmp_path / "eventsweep").write_text(f'#!/bin/sh\nexec {sys.executable} -m eventsweep "$@"\n')
+    (tmp_path / "eventsweep").chmod(0o755)
+    command = f"PATH={tmp_path}:$PATH PYTHONPATH={ROOT} {checks()[1]} --suite pair.toml"
+    codes = []
+    for _ in range(2):
+        done = subprocess.run(command, shell=True, cwd=tmp_path, capture_output=True, check=False)
+        codes.append(done.returncode)
+        (out / "maps.tar.zst").write_bytes(b"changed")
+    assert codes == [0, 2]
