@@ -8,7 +8,6 @@ from eventsweep.emvs.data.manifest import FILE_NAME
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets.ecd import FILES, EventCameraDataset
-from eventsweep.emvs.datasets.files import find_optional
 from eventsweep.emvs.errors import InputError, check_path
 
 DESCRIPTOR = "recording.toml"
@@ -48,7 +47,9 @@ def open_recording(path: str | Path) -> Recording:
     raise NoRecordingError(
         f"{path}: no recording recognised; needs {FILE_NAME} (a sequence of eventsweep), "
         f"{', '.join(FILES)} (Event Camera Dataset), events/left/events.h5 (DSEC), "
-        f"*-events_left.h5 (TUM-VIE), *_data.hdf5 (MVSEC), a ROS bag, or a {DESCRIPTOR}"
+        "*-events_left.h5 (TUM-VIE), *_data.hdf5 (MVSEC), *_data.h5 (M3ED), *.left_event.hdf5 "
+        "(VECtor), dataset_events_t.npy (EVIMO2), events.h5 (EDS), a ROS bag, or a "
+        f"{DESCRIPTOR}"
     )
 
 
@@ -68,12 +69,17 @@ def _file(path: Path) -> Recording:
 
 def _data_set(path: Path) -> Recording | None:
     """A data set with a module of its own, if the folder looks like one."""
-    from eventsweep.emvs.datasets import dsec, mvsec, rosbag, tumvie
+    from eventsweep.emvs.datasets import described, dsec, evimo2, mvsec_m3ed, rosbag
+    from eventsweep.emvs.datasets.posed import find_optional
 
     layouts = {
         dsec.LEFT: dsec.open_dsec,
-        tumvie.LEFT: tumvie.open_tumvie,
-        mvsec.DATA: mvsec.open_mvsec,
+        described.TUMVIE_LEFT: described.open_tumvie,
+        described.VECTOR_LEFT: described.open_vector,
+        described.EDS_EVENTS: described.open_eds,
+        mvsec_m3ed.MVSEC_DATA: mvsec_m3ed.open_mvsec,
+        mvsec_m3ed.M3ED_DATA: mvsec_m3ed.open_m3ed,
+        evimo2.TIMES: evimo2.open_evimo2,
         "metadata.yaml": rosbag.open_bag_recording,
     }
     for pattern, opened in layouts.items():

@@ -118,9 +118,14 @@ def read_descriptor(path: Path) -> Descriptor:
         raise InputError(f"{path}: cannot be read as TOML ({error}); correct it") from error
 
 
-def assembled(folder: Path, what: Descriptor, layout: str) -> PosedRecording:
-    """Opens the recording that a descriptor describes, relative to a folder."""
-    rig = _rig(folder / what.calibration.file, what)
+def assembled(
+    folder: Path, what: Descriptor, layout: str, rig: Rig | None = None
+) -> PosedRecording:
+    """Opens the recording that a descriptor describes, relative to a folder.
+
+    Without a rig it reads the calibration that the descriptor names.
+    """
+    rig = _rig(folder / what.calibration.file, what) if rig is None else rig
     poses = _poses(folder / what.poses.file, what.poses)
     if what.poses.hand_eye is not None:
         imu_cam = None if what.poses.imu_cam is None else folder / what.poses.imu_cam

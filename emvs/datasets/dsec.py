@@ -21,8 +21,7 @@ from eventsweep.emvs.datasets.custom import (
     PosesTable,
     assembled,
 )
-from eventsweep.emvs.datasets.files import find_one, find_optional
-from eventsweep.emvs.datasets.posed import PosedRecording
+from eventsweep.emvs.datasets.posed import PosedRecording, find_one, find_optional
 from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.formats.calibration_values import camera_of, entry_of, numbers_of, parsed
 from eventsweep.emvs.formats.calibration_writers import kalibr_camera

@@ -15,11 +15,12 @@ import yaml
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.poses import write_tum
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.datasets import dsec
+from eventsweep.emvs.datasets import dsec, radiance
 from eventsweep.emvs.datasets.posed import EventSource
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import FORMATS, in_time_order, write_events
 from eventsweep.emvs.formats.base import Checker
+from eventsweep.emvs.formats.blocks import within
 from eventsweep.emvs.formats.calibration_writers import (
     basalt,
     kalibr_chain,
@@ -145,7 +146,7 @@ def _tumvie(job: RecordingExport, folder: Path) -> None:
 
 
 def _mvsec(job: RecordingExport, folder: Path) -> None:
-    from eventsweep.emvs.datasets.mvsec import write_truth
+    from eventsweep.emvs.datasets.mvsec_m3ed import write_truth
 
     name, size = job.recording.name, job.rig.cameras[0]
     streams = {"davis/left": job.packets(0), "davis/right": job.packets(1)}
@@ -174,6 +175,72 @@ def _rosbag(job: RecordingExport, folder: Path) -> None:
         for stream, events in in_time_order(streams):
             bag.append(stream, check(stream, events))
             job.on_written(check.count)
+
+
+def _nerfstudio(job: RecordingExport, folder: Path) -> None:
+    """Files with a `recording.toml`, and the views beside them."""
+    _described(job, folder, "npz")
+    cameras = tuple(job.poses().times(T) for T in job.T_cam0_cam())
+    names = [f"cam{k}{FORMATS['npz'].suffix}" for k in range(len(job.rig))]
+    radiance.write_transforms(folder, job.recording, cameras, names, job.shift_us)
+
+
+def _eventnerf(job: RecordingExport, folder: Path) -> None:
+    """A scene per camera, undistorted, of the events that the poses cover; its clock begins at 0.
+
+    Opened again, it is a recording of pinhole cameras.
+    """
+    from eventsweep.emvs.formats.tables.npz import SignedNpzWriter
+
+    poses, spans_us = job.poses(), []
+    for k, camera in enumerate(job.rig.cameras):
+        T_world_cam = poses.times(job.T_cam0_cam()[k])
+        split = folder / f"cam{k}" / "train"
+        (split / "events").mkdir(parents=True)
+        first_us, last_us = _covered(job, k, poses.span_us)
+        spans_us.append((first_us, last_us))
+        undistorted, done = radiance.Undistorter(camera), 0
+        size_px = (camera.width_px, camera.height_px)
+        check = Checker(split, FORMATS["npz"].limits, *size_px)
+        with SignedNpzWriter(split / "events" / "events.npz", *size_px) as writer:
+            for events in job.packets(k):
+                seen = undistorted(within(events, first_us, last_us + 1)).shifted(-first_us)
+                writer.append("events", check("events", seen))
+                done += len(events)
+                job.on_written(done)
+        times_us = radiance.view_times_us(poses, (first_us, last_us))
+        views = Trajectory.from_matrices(times_us, T_world_cam.at(times_us))
+        radiance.write_views(split, job.recording, k, views, job.shift_us)
+    _describe_scenes(job, folder, poses, spans_us)
+
+
+def _covered(job: RecordingExport, camera: int, span_us: tuple[int, int]) -> tuple[int, int]:
+    """First and last event that the poses cover, µs."""
+    first_us, last_us = 1 << 62, -1
+    for events in job.packets(camera):
+        part = within(events, span_us[0], span_us[1] + 1)
+        if len(part):
+            first_us, last_us = min(first_us, int(part.t_us.min())), int(part.t_us.max())
+    if not first_us < last_us:
+        raise InputError(f"{job.recording.name}: the poses cover no events of camera {camera}")
+    return first_us, last_us
+
+
+def _describe_scenes(
+    job: RecordingExport, folder: Path, poses: Trajectory, spans_us: list[tuple[int, int]]
+) -> None:
+    """A descriptor of the scenes as one recording, on the clock that they came from."""
+    cameras = tuple(camera.undistorted() for camera in job.rig.cameras)
+    rig = Rig(job.rig.name, cameras, job.T_cam0_cam(), job.rig.camera_names)
+    write_rig_json(folder / "rig.json", rig)
+    write_tum(folder / "poses.txt", poses)
+    events = [
+        {"file": f"cam{k}/train/events/events.npz", "time_offset_us": first_us}
+        for k, (first_us, _) in enumerate(spans_us)
+    ]
+    what = {"name": job.recording.name, "calibration": {"file": "rig.json"},
+            "poses": {"file": "poses.txt"}, "events": events}  # fmt: skip
+    (folder / "recording.toml").write_text(tomli_w.dumps(what), encoding="utf-8")
 
 
 def _sequence(
@@ -214,5 +281,7 @@ LAYOUTS: dict[str, Callable[[RecordingExport, Path], None]] = {
     "tumvie": _tumvie,
     "mvsec": _mvsec,
     "rosbag1": _rosbag,
+    "nerfstudio": _nerfstudio,
+    "eventnerf": _eventnerf,
 }
 """Layouts of their own; every other event format becomes files with a `recording.toml`."""

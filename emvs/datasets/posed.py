@@ -5,7 +5,7 @@ Every data set is one of these; the modules beside this one only say which file 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -172,3 +172,27 @@ class PosedRecording:
         if not 0 <= camera < len(self.sources):
             raise InputError(f"{self.path}: no camera {camera}, there are {len(self.sources)}")
         return self.sources[camera]
+
+
+def find_one(folder: Path, patterns: Iterable[str], what: str) -> Path:
+    """The one file that matches; the first pattern that matches decides."""
+    patterns = tuple(patterns)
+    match = find_optional(folder, patterns, what)
+    if match is None:
+        raise InputError(f"{folder}: lacks {what}; needs {' or '.join(patterns)}")
+    return match
+
+
+def find_optional(folder: Path, patterns: Iterable[str], what: str) -> Path | None:
+    """The one file that matches, or None."""
+    for pattern in patterns:
+        matches = sorted(path for path in folder.glob(pattern) if path.is_file())
+        if len(matches) > 1:
+            names = ", ".join(path.name for path in matches[:4])
+            raise InputError(
+                f"{folder}: {len(matches)} candidates for {what} ({names}); keep one, or name it "
+                "in a recording.toml"
+            )
+        if matches:
+            return matches[0]
+    return None

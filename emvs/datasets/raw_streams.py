@@ -9,6 +9,7 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.ecd import EventCameraDataset
+from eventsweep.emvs.datasets.evimo2 import INFO, TIMES
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import FORMATS, open_events
@@ -32,17 +33,20 @@ class Readable:
 def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
     """Opens a recording, or else an event file, whose columns may be stated.
 
-    A ROS bag without calibration or poses, or a sequence without poses, is opened for its events
-    alone, and `what` says why; one whose calibration or poses are damaged is refused.
+    A ROS bag or folder of EVIMO2 without calibration or poses, or a sequence without poses, is
+    opened for its events alone, and `what` says why; one whose calibration or poses are damaged is
+    refused.
     """
     path = Path(path)
     if columns is not None and (path.is_dir() or path.suffix == ".toml"):
         raise InputError(
             f"{path}: columns are stated of an event file; in a recording.toml, by keys"
         )
-    if path.suffix == ".toml" or (path.is_dir() and not (path / "metadata.yaml").exists()):
+    alone = (path / TIMES).exists() and not (path / INFO).exists()
+    is_events = alone or (path / "metadata.yaml").exists()
+    if path.suffix == ".toml" or (path.is_dir() and not is_events):
         return _recording(path)
-    reader, why = open_events(path, columns), ""
+    reader, why = open_events(path, columns), f"no {INFO}" if alone else ""
     if reader.format.startswith("rosbag"):
         from eventsweep.emvs.datasets.rosbag import lacks
 

@@ -17,8 +17,7 @@ from eventsweep.emvs.datasets.custom import (
     assembled,
     is_bag,
 )
-from eventsweep.emvs.datasets.files import find_optional
-from eventsweep.emvs.datasets.posed import PosedRecording
+from eventsweep.emvs.datasets.posed import PosedRecording, find_optional
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import open_events
 from eventsweep.emvs.formats.rosbag import RosbagWriter, is_ros2

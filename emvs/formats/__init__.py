@@ -98,6 +98,10 @@ _ALL = (
         Limits("s, double", "seconds in a double", DOUBLE_US, streams=2), "1/-1",
     ),
     Format(
+        "m3ed", "HDF5 as M3ED lays it out (`prophesee/left`, `prophesee/right`)", ".h5", False,
+        Limits("µs", _COLUMNS, keeps_order=False, streams=2),
+    ),
+    Format(
         "aedat4", "iniVation AEDAT 4.0", ".aedat4", True,
         Limits(
             "µs", "signed 16-bit pixels", max_x=32767, max_y=32767, keeps_order=False, streams=64
@@ -124,6 +128,10 @@ _ALL = (
         Limits("µs, s, or as stated", _COLUMNS), "1/0, 1/-1",
     ),
     Format(
+        "evimo2", "folder of EVIMO2's `dataset_events_t.npy`, `_xy.npy` and `_p.npy`", "", False,
+        Limits("s", _COLUMNS),
+    ),
+    Format(
         "mat", "MATLAB 5 arrays: vectors by name, (N, 4) as stated", ".mat", False,
         Limits("µs, s, or as stated", _COLUMNS), "1/0, 1/-1",
     ),
@@ -136,12 +144,12 @@ FORMATS = {entry.name: entry for entry in _ALL}
 
 
 def open_events(path: str | Path, columns: ColumnMap | None = None) -> BlockReader:
-    """Opens an event file, or the folder of a ROS2 bag; reads no events yet.
+    """Opens an event file, or the folder of a ROS2 bag or of EVIMO2; reads no events yet.
 
     Args:
         path: the file.
         columns: which of its columns is what and what its times count, where neither its names nor
-            its values say so: of HDF5, NumPy, Parquet and text.
+            its values say so: of HDF5, NumPy, MATLAB, Parquet and text.
 
     Raises:
         InputError: nothing there, nothing known, a file that is damaged, or columns stated for a
@@ -173,7 +181,10 @@ def _plain(path: Path, reader: BlockReader, columns: ColumnMap | None) -> BlockR
 
 def _folder(path: Path) -> BlockReader:
     from eventsweep.emvs.formats.rosbag import RosbagReader
+    from eventsweep.emvs.formats.tables.npz import FOLDER_FILES, NpyFolderReader
 
+    if (path / FOLDER_FILES["t"]).exists():
+        return NpyFolderReader(path)
     if not (path / "metadata.yaml").exists():
         raise InputError(f"{path}: a folder without metadata.yaml; needs a file, or a ROS2 bag")
     return RosbagReader(path)

@@ -149,7 +149,7 @@ def _kalibr(values: dict[str, Any]) -> list[_Entry]:
         entry = chain[name]
         if found:
             T_common_cam = T_common_cam @ se3.inverse(_link(entry, extrinsics, len(found)))
-        found.append(_Entry(name, _kalibr_camera(entry, name), T_common_cam))
+        found.append(_Entry(name, kalibr_camera_of(entry, name), T_common_cam))
     return found
 
 
@@ -160,7 +160,8 @@ def _link(entry: Any, extrinsics: Any, k: int) -> NDArray[np.float64]:
     return matrix(entry_of(entry, "T_cn_cnm1", name, list), f"{name}.T_cn_cnm1")
 
 
-def _kalibr_camera(entry: Any, name: str) -> Camera:
+def kalibr_camera_of(entry: Any, name: str) -> Camera:
+    """The camera that an entry of a Kalibr chain describes; a fault names `name`."""
     kind = entry_of(entry, "camera_model", name, str)
     if kind != "pinhole":
         raise InputError(f"{name}.camera_model is {kind!r}: needs pinhole")

@@ -123,6 +123,24 @@ def matrix(rows: Any, key: str) -> NDArray[np.float64]:
     return T
 
 
+def near_rigid(values: Any, key: str) -> NDArray[np.float64]:
+    """A rigid motion (4, 4) from 16 numbers, in rows or not, that were rounded to a few digits.
+
+    The rotation nearest to theirs is taken; one that is off by more than 0.001 is a fault, which
+    names `key`.
+    """
+    try:
+        T = np.array(values, np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(
+            f"{key} holds something that is not a number: needs 4x4 numbers"
+        ) from error
+    T = T.reshape(4, 4) if T.shape == (16,) else T
+    if T.shape != (4, 4) or not se3.is_rigid(T, 1e-3):
+        raise InputError(f"{key} is not a rigid motion: needs a 4x4 matrix with a rotation")
+    return se3.nearest_rigid(T)
+
+
 def entry_of(mapping: Any, name: str, key: str, kind: type) -> Any:
     """What stands under a name, of the given type."""
     if not isinstance(mapping, dict) or name not in mapping:

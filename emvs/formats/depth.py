@@ -100,7 +100,9 @@ def write_depth_exr(path: Path, depth_m: NDArray[np.float32]) -> None:
         OpenEXR.File(header, {"Z": np.ascontiguousarray(depth_m, np.float32)}).write(str(partial))
 
 
-def write_image(path: Path, suffix: str, image: NDArray[np.uint16] | NDArray[np.float32]) -> None:
+def write_image(
+    path: Path, suffix: str, image: NDArray[np.uint8 | np.uint16] | NDArray[np.float32]
+) -> None:
     """Writes an image as OpenCV encodes it, whole or not at all."""
     done, data = cv2.imencode(suffix, image)
     if not done:

@@ -168,6 +168,8 @@ def opened_bag(path: Path) -> Iterator[Any]:
         with Reader2(own) if ros2 else Reader1(own) as bag:
             if isinstance(bag, Reader1):
                 bag.chunks = {at: _bounded(path, at, chunk) for at, chunk in bag.chunks.items()}
+            elif bag.compression_mode == "message":
+                _bound_messages(path, bag)
             if not all(isinstance(n, str) for c in bag.connections for n in (c.topic, c.msgtype)):
                 raise ValueError("topics and types without names")
             yield bag
@@ -189,6 +191,18 @@ def _bounded(path: Path, at: int, chunk: Any) -> Any:
         return chunk
     where = f"{path}, chunk at byte {at}"
     return chunk._replace(decompressor=partial(unpacked, compression=kind, where=where))
+
+
+def _bound_messages(path: Path, bag: Any) -> None:
+    """The same for messages of a ROS2 bag that are compressed one by one."""
+    bag.storage.metadata = bag.storage.metadata._replace(compression_mode=None)
+    compressed = bag.messages
+
+    def messages(*arguments: Any, **named: Any) -> Iterator[tuple[Any, int, bytes]]:
+        for connection, stamp_ns, data in compressed(*arguments, **named):
+            yield connection, stamp_ns, unpacked(data, "zstd", f"{path}, message at {stamp_ns} ns")
+
+    bag.messages = messages
 
 
 def _mcap_chunk(compression: str, data: bytes, _size: int) -> bytes:

@@ -36,11 +36,14 @@ from eventsweep.emvs.formats.calibration_values import parsed
 from eventsweep.emvs.utils.output_manifest import NAME as MARKER
 from eventsweep.scoring import score_trajectory
 
-SPARE = {"rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml", MARKER}
+SPARE = {
+    "rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml", MARKER,
+    "plane_depth_gt.h5", "dataset_depth.npz", "dataset_extrinsics.npz",
+}  # fmt: skip
 """What a recording may lack: hand-eye where poses are then the first camera's; whose it is."""
-MODEL = {"tumvie": "kb4", "tumvie-vio": "kb4", "mvsec": "kb4"}
+MODEL = {"tumvie": "kb4", "tumvie-vio": "kb4", "mvsec": "kb4", "m3ed": "kb4", "evimo2": "kb4"}
 LAYOUTS = ("dsec", "tumvie", "tumvie-vio", "mvsec", "rosbag1", "evt3")
-FOLDERS = ("sequence", *LAYOUTS, "event-camera-dataset", *dataset_files.WRITERS)
+FOLDERS = ("sequence", *LAYOUTS, *dataset_files.SINGLE, *dataset_files.WRITERS)
 RIGS = ("kalibr", "basalt", "rig", "opencv", "cam_to_cam", "hand_eye", "marker")
 POSES = ("tum", "csv", "scored")
 KINDS = [*FOLDERS, *RIGS, *(f"{kind}+values" for kind in RIGS), *POSES]
@@ -52,15 +55,15 @@ ODD = (
 
 def made(folder, kind):
     """A sound miniature: the folder or file to open."""
-    cameras = 1 if kind == "event-camera-dataset" else 2
+    cameras = 1 if kind in dataset_files.SINGLE else 2
     ours = world.write_sequence(folder / "ours", MODEL.get(kind, "radtan"), cameras, steps=120)
     sequence, out = Sequence.open(ours), folder / "sound"
     if kind == "sequence":
         return ours
     if kind in dataset_files.WRITERS:
         dataset_files.WRITERS[kind](sequence, out)
-    elif kind == "event-camera-dataset":
-        dataset_files.write_event_camera_dataset(sequence, out)
+    elif kind in dataset_files.SINGLE:
+        dataset_files.SINGLE[kind](sequence, out)
     else:
         found = open_readable(ours)
         sources = tuple(source for _, source in found.streams)
@@ -75,8 +78,9 @@ def made(folder, kind):
 
 
 def opened_at(folder):
-    """What `map` is given: a bag is opened itself, with what lies beside it."""
-    return folder / "bag" if (folder / "bag").is_dir() else folder
+    """What `map` is given: a bag is opened itself, with what lies beside it; one of two folders."""
+    inner = (folder / "bag", folder / "left_camera" / "sfm" / "eval" / "plane_000000")
+    return next((place for place in inner if place.is_dir()), folder)
 
 
 def recording_begun(folder, kind):

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import struct
 
+import h5py
 import numpy as np
 import yaml
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from event_files import ros2_message, ros2_types
+from event_files import ros2_message, ros2_types, write_evimo2_events, write_m3ed_camera
 from eventsweep.emvs.formats.calibration_writers import kalibr_chain
 from eventsweep.emvs.geometry import se3
 
@@ -196,10 +197,173 @@ def write_raw(sequence, folder):
     return folder
 
 
+def kalibr_values(camera):
+    """Kalibr's keys for a lens."""
+    model = {"pinhole": "none", "radtan": "radtan", "kb4": "equidistant"}[camera.model]
+    return {
+        "camera_model": "pinhole",
+        "distortion_coeffs": list(camera.distortion or (0.0,) * 4),
+        "distortion_model": model,
+        "intrinsics": [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px],
+        "resolution": [camera.width_px, camera.height_px],
+    }
+
+
+def write_m3ed(sequence, folder):
+    """`plane_data.h5`, poses `Cn_T_C0` of the left camera against its first one, lidar's depth."""
+    folder.mkdir()
+    T_world_left, t_us = T_world_cam(sequence, 0), sequence.trajectory.t_us
+    T_left = [se3.inverse(sequence.rig.T_body_cam[0]) @ T for T in sequence.rig.T_body_cam]
+    with h5py.File(folder / "plane_data.h5", "w") as file:
+        for k, side in enumerate(("left", "right")):
+            group = file.create_group(f"prophesee/{side}")
+            write_m3ed_camera(group, everything(sequence, k))
+            for key, value in kalibr_values(sequence.rig.cameras[k]).items():
+                group[f"calib/{key}"] = value
+            group["calib/T_to_prophesee_left"] = T_left[k]
+    with h5py.File(folder / "plane_pose_gt.h5", "w") as file:
+        file["Cn_T_C0"] = se3.inverse(T_world_left) @ T_world_left[0]
+        file["ts"] = t_us.astype(float)
+    times_us = sequence.truth_times_us(0)
+    with h5py.File(folder / "plane_depth_gt.h5", "w") as file:
+        depth = np.stack([sequence.truth_depth_m(0, int(t)) for t in times_us])
+        depth = np.where(np.isfinite(depth), depth, np.inf).astype("f4")
+        file.create_dataset("depth/prophesee/left", data=depth, chunks=(1, *depth.shape[1:]))
+        file["ts"] = times_us.astype(float)
+    return folder
+
+
+def write_vector(sequence, folder):
+    """Events like DSEC's, a marker's poses, ROS's lenses, places against a frame camera."""
+    (folder / "calib").mkdir(parents=True)
+    T_cam0_tracked = se3.from_quat_xyzw([0.05, -0.02, 0.1], np.array([0, 0.28, 0, 0.96]))
+    T_tracked_left = se3.from_quat_xyzw([0.01, 0.03, -0.07], np.array([0.6, 0, 0, 0.8]))
+    T_body_cam = sequence.rig.T_body_cam
+    joint, first_us = {}, sequence.event_span_us(0)[0]
+    for k, side in enumerate(("left", "right")):
+        events = everything(sequence, k)
+        with h5py.File(folder / f"plane1.synced.{side}_event.hdf5", "w") as file:
+            write_indexed(file, events, first_us)
+        values = ros_values(sequence.rig.cameras[k])
+        name = f"{side}_event_camera_intrinsic_results.yaml"
+        (folder / "calib" / name).write_text(yaml.safe_dump(values))
+        T = T_cam0_tracked @ T_tracked_left @ se3.inverse(T_body_cam[0]) @ T_body_cam[k]
+        joint[f"cam{k + 2}"] = {f"T_cam0_cam{k + 2}": T.ravel().tolist()}
+    path = folder / "calib" / "small_scale_joint_camera_extrinsic_results.yaml"
+    path.write_text(yaml.safe_dump(joint))
+    marker = {"cam0": {"T_cam_body": T_cam0_tracked.ravel().tolist()}}
+    path = folder / "calib" / "camera_mocap_extrinsic_results1.yaml"
+    path.write_text(yaml.safe_dump(marker))
+    T_world_tracked = T_world_cam(sequence, 0) @ se3.inverse(T_tracked_left)
+    rows = tum_rows(sequence.trajectory.t_us, T_world_tracked)
+    head = "ground truth\ntimestamp[s] px py pz qx qy qz qw"
+    np.savetxt(folder / "plane1.synced.gt.txt", rows, fmt="%.12f", header=head)
+    return folder
+
+
+def write_indexed(file, e, offset_us):
+    """`events/*`, `ms_to_idx`, and `t_offset` as an array of one."""
+    t_us = e.t_us - offset_us
+    for name, kind in (("x", "u2"), ("y", "u2"), ("t", "u4"), ("p", "u1")):
+        file[f"events/{name}"] = (t_us if name == "t" else getattr(e, name)).astype(kind)
+    stamps_us = 1000 * np.arange(int(t_us[-1]) // 1000 + 1)
+    file["ms_to_idx"] = np.searchsorted(t_us, stamps_us).astype("u8")
+    file["t_offset"] = np.array([offset_us])
+
+
+def ros_values(camera):
+    """What ROS's `cameracalibrator` saves."""
+    terms = list(camera.distortion or (0.0,) * 5)
+    return {
+        "image_width": camera.width_px, "image_height": camera.height_px,
+        "camera_matrix": {"rows": 3, "cols": 3, "data": camera.K.ravel().tolist()},
+        "distortion_model": LENS[camera.model],
+        "distortion_coefficients": {"rows": 1, "cols": len(terms), "data": terms},
+    }  # fmt: skip
+
+
+def tum_rows(t_us, T):
+    position_m, quat = se3.to_quat_xyzw(T)
+    return np.column_stack([t_us / 1e6, position_m, quat])
+
+
+def write_evimo2(sequence, folder):
+    """Left and right in folders of their own, with what NumPy pickles; depth of the left in mm."""
+    for k, side in enumerate(("left", "right")):
+        own = folder / f"{side}_camera" / "sfm" / "eval" / "plane_000000"
+        own.mkdir(parents=True)
+        write_evimo2_events(own, everything(sequence, k))
+        info = {"meta": evimo2_meta(sequence, k), "K": np.eye(3), "D": np.zeros(4)}
+        np.savez_compressed(own / "dataset_info.npz", **info)
+        position_m, quat = se3.to_quat_xyzw(sequence.rig.T_body_cam[k])
+        place = {"t_rigcamera": floats("xyz", position_m), "q_rigcamera": floats("xyzw", quat)}
+        np.savez_compressed(own / "dataset_extrinsics.npz", **place)
+        maps = [sequence.truth_depth_m(k, int(t)) for t in sequence.truth_times_us(k)]
+        stored = {f"depth_{n:010d}": np.rint(1e3 * m).astype("u2") for n, m in enumerate(maps)}
+        np.savez_compressed(own / "dataset_depth.npz", **stored)
+    return folder / "left_camera" / "sfm" / "eval" / "plane_000000"
+
+
+def floats(names, values):
+    return {name: float(value) for name, value in zip(names, values, strict=False)}
+
+
+def evimo2_meta(sequence, k):
+    """Poses of the camera, times of depth, the lens."""
+    camera = sequence.rig.cameras[k]
+    rows = tum_rows(sequence.trajectory.t_us, T_world_cam(sequence, k))
+    poses = [
+        {"ts": float(t), "id": 2**64 - 1, "gt_frame": "none", "cam": {"ts": float(t), "pos": {
+            "t": floats("xyz", at), "q": floats("xyzw", q),
+            "rpy": {"r": 0.0, "p": 0.0, "y": 0.0}}}}
+        for t, at, q in ((row[0], row[1:4], row[4:]) for row in rows)
+    ]  # fmt: skip
+    lost = {"ts": -1.0, "id": 2**64 - 1, "11": {}}  # the motion capture saw an object alone
+    terms = (*camera.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)
+    names = ("k1", "k2", "k3", "k4") if camera.model == "kb4" else ("k1", "k2", "p1", "p2", "k3")
+    lens = dict.fromkeys(("k1", "k2", "k3", "k4", "p1", "p2"), 0.0) | floats(names, terms)
+    return {
+        "frames": [
+            {"id": n, "ts": int(t) / 1e6, "gt_frame": f"depth_mask_{n}.png"}
+            for n, t in enumerate(sequence.truth_times_us(k))
+        ],
+        "full_trajectory": [lost, *poses],
+        "imu": {},
+        "meta": lens | {
+            "fx": camera.fx_px, "fy": camera.fy_px, "cx": camera.cx_px, "cy": camera.cy_px,
+            "dist_model": "equidistant" if camera.model == "kb4" else "radtan",
+            "res_x": camera.width_px, "res_y": camera.height_px, "ros_time_offset": 1606265321.5,
+        },
+    }  # fmt: skip
+
+
+def write_eds(sequence, folder):
+    """Events in columns, poses of the event camera, a chain whose `cam0` is the frame camera."""
+    (folder / "00_calib_results").mkdir(parents=True)
+    e, camera = everything(sequence, 0), sequence.rig.cameras[0]
+    with h5py.File(folder / "events.h5", "w") as file:
+        for name, values in (("x", e.x), ("y", e.y), ("t", e.t_us), ("p", e.p)):
+            file.create_dataset(name, data=values, compression="gzip")
+    rows = tum_rows(sequence.trajectory.t_us, T_world_cam(sequence, 0))
+    np.savetxt(folder / "stamped_groundtruth.txt", rows, fmt="%.12f")
+    link = se3.from_quat_xyzw([0.001, 0.002, -0.004], np.array([0.0, 0.0, 0.6, 0.8]))
+    frame = kalibr_values(camera) | {"intrinsics": [766.0, 767.0, 291.0, 227.0]}
+    chain = {"cam0": frame, "cam1": kalibr_values(camera) | {"T_cn_cnm1": link.tolist()}}
+    chain["cam0"]["resolution"] = [640, 480]
+    text = yaml.safe_dump(chain)
+    (folder / "00_calib_results" / "camchain-kalibr.yaml").write_text(text)
+    return folder
+
+
 WRITERS = {
     "esim": write_esim,
     "rpg_eccv18": write_rpg,
     "rosbag2": write_ros2,
     "raw": write_raw,
+    "m3ed": write_m3ed,
+    "vector": write_vector,
+    "evimo2": write_evimo2,
 }
-"""Of two cameras; the Event Camera Dataset has one."""
+"""Of two cameras."""
+SINGLE = {"event-camera-dataset": write_event_camera_dataset, "eds": write_eds}
+"""Of one camera."""

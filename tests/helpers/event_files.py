@@ -14,7 +14,7 @@ from functools import partial
 import h5py
 import numpy as np
 import scipy.io
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -27,7 +27,7 @@ ALL = [name for name in FORMATS if name != "hdf5" and (HAS_PARQUET or name != "p
 WRITTEN = [name for name, entry in FORMATS.items() if entry.writes]
 READ_ONLY = [name for name in ALL if name not in WRITTEN]
 # Those whose events a test puts together from whole columns
-COLUMNS = {"v2e", "e2calib", "npy", "parquet", "mat"}
+COLUMNS = {"v2e", "e2calib", "m3ed", "evimo2", "npy", "parquet", "mat"}
 CD = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
 ROS2_EVENT = np.dtype(
     {
@@ -61,7 +61,8 @@ def moving_edges(count, packet=1 << 18, step_us=1):
 
 def stream_of(kind):
     """The name of the stream that a file of this kind holds."""
-    return "davis/left" if kind == "mvsec" else "/events" if "rosbag" in kind else "events"
+    named = {"mvsec": "davis/left", "m3ed": "prophesee/left"}
+    return "/events" if "rosbag" in kind else named.get(kind, "events")
 
 
 def write_any(path, kind, size_px, packets):
@@ -151,6 +152,11 @@ def write_columns(kind, path, size_px, packets):
                 for name, values in columns.items():
                     shape = {"maxshape": (None,), "compression": "lzf"}
                     file.create_dataset(name, data=values, chunks=(1 << 16,), **shape)
+        case "m3ed":
+            with h5py.File(path, "w") as file:
+                write_m3ed_camera(file.create_group("prophesee/left"), e)
+        case "evimo2":
+            write_evimo2_events(path, e)
         case "npy":
             with path.open("wb") as file:
                 np.save(file, fields_of(e))
@@ -158,6 +164,24 @@ def write_columns(kind, path, size_px, packets):
             scipy.io.savemat(path, columns, appendmat=False, do_compression=True)
         case "parquet":
             write_parquet(path, e, write_page_checksum=True)
+
+
+def write_m3ed_camera(group, e):
+    """One camera's events, with the first row of each millisecond but the last."""
+    for name, kind in (("x", "u2"), ("y", "u2"), ("t", "i8"), ("p", "i1")):
+        values = e.t_us if name == "t" else getattr(e, name)
+        shape = {"maxshape": (None,), "chunks": (1 << 14,), "compression": "lzf"}
+        group.create_dataset(name, data=values.astype(kind), **shape)
+    stamps_us = 1000 * np.arange(int(e.t_us.max(initial=0)) // 1000)
+    group["ms_map_idx"] = np.searchsorted(e.t_us, stamps_us).astype("u8")
+
+
+def write_evimo2_events(folder, e):
+    """Three files: times in s, pixels, polarities."""
+    folder.mkdir(exist_ok=True)
+    np.save(folder / "dataset_events_t.npy", e.t_us / 1e6)
+    np.save(folder / "dataset_events_xy.npy", np.stack([e.x, e.y], axis=1))
+    np.save(folder / "dataset_events_p.npy", e.p)
 
 
 def write_parquet(path, e, **settings):
@@ -175,10 +199,14 @@ def fields_of(e):
     return rows
 
 
-def write_rosbag2(path, size_px, packets, storage=StoragePlugin.SQLITE3, package="dvs_msgs"):
+def write_rosbag2(
+    path, size_px, packets, storage=StoragePlugin.SQLITE3, package="dvs_msgs", compression="none"
+):
     """Messages of up to 16384 events, recorded when their latest event happened."""
     kind, last_us = f"{package}/msg/EventArray", 0
-    with Ros2Writer(path, version=9, storage_plugin=storage) as bag:
+    bag = Ros2Writer(path, version=9, storage_plugin=storage)
+    bag.set_compression(CompressionMode[compression.upper()], CompressionFormat.ZSTD)
+    with bag:
         topic = bag.add_connection("/events", kind, typestore=ros2_types(package))
         for e in packets:
             for start in range(0, len(e), ROS2_MESSAGE):

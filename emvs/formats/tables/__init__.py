@@ -1,1 +1,1 @@
-"""Events as columns of tables: HDF5, NumPy, Parquet and text."""
+"""Events as columns of tables: HDF5, NumPy, MATLAB, Parquet and text."""

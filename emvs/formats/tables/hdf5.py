@@ -1,4 +1,4 @@
-"""Events in HDF5: in the layouts of DSEC, TUM-VIE, MVSEC, Prophesee and others, or in any columns.
+"""Events in HDF5: in the layouts of DSEC, TUM-VIE, MVSEC, M3ED and others, or in any columns.
 
 The first three are written, too.
 """
@@ -35,8 +35,8 @@ _COLUMNS = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
 class Hdf5Reader(BlockReader):
     """A file of events in any of the known layouts, or one whose columns are stated.
 
-    Where the file has `ms_to_idx`, a time slice costs two look-ups; its rows and their neighbours
-    are checked against it. Otherwise one pass over the times builds an index.
+    Where the file has an index by milliseconds, a time slice costs two look-ups; its rows and their
+    neighbours are checked against it. Otherwise one pass over the times builds an index.
     """
 
     def __init__(self, path: Path, columns: ColumnMap | None = None) -> None:
@@ -50,10 +50,12 @@ class Hdf5Reader(BlockReader):
                 stream: check_columns(path, file, names, matrices=self._layout.matrices)
                 for stream, names in self._layout.streams.items()
             }
-            self._has_index = "ms_to_idx" in file and self.format in ("dsec", "tumvie")
-            if self._has_index:
+            names = {stream: self._layout.index.format(stream=stream) for stream in self.streams}
+            self._index_of = {stream: name for stream, name in names.items() if name in file}
+            if self._index_of:
                 self._offset_us = offset_us(file)
-                check_columns(path, file, ("ms_to_idx",))
+            for name in self._index_of.values():
+                check_columns(path, file, (name,))
 
     def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
         """Reads the rows from front to back."""
@@ -74,7 +76,7 @@ class Hdf5Reader(BlockReader):
         """Earliest and latest time stamp, µs."""
         self.check_stream(stream)
         count = self._count[stream]
-        if not self._has_index or not count:
+        if stream not in self._index_of or not count:
             return super().span_us(stream)
         with opened_hdf5(self.path) as file:
             rows = 0, self._last_indexed(file, stream), count - 1
@@ -86,7 +88,7 @@ class Hdf5Reader(BlockReader):
     def between(self, stream: str, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`, in file order."""
         self.check_stream(stream)
-        if not self._has_index:
+        if stream not in self._index_of:
             return super().between(stream, t0_us, t1_us)
         with opened_hdf5(self.path) as file:
             first = self._first_at(file, stream, (t0_us - self._offset_us) // 1000)
@@ -118,21 +120,39 @@ class Hdf5Reader(BlockReader):
         return int(self._layout.times(file, where, stream, row, row + 1)[0])
 
     def _first_at(self, file: h5py.File, stream: str, ms: int) -> int:
-        """The row that `ms_to_idx` gives for a (relative) millisecond."""
-        index, count = file["ms_to_idx"], self._count[stream]
+        """The row that the index gives for a (relative) millisecond."""
+        name, count = self._index_of[stream], self._count[stream]
+        index = file[name]
         if ms <= 0:
             return 0
-        row = int(index[ms]) if ms < len(index) else count
+        if ms >= len(index):
+            return self._first_behind(file, stream, ms) if self.format == "m3ed" else count
+        row = int(index[ms])
         if not 0 <= row <= count:
             raise InputError(
-                f"{self.path}, data set ms_to_idx, entry {ms}: row {row} of {count}; the index is "
+                f"{self.path}, data set {name}, entry {ms}: row {row} of {count}; the index is "
                 "damaged, make it again"
             )
         return row
 
+    def _first_behind(self, file: h5py.File, stream: str, ms: int) -> int:
+        """The first row from a millisecond on that the index does not reach: M3ED's lacks the last.
+
+        Only the rows behind its last entry are looked at.
+        """
+        entries, count = len(file[self._index_of[stream]]), self._count[stream]
+        first = self._first_at(file, stream, entries - 1) if entries else 0
+        for start in range(first, count, _BLOCK_ROWS):
+            stop = min(start + _BLOCK_ROWS, count)
+            where = self._where(stream, start, stop)
+            t_us = self._layout.times(file, where, stream, start, stop)
+            if t_us[-1] >= 1000 * ms:
+                return start + int(np.searchsorted(t_us, 1000 * ms))
+        return count
+
     def _last_indexed(self, file: h5py.File, stream: str) -> int:
-        """The row that the last entry of `ms_to_idx` gives, or the last one there is."""
-        entries = len(file["ms_to_idx"])
+        """The row that the last entry of the index gives, or the last one there is."""
+        entries = len(file[self._index_of[stream]])
         last = self._first_at(file, stream, entries - 1) if entries else 0
         return min(last, self._count[stream] - 1)
 

@@ -30,6 +30,7 @@ from eventsweep.emvs.formats.tables.hdf5_kernels import convert_rows
 Streams = dict[str, tuple[str, ...]]
 _DAVIS = ("davis/left/events", "davis/right/events")
 _CD = "CD/events"
+_PROPHESEE = ("prophesee/left", "prophesee/right")
 _EVENTS = {name: f"events/{name}" for name in "xytp"}
 _SAMPLE_ROWS = 1 << 12
 
@@ -57,6 +58,8 @@ class Hdf5Layout:
         times: reads their times only, µs.
         size_px: width and height, where the file says them.
         matrices: data sets of several columns, two axes each.
+        index: data set with the first row of each millisecond, if any; `{stream}` stands for its
+            name.
     """
 
     format: str
@@ -65,6 +68,7 @@ class Hdf5Layout:
     times: Callable[[h5py.File, str, str, int, int], NDArray[np.int64]]
     size_px: tuple[int, int] | None = None
     matrices: tuple[str, ...] = ()
+    index: str = ""
 
 
 def hdf5_layout(path: Path, columns: ColumnMap | None = None) -> Hdf5Layout:
@@ -97,11 +101,15 @@ def _known(path: Path, file: h5py.File, unit_s: float | None) -> Hdf5Layout:
     davis: Streams = {name.removesuffix("/events"): (name,) for name in _DAVIS if name in file}
     if davis:
         return Hdf5Layout("mvsec", davis, _matrix, _matrix_times, matrices=_DAVIS)
+    if any(name in file for name in _PROPHESEE):
+        return _in_groups(path, file)
     if isinstance(file.get("events"), h5py.Dataset):
         return _nameless(path, file, unit_s)
     there = [name for name in _EVENTS.values() if name in file]
     if len(there) == len(_EVENTS):
-        return _from_offset() if "t_offset" in file else _in_columns("tumvie", _EVENTS, 1e-6)
+        return _from_offset() if "t_offset" in file else replace(
+            _in_columns("tumvie", _EVENTS, 1e-6), index="ms_to_idx"
+        )  # fmt: skip
     if there:
         missing = ", ".join(sorted(set(_EVENTS.values()) - set(there)))
         raise InputError(f"{path}: lacks {missing}; needs all of {', '.join(_EVENTS.values())}")
@@ -111,8 +119,8 @@ def _known(path: Path, file: h5py.File, unit_s: float | None) -> Hdf5Layout:
         return _in_columns("e2calib", {name: name for name in "xytp"}, unit_s or 1e-6)
     raise InputError(
         f"{path}: holds {quoted(*sorted(file)) or 'nothing'}; needs events/x, y, t, p (DSEC, "
-        f"TUM-VIE), {' or '.join(_DAVIS)} (MVSEC), {_CD} (Prophesee), events of (N, 4) (v2e), or "
-        f"x, y, t, p (e2calib); or {CURE}"
+        f"TUM-VIE), {' or '.join(_DAVIS)} (MVSEC), {' or '.join(_PROPHESEE)} (M3ED), {_CD} "
+        f"(Prophesee), events of (N, 4) (v2e), or x, y, t, p (e2calib); or {CURE}"
     )
 
 
@@ -126,7 +134,25 @@ def _from_offset() -> Hdf5Layout:
     def events(file: h5py.File, where: str, *rows: Any) -> Events:
         return checked_times(plain.events(file, where, *rows).shifted(offset_us(file)), where)
 
-    return replace(plain, events=events, times=times)
+    return replace(plain, events=events, times=times, index="ms_to_idx")
+
+
+def _in_groups(path: Path, file: h5py.File) -> Hdf5Layout:
+    """M3ED's: the columns of each camera in a group of its own."""
+    there = [name for name in _PROPHESEE if name in file]
+    streams = {name: tuple(f"{name}/{column}" for column in "xytp") for name in there}
+    missing = [name for names in streams.values() for name in names if name not in file]
+    if missing:
+        raise InputError(f"{path}: lacks {', '.join(missing)}; fetch it again")
+    plain = _in_columns("m3ed", {name: name for name in "xytp"}, 1e-6)
+
+    def events(file: h5py.File, where: str, stream: str, *rows: Any) -> Events:
+        return plain.events(file[stream], where, stream, *rows)
+
+    def times(file: h5py.File, where: str, stream: str, *rows: Any) -> NDArray[np.int64]:
+        return plain.times(file[stream], where, stream, *rows)
+
+    return Hdf5Layout("m3ed", streams, events, times, index="{stream}/ms_map_idx")
 
 
 def _nameless(path: Path, file: h5py.File, unit_s: float | None) -> Hdf5Layout:
@@ -191,7 +217,10 @@ def _size(file: h5py.File) -> tuple[int, int] | None:
 
 def offset_us(file: h5py.File) -> int:
     """What times count from, µs."""
-    offset = int(file["t_offset"][()]) if "t_offset" in file else 0
+    stored = np.ravel(file["t_offset"][()]) if "t_offset" in file else np.zeros(1, np.int64)
+    if len(stored) != 1:
+        raise InputError(f"{file.filename}, data set t_offset: {len(stored)} values; needs one")
+    offset = int(stored[0])
     if not 0 <= offset < 1 << 62:
         raise InputError(
             f"{file.filename}, data set t_offset: {offset} µs; needs 0 to 2^62 µs, damaged"

@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import shutil
 import struct
+import warnings
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -209,6 +210,35 @@ class NpzReader(BlockReader):
         return to_events(where, x, y, t, p, self._unit_s)
 
 
+def member(path: Path, name: str, most_bytes: int) -> tuple[Array, bytes]:
+    """One array of an archive as its header declares it, and the bytes of its values.
+
+    Raises:
+        InputError: no such array, one of more than `most_bytes`, or damage.
+    """
+    with _archive(path) as archive:
+        if f"{name}.npy" not in archive.namelist():
+            raise InputError(f"{path}: lacks the array {quoted(name)}; fetch it again")
+        info = archive.getinfo(f"{name}.npy")
+        if info.file_size > most_bytes:
+            raise InputError(
+                f"{_where(path, name)}: {info.file_size} bytes, at most {most_bytes} are read"
+            )
+        with archive.open(info) as file:
+            shape, by_columns, kind = _header(path, name, file)
+            array = Array(name, shape, kind, by_columns, file.tell(), None)
+            data = file.read()
+    if not kind.hasobject:
+        check_size(path, array, len(data))
+    return array, data
+
+
+def member_names(path: Path) -> list[str]:
+    """Names of the arrays of an archive."""
+    with _archive(path) as archive:
+        return [n.removesuffix(".npy") for n in archive.namelist() if n.endswith(".npy")]
+
+
 class NpyReader(NpzReader):
     """One array in a file: (N, 4), or with fields; one stream, `events`."""
 
@@ -221,6 +251,40 @@ class NpyReader(NpzReader):
         array = Array("", shape, kind, by_columns, head, head)
         check_size(self.path, array, self.path.stat().st_size - head)
         return {"": array}
+
+
+FOLDER_FILES = {name: f"dataset_events_{name}.npy" for name in ("t", "xy", "p")}
+"""Files of a folder of EVIMO2 with events: times in s, (N, 2) pixels, polarity."""
+
+
+class NpyFolderReader(NpzReader):
+    """EVIMO2's folder with an npy file of times, one of pixels and one of polarities."""
+
+    format = "evimo2"
+
+    def _arrays(self) -> dict[str, Array]:
+        return {name: self._array(name, self.path / file) for name, file in FOLDER_FILES.items()}
+
+    def _array(self, name: str, path: Path) -> Array:
+        with opened(path) as file:
+            shape, by_columns, kind = _header(path, "", file)
+            head = file.tell()
+        check_size(path, Array("", shape, kind, by_columns, head, head), path.stat().st_size - head)
+        flat = shape[:1] if name != "xy" and shape[1:] == (1,) else shape
+        return Array(name, flat, kind, by_columns, head, head)
+
+    def _chosen(
+        self, arrays: Mapping[str, Array], columns: ColumnMap | None
+    ) -> tuple[dict[str, str], float | None]:
+        del arrays, columns
+        return {"x": "xy[0]", "y": "xy[1]", "t": "t", "p": "p"}, None
+
+    @contextmanager
+    def _run_at(self, run: Run, at: int, *, whole: bool) -> Iterator[IO[bytes]]:
+        del whole
+        with opened(self.path / FOLDER_FILES[run.name]) as file:
+            file.seek((run.place or 0) + at)
+            yield file
 
 
 def _run_of(path: Path, arrays: Mapping[str, Array], address: str) -> tuple[Array, Run, str]:
@@ -332,7 +396,9 @@ def _header(
             if version == (1, 0)
             else np.lib.format.read_array_header_2_0
         )
-        return read(io.BytesIO(size + member.read(length)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Python 2's headers, and damage that looks like them
+            return read(io.BytesIO(size + member.read(length)))
     except _FAULTS as error:
         raise InputError(
             f"{_where(path, name)}: no npy header ({said(error)}); make the file again"
@@ -354,23 +420,28 @@ class NpzWriter(StreamWriter):
     """Appends to one plain file per column; the archive is put together at the end."""
 
     packet = 1 << 20
+    kinds: Mapping[str, type[np.generic]] = _COLUMNS
 
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
         self._path, self._size_px = path, {"width_px": width_px, "height_px": height_px}
         self._count = 0
-        self._parts = {name: path.with_name(f"{path.name}.{name}") for name in _COLUMNS}
+        self._parts = {name: path.with_name(f"{path.name}.{name}") for name in self.kinds}
         self._files = {name: part.open("wb") for name, part in self._parts.items()}
 
     def _put(self, _stream: str, events: Events) -> None:
         self._count += len(events)
-        for name, kind in _COLUMNS.items():
-            self._files[name].write(np.ascontiguousarray(getattr(events, name), kind).data)
+        for name, kind in self.kinds.items():
+            self._files[name].write(np.ascontiguousarray(self._column(events, name), kind).data)
+
+    @staticmethod
+    def _column(events: Events, name: str) -> NDArray[Any]:
+        return np.asarray(getattr(events, name))
 
     def _finish(self) -> None:
         for file in self._files.values():
             file.flush()
         with zipfile.ZipFile(self._path, "w", zipfile.ZIP_STORED) as archive:
-            for name, kind in _COLUMNS.items():
+            for name, kind in self.kinds.items():
                 member = zipfile.ZipInfo(f"{name}.npy")
                 with (
                     archive.open(member, "w", force_zip64=True) as out,
@@ -388,6 +459,20 @@ class NpzWriter(StreamWriter):
             file.close()
         for part in self._parts.values():
             part.unlink(missing_ok=True)
+
+
+class SignedNpzWriter(NpzWriter):
+    """Times are `t`, µs, and polarity is -1 or 1, as EventNeRF takes them."""
+
+    kinds: Mapping[str, type[np.generic]] = {
+        "x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.int8
+    }  # fmt: skip
+
+    @staticmethod
+    def _column(events: Events, name: str) -> NDArray[Any]:
+        if name == "p":
+            return 2 * events.p.astype(np.int8) - 1
+        return np.asarray(events.t_us if name == "t" else getattr(events, name))
 
 
 def _write_header(out: IO[bytes], kind: type[np.generic], shape: tuple[int, ...]) -> None:

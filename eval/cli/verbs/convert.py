@@ -41,8 +41,8 @@ def convert(
             recording, whose cameras are its streams.
         shift_us: Shift of all times, µs.
         from_zero: Shift all times so that the first event or pose is at 0.
-        columns: Which column of an HDF5, NumPy, Parquet or text file of events is what, such as
-            "x=ev/xs,y=ev/ys,t=ev/ts,p=ev/on"; with --time-unit.
+        columns: Which column of an HDF5, NumPy, MATLAB, Parquet or text file of events is what,
+            such as "x=ev/xs,y=ev/ys,t=ev/ts,p=ev/on"; with --time-unit.
         time_unit: What times of such a file count: s, ms, us or ns.
         unit: Unit of time in a text file of poses: s, ms, us or ns.
         width_px: Sensor width, if the input does not contain it.

@@ -25,8 +25,8 @@ def info(
     Args:
         path: A sequence, a data set's folder, a recording.toml, an event file or a bag.
         picture: PNG to draw: events per pixel and polarity, and their rate over time.
-        columns: Which column of an HDF5, NumPy, Parquet or text file of events is what, such as
-            "x=ev/xs,y=ev/ys,t=ev/ts,p=ev/on"; with --time-unit.
+        columns: Which column of an HDF5, NumPy, MATLAB, Parquet or text file of events is what,
+            such as "x=ev/xs,y=ev/ys,t=ev/ts,p=ev/on"; with --time-unit.
         time_unit: What times of such a file count: s, ms, us or ns.
     """
     from eventsweep.emvs.formats.tables.columns import column_map

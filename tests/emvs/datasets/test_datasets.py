@@ -14,7 +14,7 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.data.writer import SequenceWriter
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.export import RecordingExport, write_recording
-from eventsweep.emvs.datasets.mvsec import open_mvsec
+from eventsweep.emvs.datasets.mvsec_m3ed import open_mvsec
 from eventsweep.emvs.datasets.raw_streams import open_readable
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.mapper import map_window

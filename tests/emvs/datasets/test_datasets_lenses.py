@@ -57,7 +57,7 @@ def test_lenses_and_turned_rigs_map_to_the_same_depth(sequences, tmp_path, model
 @pytest.mark.parametrize("model", world.LENSES)
 @pytest.mark.parametrize("kind", dataset_files.WRITERS)
 def test_what_publishers_write_maps_to_the_same_depth(sequences, tmp_path, model, kind):
-    """Written beside the product: a bag of ESIM, mocap of the rig's body, EVT 2.1, ROS2."""
+    """Written beside the product: bags, mocap of the rig's body, EVT 2.1, M3ED, VECtor, EVIMO2."""
     ours = sequences[model]
     theirs = dataset_files.WRITERS[kind](Sequence.open(ours), tmp_path / kind)
     expected, got = mapped(ours, ours), mapped(theirs, ours)
@@ -66,10 +66,11 @@ def test_what_publishers_write_maps_to_the_same_depth(sequences, tmp_path, model
 
 
 @pytest.mark.parametrize("model", ["pinhole", "radtan"])
-def test_the_event_camera_dataset_maps_to_the_same_depth(tmp_path, model):
-    """One camera: EMVS of the same events."""
+@pytest.mark.parametrize("kind", dataset_files.SINGLE)
+def test_what_has_one_camera_maps_to_the_same_depth(tmp_path, model, kind):
+    """EMVS of the same events."""
     ours = world.write_sequence(tmp_path / "ours", model, cameras=1)
-    theirs = dataset_files.write_event_camera_dataset(Sequence.open(ours), tmp_path / "ecd")
+    theirs = dataset_files.SINGLE[kind](Sequence.open(ours), tmp_path / kind)
     config = CONFIG.model_copy(update={"methods": ("EMVS/cam0",)})
     window = choose_window(Sequence.open(ours), config)
     expected, got = (

@@ -244,7 +244,7 @@ TABLES = {"v2e", "e2calib", "npz", "npy", "mat", "parquet", "text", "esim-text",
 def test_formats_that_say_what_they_hold_take_no_statements(tmp_path, kind):
     write_any(tmp_path / "f", kind, (640, 480), [naive.events_of(ROWS)])
     stated = [ColumnMap(time_unit="ns")]
-    if kind not in ("dsec", "tumvie", "mvsec", "prophesee-hdf5"):
+    if kind not in ("dsec", "tumvie", "mvsec", "m3ed", "prophesee-hdf5"):
         stated.append(MAP)
     for columns in stated:
         with pytest.raises(InputError, match=f"is {kind}, which says.*leave"):

@@ -6,6 +6,7 @@ import bz2
 import io
 import os
 import pickle
+import sqlite3
 import sys
 import zipfile
 
@@ -308,3 +309,21 @@ def test_what_a_file_says_is_quoted_printable_and_short(tmp_path):
         open_events(tmp_path / "f")
     assert str(error.value).isprintable()
     assert len(str(error.value)) < 400
+
+
+def test_messages_that_are_compressed_one_by_one_are_read_and_bounded(tmp_path):
+    """A ROS2 bag of `compression_mode: message`; one message unpacks to more than is read."""
+    events = naive.events_of(rows())
+    path = tmp_path / "sound"
+    event_files.write_rosbag2(path, SIZE_PX, [events], compression="message")
+    assert read_all(path) == rows()
+    path = tmp_path / "bomb"
+    event_files.write_rosbag2(path, SIZE_PX, [events], compression="message")
+    database = next(path.glob("*.db3"))
+    bomb = zstd.compress(bytes(blocks.MOST_BYTES + (1 << 25)))
+    with sqlite3.connect(database) as connection:
+        connection.execute("UPDATE messages SET data = ?", (bomb,))
+    connection.close()
+    with pytest.raises(InputError, match=r"message at \d+ ns: its compressed frame") as error:
+        read_all(path)
+    assert_one_line(error, path)

@@ -1,0 +1,158 @@
+"""Data sets whose files a `recording.toml` could name: TUM-VIE, VECtor and EDS.
+
+TUM-VIE (Klenk et al., IROS 2021): two event files, Basalt calibration, poses. VECtor (Gao et al.,
+RA-L 2022): the same with ROS's calibration files, poses of what was tracked. EDS (Hidalgo-Carrio
+et al., CVPR 2022): one event camera, Kalibr's chain, its poses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.datasets.custom import (
+    CalibrationTable,
+    Descriptor,
+    EventsTable,
+    PosesTable,
+    assembled,
+)
+from eventsweep.emvs.datasets.posed import PosedRecording, find_one, find_optional
+from eventsweep.emvs.errors import InputError, located
+from eventsweep.emvs.formats.calibration import read_rig
+from eventsweep.emvs.formats.calibration_values import entry_of, near_rigid, parsed
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.rig import Rig
+
+TUMVIE_LEFT = "*events_left.h5"
+_TUMVIE_RIGHT = "*events_right.h5"
+_CAMERAS = ("camera-calibration*.json", "calibration/camera-calibration*.json")
+_MARKER = ("mocap-imu-calibration*.json", "calibration/mocap-imu-calibration*.json")
+_MOCAP = ("*vi_gt_data/mocap_data.txt", "mocap_data.txt")
+_VIO = ("*vi_gt_data/vio_poses.txt", "vio_poses.txt")
+
+VECTOR_LEFT = "*.synced.left_event.hdf5"
+_VECTOR_RIGHT = "*.synced.right_event.hdf5"
+_VECTOR_TRUTH = "*.synced.gt.txt"
+_VECTOR_LENSES = ("left_event_camera_intrinsic*.yaml", "right_event_camera_intrinsic*.yaml")
+# Where VECtor's sequences by hand have a marker, those of the large scale have a lidar.
+_VECTOR_LARGE = ("corridors", "school", "units")
+_VECTOR_TRACKED = {
+    "small": ("camera_mocap_extrinsic*.yaml", "T_cam_body"),
+    "large": ("camera_lidar_extrinsic*.yaml", "T_cam_lidar"),
+}
+
+EDS_EVENTS = "events.h5"
+_EDS_POSES = "stamped_groundtruth.txt"
+_EDS_CHAIN = "camchain*.yaml"
+_EDS_CAMERA = "cam1"  # `cam0` is the frame camera behind the same beam splitter
+
+
+def open_tumvie(folder: Path) -> PosedRecording:
+    """Opens a sequence; mocap poses where there are any, else VIO poses of the IMU."""
+    left = find_one(folder, [TUMVIE_LEFT], "the left events")
+    calibration = _relative(folder, find_one(folder, _CAMERAS, "the camera calibration"))
+    mocap = find_optional(folder, _MOCAP, "the mocap poses")
+    vio = find_optional(folder, _VIO, "the VIO poses")
+    poses = mocap or vio
+    if poses is None:
+        raise InputError(f"{folder}: lacks poses; needs {_MOCAP[0]} or {_VIO[0]}")
+    hand_eye = None
+    if mocap is not None:
+        hand_eye = _relative(folder, find_one(folder, _MARKER, "the marker calibration"))
+    what = Descriptor(
+        name=left.name.removesuffix("events_left.h5").rstrip("-_") or folder.resolve().name,
+        calibration=CalibrationTable(file=calibration),
+        poses=PosesTable(
+            file=_relative(folder, poses),
+            unit="us",
+            hand_eye=hand_eye,
+            imu_cam=None if hand_eye is None else calibration,
+        ),
+        events=(
+            EventsTable(file=left.name),
+            EventsTable(file=find_one(folder, [_TUMVIE_RIGHT], "the right events").name),
+        ),
+    )
+    recording = assembled(folder, what, "TUM-VIE")
+    return recording if mocap is not None else _from_imu(recording, folder / calibration)
+
+
+def open_vector(folder: Path) -> PosedRecording:
+    """Opens a sequence: events of both cameras, what was tracked, and the calibration's files.
+
+    These lie in the folder, or in one named `*calib*` in it or beside it.
+    """
+    left = find_one(folder, [VECTOR_LEFT], "the left events")
+    lenses = calibration_folder(folder, _VECTOR_LENSES[0])
+    scale = "large" if left.name.startswith(_VECTOR_LARGE) else "small"
+    pattern, key = _VECTOR_TRACKED[scale]
+    tracked = find_one(lenses, [pattern], "where the left frame camera sits on what was tracked")
+    joint = find_one(lenses, [f"{scale}_scale_joint_camera_extrinsic*.yaml"], "the cameras' places")
+    T_cam0_tracked = _motion(tracked, "cam0", key)
+    T_cam0_event = [_motion(joint, f"cam{k}", f"T_cam0_cam{k}") for k in (2, 3)]
+    cameras = [read_rig(find_one(lenses, [name], "a lens")).cameras[0] for name in _VECTOR_LENSES]
+    T_first = se3.inverse(T_cam0_event[0])
+    what = Descriptor(
+        name=left.name.partition(".")[0],
+        calibration=CalibrationTable(file=_VECTOR_LENSES[0]),
+        poses=PosesTable(file=find_one(folder, [_VECTOR_TRUTH], "the poses").name),
+        events=(
+            EventsTable(file=left.name),
+            EventsTable(file=find_one(folder, [_VECTOR_RIGHT], "the right events").name),
+        ),
+    )
+    rig = Rig("VECtor", tuple(cameras), tuple(T_first @ T for T in T_cam0_event))
+    recording = assembled(folder, what, "VECtor", rig)
+    T_tracked_event = se3.inverse(T_cam0_tracked) @ T_cam0_event[0]
+    return replace(recording, trajectory=recording.trajectory.times(T_tracked_event))
+
+
+def open_eds(folder: Path) -> PosedRecording:
+    """Opens a sequence: `events.h5`, poses of the event camera, and a chain of Kalibr's."""
+    poses = find_one(folder, [_EDS_POSES], "the poses")
+    chain = find_one(calibration_folder(folder, _EDS_CHAIN), [_EDS_CHAIN], "the calibration")
+    what = Descriptor(
+        calibration=CalibrationTable(file=chain.name, cameras=(_EDS_CAMERA,)),
+        poses=PosesTable(file=poses.name),
+        events=(EventsTable(file=EDS_EVENTS),),
+    )
+    return assembled(folder, what, "EDS", read_rig(chain, (_EDS_CAMERA,)))
+
+
+def calibration_folder(folder: Path, pattern: str) -> Path:
+    """The folder with a file of the calibration: the recording's, or `*calib*` in or beside it."""
+    for places in ([folder], folder.glob("*calib*"), folder.resolve().parent.glob("*calib*")):
+        found = sorted(place for place in places if any(place.glob(pattern)))
+        if len(found) > 1:
+            names = ", ".join(place.name for place in found)
+            raise InputError(
+                f"{folder}: calibrations in {names}; put that of this sequence into its folder"
+            )
+        if found:
+            return found[0]
+    raise InputError(
+        f"{folder}: lacks the calibration; needs {pattern} in it, or in a folder `*calib*` in it "
+        "or beside it"
+    )
+
+
+def _motion(path: Path, camera: str, key: str) -> NDArray[np.float64]:
+    """A motion (4, 4) of a file of VECtor's calibration."""
+    values = parsed(path)
+    with located(path):
+        return near_rigid(entry_of(values, camera, "file", dict).get(key), f"{camera}.{key}")
+
+
+def _from_imu(recording: PosedRecording, calibration: Path) -> PosedRecording:
+    """VIO poses are the IMU's: carries them to the left event camera."""
+    from eventsweep.emvs.formats.calibration import read_imu_cam
+
+    return replace(recording, trajectory=recording.trajectory.times(read_imu_cam(calibration)))
+
+
+def _relative(folder: Path, path: Path) -> str:
+    return path.relative_to(folder).as_posix()

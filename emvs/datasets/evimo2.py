@@ -1,0 +1,195 @@
+"""EVIMO2 (Burner et al., 2022), version 2: a folder per camera and sequence, poses and depth.
+
+Folders are `CAMERA/CATEGORY/PURPOSE/SEQUENCE`. What NumPy pickled in them, the calibration and the
+poses, is read without unpickling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.datasets.posed import EventSource, PosedRecording, find_one
+from eventsweep.emvs.errors import InputError, located
+from eventsweep.emvs.formats.calibration_values import camera_of, entry_of, number_of
+from eventsweep.emvs.formats.tables.npz import FOLDER_FILES, member, member_names
+from eventsweep.emvs.formats.tables.object_arrays import object_values
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera, Model
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.inputs import TABLE_BYTES
+
+TIMES = FOLDER_FILES["t"]
+INFO, _DEPTH, _PLACE = "dataset_info.npz", "dataset_depth.npz", "dataset_extrinsics.npz"
+_OTHER = {"left_camera": "right_camera", "right_camera": "left_camera"}
+_LENSES: dict[str, tuple[Model, tuple[str, ...]]] = {
+    "radtan": ("radtan", ("k1", "k2", "p1", "p2", "k3")),
+    "equidistant": ("kb4", ("k1", "k2", "k3", "k4")),
+}
+_MM = 1e-3
+
+
+def open_evimo2(folder: Path) -> PosedRecording:
+    """Opens a sequence: one camera, or left and right where both folders have their places.
+
+    These, `dataset_extrinsics.npz`, are published apart. Without them a folder is its own camera's.
+    """
+    folders = [folder, *_beside(folder)]
+    infos = [find_one(each, [INFO], "the calibration and poses") for each in folders]
+    metas = [_read_object(info, "meta") for info in infos]
+    cameras = [_camera(each / INFO, meta) for each, meta in zip(folders, metas, strict=True)]
+    places = [_place(each) for each in folders] if len(folders) > 1 else [np.eye(4)]
+    late_us = [_offset_us(each / INFO, meta) for each, meta in zip(folders, metas, strict=True)]
+    sources = [EventSource(at, "", t - late_us[0]) for at, t in zip(folders, late_us, strict=True)]
+    T_first = se3.inverse(places[0])
+    truth = EvimoDepth(folder / _DEPTH, folder / INFO, metas[0], cameras[0])
+    return PosedRecording(
+        path=folder,
+        layout="EVIMO2",
+        name=folder.resolve().name,
+        rig=Rig("EVIMO2", tuple(cameras), tuple(T_first @ place for place in places)),
+        trajectory=_trajectory(folder / INFO, metas[0]),
+        sources=tuple(sources),
+        truth=truth if (folder / _DEPTH).exists() else None,
+    )
+
+
+def _beside(folder: Path) -> list[Path]:
+    """The other camera's folder of the same sequence, if both say where their cameras sit."""
+    path = folder.resolve()
+    for above in path.parents[:4]:
+        if above.name in _OTHER:
+            other = above.parent / _OTHER[above.name] / path.relative_to(above)
+            return [other] if all((each / _PLACE).exists() for each in (path, other)) else []
+    return []
+
+
+def _read_object(path: Path, name: str) -> dict[str, Any]:
+    """The mapping that NumPy pickled into an archive."""
+    array, data = member(path, name, TABLE_BYTES)
+    where = f"{path}, array {name}"
+    if not array.kind.hasobject:
+        raise InputError(f"{where}: of type {array.kind}; needs one object")
+    values = object_values(data, where)
+    if not isinstance(values, dict):
+        raise InputError(f"{where}: needs a mapping; fetch it again")
+    return values
+
+
+def _camera(path: Path, meta: dict[str, Any]) -> Camera:
+    with located(f"{path}, meta"):
+        entry = entry_of(meta, "meta", "meta", dict)
+        kind = entry_of(entry, "dist_model", "meta", str)
+        if kind not in _LENSES:
+            raise InputError(f"meta.dist_model is {kind!r:.60}: needs {' or '.join(_LENSES)}")
+        model, names = _LENSES[kind]
+        terms = [number_of(entry, name, "meta") for name in names]
+        terms = terms[:4] if not any(terms[4:]) else terms
+        four = [number_of(entry, name, "meta") for name in ("fx", "fy", "cx", "cy")]
+        size = [number_of(entry, name, "meta") for name in ("res_x", "res_y")]
+        return camera_of(size, four, model, terms, "meta.res_x, res_y", "meta")
+
+
+def _place(folder: Path) -> NDArray[np.float64]:
+    """`T_rig_cam` (4, 4)."""
+    t = _read_object(folder / _PLACE, "t_rigcamera")
+    q = _read_object(folder / _PLACE, "q_rigcamera")
+    with located(folder / _PLACE):
+        return se3.from_quat_xyzw(*_motion(t, q, "t_rigcamera", "q_rigcamera"))
+
+
+def _offset_us(path: Path, meta: dict[str, Any]) -> int:
+    """When the bag of the sequence began on the cameras' common clock, µs."""
+    with located(f"{path}, meta"):
+        entry = entry_of(meta, "meta", "meta", dict)
+        offset_s = number_of(entry, "ros_time_offset", "meta")
+        if not abs(offset_s) < 1 << 40:
+            raise InputError(f"meta.ros_time_offset is {offset_s:g} s: needs less than 2^40")
+        return round(offset_s * 1e6)
+
+
+def _trajectory(path: Path, meta: dict[str, Any]) -> Trajectory:
+    """`T_world_cam` at 200 Hz, but where the motion capture lost the camera."""
+    with located(f"{path}, meta"):
+        poses = list(_poses(entry_of(meta, "full_trajectory", "meta", list)))
+        if not poses:
+            raise InputError("full_trajectory has no pose of the camera; fetch it again")
+        t_us, positions_m, quats_xyzw = (np.array(column) for column in zip(*poses, strict=True))
+        return Trajectory(t_us.astype(np.int64), positions_m, quats_xyzw)
+
+
+def _poses(entries: list[Any]) -> Iterator[tuple[int, list[float], list[float]]]:
+    for k, entry in enumerate(entries):
+        if isinstance(entry, dict) and "cam" not in entry:
+            continue
+        key = f"full_trajectory[{k}]"
+        pose = entry_of(entry_of(entry, "cam", key, dict), "pos", f"{key}.cam", dict)
+        yield _time_us(entry, key), *_motion(pose.get("t"), pose.get("q"), f"{key}.t", f"{key}.q")
+
+
+def _motion(t: Any, q: Any, t_key: str, q_key: str) -> tuple[list[float], list[float]]:
+    """Position, m, and quaternion."""
+    position_m = [number_of(t, name, t_key) for name in "xyz"]
+    quat_xyzw = [number_of(q, name, q_key) for name in "xyzw"]
+    norm = float(np.linalg.norm(quat_xyzw))
+    if not abs(norm - 1) < 1e-2:
+        raise InputError(f"{q_key}: the quaternion's norm is {norm:.6g}: needs 1")
+    return position_m, [value / norm for value in quat_xyzw]
+
+
+def _time_us(entry: Any, key: str) -> int:
+    t_s = number_of(entry, "ts", key)
+    if not abs(t_s) < 1 << 40:
+        raise InputError(f"{key}.ts is {t_s:g} s: needs less than 2^40")
+    return round(t_s * 1e6)
+
+
+class EvimoDepth:
+    """`depth_<id>` of an archive, mm at the sensor's pixels, at the times that `meta` gives."""
+
+    def __init__(self, path: Path, info: Path, meta: dict[str, Any], camera: Camera) -> None:
+        self._path, self._info, self._meta, self._camera = path, info, meta, camera
+
+    @cached_property
+    def _names(self) -> dict[int, str]:
+        """Array of each time, µs, in their order."""
+        with located(f"{self._info}, meta"):
+            frames = entry_of(self._meta, "frames", "meta", list)
+            stamps = {
+                int(number_of(frame, "id", f"frames[{k}]")): _time_us(frame, f"frames[{k}]")
+                for k, frame in enumerate(frames)
+            }
+        found: dict[int, str] = {}
+        for name in member_names(self._path):
+            number = name.removeprefix("depth_")
+            if number.isdecimal() and int(number) in stamps:
+                found[stamps[int(number)]] = name
+        return dict(sorted(found.items()))
+
+    @property
+    def t_us(self) -> NDArray[np.int64]:
+        """(T,) times, µs."""
+        return np.array(list(self._names), np.int64)
+
+    def view_depth_m(self, t_us: int) -> NDArray[np.float32]:
+        """(H, W) z-depth in the undistorted view at one of the times, m, NaN where unknown."""
+        from eventsweep.emvs.geometry.warp import undistort_depth
+
+        name, camera = self._names[t_us], self._camera
+        array, data = member(self._path, name, TABLE_BYTES)
+        shape = (camera.height_px, camera.width_px)
+        if array.shape != shape or array.kind.kind not in "uif" or array.by_columns:
+            raise InputError(
+                f"{self._path}, array {name}: {array.kind} of shape {array.shape}; needs numbers "
+                f"of shape {shape}"
+            )
+        depth_mm = np.frombuffer(data, array.kind).reshape(shape).astype(np.float64)
+        known = np.isfinite(depth_mm) & (depth_mm > 0)
+        depth_m = np.where(known, depth_mm * _MM, np.nan).astype(np.float32)
+        return undistort_depth(depth_m, camera)
