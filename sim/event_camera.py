@@ -7,7 +7,7 @@ and times (`SimConfig.frame_period_us`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from itertools import pairwise
@@ -43,6 +43,7 @@ from eventsweep.sim.parallel.render_job import (
 from eventsweep.sim.parallel.sensors import Cameras, Packet
 from eventsweep.sim.rendering.base import Renderer, moving_ids
 from eventsweep.sim.rendering.drawing import MujocoDrawing
+from eventsweep.sim.rendering.light_range import FEW, IN_FLOATS, glanced_beyond_8_bits
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.scene import Scene
@@ -76,6 +77,8 @@ class EventRig:
         T_mount_body: (4, 4) where the rig's body sits on the mount, axes right, down, forward.
         record: folder of a sequence to write while it runs.
         force: whether `record` replaces a sequence.
+        notice: called with one line where light is drawn in floats, because at the first call much
+            of the view is too dark or too bright for 8 bits.
 
     Raises:
         InputError: an unknown mount, rig or camera, an impossible value, no graphics library, or a
@@ -93,6 +96,7 @@ class EventRig:
         T_mount_body: Pose | None = None,
         record: str | Path | None = None,
         force: bool = False,
+        notice: Callable[[str], None] = lambda _line: None,
     ) -> None:
         self._mj: Any = import_mujoco()
         check_type("model", model, self._mj.MjModel, "a compiled mujoco.MjModel")
@@ -108,6 +112,7 @@ class EventRig:
         if record is not None:
             check_output(Path(record), force=force)
         self._chunk, self._record, self._force = -1, record, force
+        self._notice = notice
         self._open_parts = ExitStack()
         self._truth_us = round(self._config.truth_interval_s * 1e6)
         self._recorder: _Recorder | None = None
@@ -190,7 +195,7 @@ class EventRig:
     def _begin(self, data: Any) -> None:
         self._start_s = float(data.time)
         self._track.begin(data)
-        job = self._job()
+        job = self._lit(self._job())
         self._renderer: Renderer = self._open_parts.enter_context(job.renderer())
         pool = self._open_parts.enter_context(ThreadPoolExecutor(len(self.rig)))
         self._cameras = Cameras(job, pool, None)
@@ -201,7 +206,7 @@ class EventRig:
             self._recorder.moved(0, self._motion.T_world_body(0.0))
         self._chunks = ChunkRenderer(job, self._renderer)
 
-    def _job(self) -> RenderJob:
+    def _job(self, *, hdr: bool = False) -> RenderJob:
         """What `simulate` would render, but for its times."""
         clip_m, wanted = clip_of(self._model), self._config
         T_start = self._motion.T_world_body(0.0)
@@ -209,13 +214,24 @@ class EventRig:
         moves = moving_geoms(self._model).any()
         scene = Scene(
             "robot", "a model that somebody else steps", Path(), dict, FixedMotion(self._motion),
-            clip_m, animate=self._track if moves else None, clip_m=clip_m,
+            clip_m, animate=self._track if moves else None, clip_m=clip_m, hdr=hdr,
             lamp_at=T_start if fixed else None,
         )  # fmt: skip
         floats = wanted.light.floats(scene.hdr)
         config = with_sampling(wanted, self.rig, drawing.why_plain(scene), floats=floats)
         wanted_us = range(0, _FOR_EVER_US, self._truth_us) if self._record is not None else ()
         return RenderJob(scene, self.rig, config, self._seed, wanted_us, (0, 1), drawing)
+
+    def _lit(self, job: RenderJob) -> RenderJob:
+        """The job whose light what is seen now needs, as `sim.model.survey` decides it."""
+        if job.config.light.renderer != "auto":
+            return job
+        with job.drawing.open(job.scene, job.rig, 1, floats=True, border_px=None) as seen:
+            beyond = glanced_beyond_8_bits(seen, self._motion, [0.0], job.config, cut=False)
+        if beyond <= FEW:
+            return job
+        self._notice(IN_FLOATS.format(name=job.scene.name, percent=100 * beyond))
+        return self._job(hdr=True)
 
     def _check_begun(self) -> None:
         if self._chunks is None:
@@ -243,7 +259,7 @@ class EventCamera:
         model: a compiled `mujoco.MjModel`.
         mount: what carries it: a camera, site or body of the model.
         camera: its lens and size; by default those of the model's camera that it is mounted on.
-        options: of `EventRig`: `config`, `seed`, `T_mount_body`, `record`, `force`.
+        options: of `EventRig`: `config`, `seed`, `T_mount_body`, `record`, `force`, `notice`.
 
     Raises:
         InputError: what `EventRig` refuses, or no camera and no resolution on the mount.

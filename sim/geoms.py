@@ -1,8 +1,7 @@
-"""Geoms of a compiled MuJoCo model: names, which move, what lies inside, drawing order."""
+"""Geoms of a compiled MuJoCo model: names, which move, what lies inside."""
 
 from __future__ import annotations
 
-from copy import copy
 from typing import Any
 
 import numpy as np
@@ -92,43 +91,3 @@ def _is_inside_mesh(model: Any, mesh_id: int, local: NDArray[np.float64]) -> boo
     )
     # Van Oosterom and Strackee (IEEE Trans. Biomed. Eng. 1983): the whole sphere is 4 pi.
     return bool(2 * np.arctan2(volume, below).sum() > 2 * np.pi)
-
-
-class DrawOrder:
-    """The order in which the geoms of a compiled model's `MjvScene` are drawn."""
-
-    def __init__(self, model: Any, scene: Any) -> None:
-        self._model, self._scene = model, scene
-        self._as_listed: list[dict[str, Any]] = []
-
-    def near_first(self, eye_m: NDArray[np.float64]) -> None:
-        """Sorts by the distance from an eye (3,), m.
-
-        Which of two surfaces at the same depth shows may change, so the order must not depend on
-        the order before.
-        """
-        drawn = self._scene.geoms[: self._scene.ngeom]
-        if not self._as_listed:
-            self._as_listed = [_fields(geom) for geom in drawn]
-        near_to_far = np.argsort([self._distance_m(fields, eye_m) for fields in self._as_listed])
-        for geom, n in zip(drawn, near_to_far, strict=True):
-            for name, value in self._as_listed[n].items():
-                if isinstance(value, np.ndarray):
-                    getattr(geom, name)[...] = value
-                else:
-                    setattr(geom, name, value)
-
-    def _distance_m(self, geom: dict[str, Any], eye_m: NDArray[np.float64]) -> float:
-        """From the eye to a geom's bounding box; endless ones come last."""
-        model, k = self._model, geom["objid"]
-        is_geom = geom["objtype"] == import_mujoco().mjtObj.mjOBJ_GEOM
-        if not is_geom or model.geom_rbound[k] <= 0:
-            return np.inf
-        local = geom["mat"].reshape(3, 3).T @ (eye_m - geom["pos"]) - model.geom_aabb[k, :3]
-        return float(np.linalg.norm(np.maximum(np.abs(local) - model.geom_aabb[k, 3:], 0)))
-
-
-def _fields(geom: Any) -> dict[str, Any]:
-    """All that makes a geom of a MuJoCo scene, copied."""
-    values = {name: getattr(geom, name) for name in dir(geom) if not name.startswith("_")}
-    return {name: copy(value) for name, value in values.items() if not callable(value)}

@@ -15,6 +15,7 @@ _INCOMING = {
     "GL_RG32F": ("GL_RG", "GL_FLOAT"),
     "GL_R32F": ("GL_RED", "GL_FLOAT"),
     "GL_DEPTH32F_STENCIL8": ("GL_DEPTH_COMPONENT", "GL_FLOAT"),
+    "GL_DEPTH_COMPONENT32F": ("GL_DEPTH_COMPONENT", "GL_FLOAT"),
 }
 
 
@@ -61,8 +62,10 @@ class GLObjects:
         gl.glBindTexture(gl.GL_TEXTURE_2D, 0)
         return number
 
-    def framebuffer(self, colour: int, depth: int | None = None) -> int:
+    def framebuffer(self, colour: int, depth: int | None = None, *, stencil: bool = False) -> int:
         """Makes a framebuffer that draws into textures, and binds it.
+
+        With `stencil`, that of depth holds one as well.
 
         Raises:
             RuntimeError: the graphics library cannot draw into these.
@@ -71,7 +74,8 @@ class GLObjects:
         number = int(gl.glGenFramebuffers(1))
         self._made.callback(gl.glDeleteFramebuffers, 1, [number])
         gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, number)
-        places = {gl.GL_COLOR_ATTACHMENT0: colour, gl.GL_DEPTH_STENCIL_ATTACHMENT: depth}
+        deep = gl.GL_DEPTH_STENCIL_ATTACHMENT if stencil else gl.GL_DEPTH_ATTACHMENT
+        places = {gl.GL_COLOR_ATTACHMENT0: colour, deep: depth}
         for place, texture in places.items():
             if texture is not None:
                 gl.glFramebufferTexture2D(gl.GL_FRAMEBUFFER, place, gl.GL_TEXTURE_2D, texture, 0)

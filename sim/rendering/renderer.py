@@ -15,13 +15,14 @@ from eventsweep.emvs.data.tables import Geom
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.sim.geoms import DrawOrder, enclosing_geom, geom_table
+from eventsweep.sim.geoms import enclosing_geom, geom_table
 from eventsweep.sim.graphics import current_driver, import_mujoco, open_context
 from eventsweep.sim.mjcf import compiled
 from eventsweep.sim.motion.animation import Animation
 from eventsweep.sim.rendering import box_kernels, lens, pixel_kernels
 from eventsweep.sim.rendering.base import Frame, Pose, Samples
 from eventsweep.sim.rendering.draw_target import Colours, DrawTarget, sharpen_textures
+from eventsweep.sim.rendering.drawn_geoms import DrawnGeoms
 from eventsweep.sim.rendering.fine_light import FineLight, FineView, KernelLight
 from eventsweep.sim.rendering.light_shader import NoShader, ShaderLight
 from eventsweep.sim.rendering.sub_views import LensMap, SubView
@@ -138,6 +139,7 @@ class StereoRenderer:
             self._animate(self.model, self._data, t_s)
             self._mj.mj_kinematics(self.model, self._data)
             self._update_scene()
+            self._drawn.updated()
 
     @cached_property
     def geoms(self) -> dict[int, Geom]:
@@ -190,7 +192,7 @@ class StereoRenderer:
         every picture.
         """
         if self._animate is None:
-            self._order.near_first(T_world_body[:3, 3])
+            self._drawn.near_first(T_world_body[:3, 3])
 
     def frame(self, camera: int, T_world_body: Pose) -> Frame:
         """Renders what `camera` sees from `T_world_body` (4, 4), averaged over the samples."""
@@ -261,12 +263,14 @@ class StereoRenderer:
         if view is not None and view.model != "pinhole":
             raise InputError(f"a view with {view.model} distortion: use its `.undistorted()`")
         mapped, seen = self._seen(camera, border)
-        # The sky is drawn as a surface, but has no depth.
-        with self._flags(SKYBOX=0, REFLECTION=0):
+        # The sky is drawn as a surface, but has no depth. Plain colours are soonest drawn, but
+        # glass would have depth in them.
+        with self._flags(SKYBOX=0, REFLECTION=0, SEGMENT=int(self._drawn.all_opaque)):
             if view is not None or mapped is None:
                 window_depth = self._view_depth(view or seen, camera, T_world_body)
                 return self._metric_depth(window_depth, None)
-            _, samples = self._draw_lens(mapped, camera, T_world_body)
+            self._draw_views(mapped, camera, T_world_body)
+        samples = self._target.read_depth(*mapped.shape)
         window_depth = np.empty(mapped.position.shape[:2], np.float32)
         pixel_kernels.centre_depth(samples, mapped.position, window_depth)
         return self._metric_depth(window_depth, mapped)
@@ -310,7 +314,10 @@ class StereoRenderer:
         self._driver = current_driver()
         self._context = mj.MjrContext(self.model, mj.mjtFontScale.mjFONTSCALE_100)
         self._open_parts.callback(self._context.free)
-        self._target = DrawTarget(self._context, width_px, height_px, floats=floats)
+        mirrors = bool(np.any(self.model.mat_reflectance))
+        self._target = DrawTarget(
+            self._context, width_px, height_px, floats=floats, stencil=mirrors
+        )
         self._open_parts.callback(self._target.free)
         self._light = self._fine_light(shader)
         self._open_parts.callback(self._light.free)
@@ -321,8 +328,7 @@ class StereoRenderer:
         for name in ("SHADOW", "REFLECTION", "HAZE", "FOG"):
             self._scene.flags[getattr(mj.mjtRndFlag, f"mjRND_{name}")] = 0
         # One mirror pass costs a whole picture: only for scenes that have something to mirror.
-        self._scene.flags[mj.mjtRndFlag.mjRND_REFLECTION] = bool(np.any(self.model.mat_reflectance))
-        self._order = DrawOrder(self.model, self._scene)
+        self._scene.flags[mj.mjtRndFlag.mjRND_REFLECTION] = mirrors
         self._option = mj.MjvOption()
         self._option.sitegroup[:] = 0
         # Aids of a viewer are no surfaces: rays of range finders, tendons. What bends, skins and
@@ -331,6 +337,7 @@ class StereoRenderer:
         for flag in (mj.mjtVisFlag.mjVIS_TEXTURE, mj.mjtVisFlag.mjVIS_STATIC):
             self._option.flags[int(flag)] = 1
         self._update_scene()
+        self._drawn = DrawnGeoms(self.model, self._scene)
 
     def _fine_light(self, shader: bool | None) -> FineLight:
         """What works the light out: a GPU by itself, a CPU by kernels."""
@@ -375,7 +382,8 @@ class StereoRenderer:
         """Window depth at the view's pixel centres, top row first, in tiles where it is large."""
         window_depth = np.empty((view.height_px, view.width_px), np.float32)
         for tile, rows, columns in lens.tiles(view, *self._buffer_px):
-            _, part = self._draw(tile, camera, T_world_body)
+            self._render(SubView(tile), camera, T_world_body, 1, 1, self._clip_m(None))
+            part = self._target.read_depth(tile.height_px, tile.width_px)
             window_depth[rows, columns] = part[::-1]
         return window_depth
 
@@ -391,9 +399,12 @@ class StereoRenderer:
         self, mapped: LensMap, camera: int, T_world_body: Pose
     ) -> tuple[Colours, NDArray[np.float32]]:
         """The same of all sub-views, side by side; what lies between them is undefined."""
+        self._draw_views(mapped, camera, T_world_body)
+        return self._target.read(*mapped.shape)
+
+    def _draw_views(self, mapped: LensMap, camera: int, T_world_body: Pose) -> None:
         for part in mapped.views:
             self._render(part, camera, T_world_body, 1, 1, self._clip_m(mapped))
-        return self._target.read(*mapped.shape)
 
     def _render(
         self, part: SubView, camera: int, T_world_body: Pose, along: int, down: int,
@@ -405,6 +416,7 @@ class StereoRenderer:
         if part.R_cam_view is not None:
             T_world_view[:3, :3] = T_world_view[:3, :3] @ part.R_cam_view
         self._place(part.camera, T_world_view, *clip_m)
+        self._drawn.only_seen(part.camera, T_world_view)
         T_world_lamp = T_world_body if self._lamp_at is None else self._lamp_at
         for lamp in self._head_lamps:
             lamp.pos, lamp.dir = T_world_lamp[:3, 3], T_world_lamp[:3, 2]

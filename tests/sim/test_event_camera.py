@@ -107,6 +107,24 @@ def test_rarer_calls_send_as_many_events(model):
     assert counts[0] == pytest.approx(counts[1], rel=0.06)
 
 
+@pytest.mark.parametrize(("brightness", "floats"), [(0.02, True), (0.5, False), (6.0, True)])
+def test_light_at_the_first_call_decides_how_it_is_drawn(path, tmp_path, brightness, floats):
+    """Dark, or brighter than white: in floats, and a line says so."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    spec.visual.headlight.ambient = [brightness] * 3
+    spec.visual.headlight.diffuse = spec.visual.headlight.specular = [0.0] * 3
+    for lamp in spec.lights:
+        lamp.active = False
+    said, record = [], tmp_path / "recorded"
+    with EventCamera(
+        spec.compile(), "camera:left", config=config(), record=record, notice=said.append
+    ) as camera:
+        ridden_events = list(ridden(spec.compile(), camera, steps=2))
+    assert len(ridden_events) == 2
+    assert ("in float" in Sequence.open(record).manifest.renderer) is floats
+    assert any("drawn in floats" in line for line in said) is floats
+
+
 def test_a_call_that_does_not_go_on_is_refused(model):
     data = initial_data(model, "go")
     with EventCamera(model, "left", config=config()) as camera:

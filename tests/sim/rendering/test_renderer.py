@@ -14,6 +14,7 @@ from eventsweep.sim import graphics
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.motion.curves import look_at
 from eventsweep.sim.rendering import pixel_kernels
+from eventsweep.sim.rendering.drawn_geoms import DrawnGeoms
 from eventsweep.sim.rendering.renderer import StereoRenderer, metric_depth
 
 RANGE_M = (0.5, 8.0)
@@ -129,6 +130,46 @@ def test_pictures_do_not_depend_on_what_was_drawn_before():
         for again in (a.frame(0, POSE), b.frame(0, POSE)):
             assert np.array_equal(first.intensity, again.intensity)
             assert np.array_equal(first.nearest_depth_m, again.nearest_depth_m)
+
+
+def test_what_a_view_does_not_see_is_not_drawn(monkeypatch):
+    """Pictures of all geoms are the same to the bit; many are left out, and come back."""
+    geoms = "".join(
+        f'<geom type="{kind}" size=".3 .2 .1" pos="{2 + n % 5} {n % 7 - 3} {n % 3}" '
+        f'euler="{10 * n} {20 * n} 0" rgba=".{n % 9 + 1} .5 .6 1"/>'
+        for n in range(70)
+        for kind in (("box", "sphere", "capsule", "ellipsoid", "cylinder")[n % 5],)
+    ) + '<geom type="plane" size="0 0 1" pos="0 0 -.5"/>'  # fmt: skip
+    views = [look_at((0, 0, 1), (np.cos(a), np.sin(a), 0.9)) for a in np.arange(0, 6, 0.5)]
+    with StereoRenderer(made.spec(geoms), RIG, 2, RANGE_M, border_px=3) as renderer:
+
+        def pictures():
+            for number, pose in enumerate(views):
+                if number == 6:
+                    renderer.near_first(pose)
+                light = renderer.frame(1, pose).samples
+                yield *light, renderer.depth(1, pose), renderer.segmentation(1, pose)
+
+        found, left_out = list(pictures()), []
+        inner = DrawnGeoms._show
+
+        def show_all(drawn, shown):
+            left_out.append(int((~shown).sum()))
+            inner(drawn, np.ones_like(shown))
+
+        monkeypatch.setattr(DrawnGeoms, "_show", show_all)
+        for some, everything in zip(found, pictures(), strict=True):
+            for a, b in zip(some, everything, strict=True):
+                assert np.array_equal(a, b)
+    assert min(left_out) < 60 < max(left_out)
+
+
+def test_glass_has_no_depth():
+    wall = '<geom type="box" size=".1 9 9" pos="3.1 0 1"/>'
+    glass = '<geom type="box" size=".01 9 9" pos="2 0 1" rgba="1 1 1 .3"/>'
+    level = look_at((0, 0, 1), (3, 0, 1))
+    with StereoRenderer(made.spec(wall + glass), RIG, 1, RANGE_M) as renderer:
+        assert renderer.depth(0, level) == pytest.approx(3, rel=1e-5)
 
 
 def test_the_headlight_is_carried_by_the_body():
