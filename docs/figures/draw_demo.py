@@ -98,9 +98,8 @@ def events_panel(events: es.Events, shape: tuple[int, int]) -> Image.Image:
 
 
 def frame_panel(intensity: Picture) -> Image.Image:
-    """Linear light for a screen."""
-    grey = (255 * (intensity / 255.0) ** (1 / 2.2)).astype(np.uint8)
-    return Image.fromarray(grey).resize(PANEL_PX, Image.Resampling.BICUBIC).convert("RGB")
+    """Linear light as it is: brightened for a screen, the scene's light walls look pale."""
+    return Image.fromarray(intensity).resize(PANEL_PX, Image.Resampling.BICUBIC).convert("RGB")
 
 
 def beside(panels: list[Image.Image], titles: list[str]) -> Image.Image:

@@ -15,7 +15,7 @@ _EVENTS_PER_COLUMN = 30  # that make the edges of an image visible, for half of 
 _STILL_PER_PIXEL = 0.005  # with fewer events no edge has moved by a pixel
 _POINTS_PER_COLUMN = 24
 _USUAL_COLUMNS = 400
-_PLANES = 50, 100
+_PLANES = 60, 100
 
 
 @dataclass(frozen=True)

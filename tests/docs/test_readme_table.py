@@ -11,7 +11,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.eval.gate.baseline import read_baseline
 from markdown_blocks import with_block
 from places import ROOT
-from readme_table import main, results_block
+from readme_table import REAL, main, real_block, results_block
 
 README, BASELINE = ROOT / "README.md", ROOT / "reports" / "baseline.json"
 
@@ -28,6 +28,20 @@ def test_a_typed_number_is_noticed_and_cured(tmp_path, capsys):
     assert "stale" in capsys.readouterr().err
     assert main(asked) == 0
     assert page.read_text() == README.read_text()
+    page.write_text(page.read_text().replace("Median errors are ", "Median errors are 1", 1))
+    assert main([*asked, "--check"]) == 1
+    assert main(asked) == 0
+    assert page.read_text() == README.read_text()
+
+
+def test_numbers_of_the_real_recording_are_those_of_its_table():
+    table = "\n".join(f"| `{m}` | 0.{k}1 | 1 | {k}.5 | x | y |" for k, m in enumerate(REAL))
+    other = table.replace("0.", "7.")
+    text = real_block(f"{other}\n<!-- real: begin -->\n{table}\n<!-- real: end -->\n{other}\n")
+    assert "0.11 (Focus/H) and 0.21 (Learned/H) times that of Alg1/H" in text
+    assert "0.5 % (Alg1/H), 1.5 % (Focus/H), 2.5 % (Learned/H)" in text
+    with pytest.raises(InputError, match="Alg1/H"):
+        real_block("nothing")
 
 
 def test_the_mean_is_that_of_cases_and_seeds():

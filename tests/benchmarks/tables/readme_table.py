@@ -1,4 +1,5 @@
-"""The README's result table, from the committed baseline: nobody types a number.
+"""The README's result table, from the committed baseline, and its numbers of a real recording,
+from the page on learned extraction, where `real_check` wrote them: nobody types a number.
 
 `python tests/benchmarks readme_table` writes it; with `--check` it only says whether it is
 stale.
@@ -21,6 +22,7 @@ from eventsweep.eval.suite.definition import load
 from eventsweep.eval.suite.series import means_over_seeds
 from markdown_blocks import refresh
 
+REAL = ("Alg1/H", "Focus/H", "Learned/H")
 METRICS = ("points", "mean_error", "median_error", "abs_rel", "bad_published", "delta_1")
 
 
@@ -64,6 +66,30 @@ def _scenes(baseline: Baseline, cases: Iterable[str]) -> str:
     return "; ".join(f"{', '.join(scenes)}: {windows} each" for windows, scenes in found.items())
 
 
+def real_block(page: str) -> str:
+    """What `real_check` measured, as a sentence.
+
+    Args:
+        page: text of the page that holds its table.
+
+    Raises:
+        InputError: the page lacks the table or one of its methods.
+    """
+    table = page.partition("<!-- real: begin -->")[2].partition("<!-- real: end -->")[0]
+    lines = [line.strip("| ").split(" | ") for line in table.splitlines() if line.startswith("| `")]
+    rows = {cells[0].strip("`"): cells for cells in lines}
+    lacking = [name for name in REAL if len(rows.get(name, ())) < 4]
+    if lacking:
+        raise InputError(f"the table of real events has no line of {', '.join(lacking)}")
+    base, *others = REAL
+    ratios = " and ".join(f"{rows[name][1]} ({name})" for name in others)
+    outliers = ", ".join(f"{rows[name][3]} % ({name})" for name in REAL)
+    return (
+        f"Median errors are {ratios} times that of {base}; points that are off by more than 5 %: "
+        f"{outliers}.\n"
+    )
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Writes or checks the table; 1 where a check finds it stale, 2 on bad input."""
     parser = argparse.ArgumentParser(
@@ -71,12 +97,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("page", type=Path, nargs="?", default=Path("README.md"))
     parser.add_argument("--baseline", type=Path, default=Path("reports/baseline.json"))
+    parser.add_argument("--real", type=Path, default=Path("docs/learned.md"))
     parser.add_argument("--check", action="store_true", help="write nothing")
     asked = parser.parse_args(arguments)
     with exit_code() as code:
         block = results_block(read_baseline(asked.baseline))
         command = "python tests/benchmarks readme_table"
         code.value = refresh(asked.page, "results", block, check=asked.check, command=command)
+        real = real_block(asked.real.read_text(encoding="utf-8"))
+        code.value |= refresh(asked.page, "real", real, check=asked.check, command=command)
     return code.value
 
 

@@ -3,9 +3,15 @@
 import json
 
 import numpy as np
+import pytest
 
-from eventsweep.emvs.check.findings import Finding, Report, Series
-from eventsweep.eval.report.check_page import check_page_text, summary, write_check_page
+from eventsweep.emvs.check.findings import TIME, Finding, Report, Series
+from eventsweep.eval.report.check_page import (
+    _since_zero,
+    check_page_text,
+    summary,
+    write_check_page,
+)
 from report_data import WellFormed
 
 
@@ -43,3 +49,15 @@ def test_names_are_escaped():
 def test_the_summary_counts_and_names():
     assert summary(_report()) == "3 findings: 1 wrong (unit), 1 doubtful."
     assert summary(Report("rec", _report().findings[:1])) == "1 finding: nothing is wrong."
+
+
+@pytest.mark.parametrize(
+    ("first_s", "label"), [(0.25, TIME), (1.7e9, "time since 1700000000.000 s, s")]
+)
+def test_times_of_a_clock_are_shown_from_the_first_on(first_s, label):
+    series = Series(np.ones(3), first_s + np.arange(3), TIME, "events per second")
+    x, shown = _since_zero(series)
+    assert shown == label
+    np.testing.assert_allclose(x, np.arange(3) + (first_s if label == TIME else 0))
+    other = Series(np.ones(3), first_s + np.arange(3), "shift, px", "correlation")
+    assert _since_zero(other)[1] == "shift, px"
