@@ -5,7 +5,7 @@
 
 Sequences and verdicts are kept in the folder: the same command takes up what is done, and checks
 again what other code checked. Thresholds were chosen with `--development`; the page has the others.
-`--unseen` plants only kinds that were not tried before, in the sequences of small sensors.
+`--unseen` plants only kinds that were not tried before, in six sequences of small sensors.
 """
 
 from __future__ import annotations
@@ -79,11 +79,12 @@ class Case:
         return f"{spoilt} {self.kind}{form} {self.base.name}".replace(" ", "_").replace("/", "-")
 
 
-_OF_SMALL_SENSORS = tuple(one for one in HELD_OUT if one.sensor in ("davis240", "ideal"))
+_QUICK = ("boxes", "mvsec-flying", "planes", "rpg-reader", "tumvie-1d", "tumvie-skate")
+_SMALL = tuple(b for b in HELD_OUT if b.scene in _QUICK and b.sensor in ("davis240", "ideal"))
 CAMPAIGNS = {
     "development": (DEVELOPMENT, (*FAULTS, *OPENED, *TRIED), FILE_FAULTS),
     "held out": (HELD_OUT, (*FAULTS, *OPENED, *TRIED, *UNSEEN), FILE_FAULTS),
-    "unseen": (_OF_SMALL_SENSORS, UNSEEN, ()),
+    "unseen": (_SMALL, UNSEEN, ()),
 }
 
 
