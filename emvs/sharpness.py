@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs import sharpness_kernels
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.dsi.rays import Rays, event_rays
+from eventsweep.emvs.dsi.rays import Rays, knots, rays_between
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -126,11 +126,11 @@ class Sharpness:
     def _rays(self, window: WindowEvents, hypothesis: Hypothesis) -> list[Rays]:
         rig, clock_us = hypothesis.rig, hypothesis.clock_us or (0,) * len(hypothesis.rig)
         near = _around(hypothesis.trajectory, window, max(map(abs, clock_us)))
-        T_world_rv = near.at(window.t_ref_us) @ rig.T_body_cam[0]
+        poses = knots(near, near.at(window.t_ref_us) @ rig.T_body_cam[0])
         view = _view(rig.cameras[0], self.level.scale)
         each = zip(window.events, clock_us, rig.cameras, rig.T_body_cam, strict=True)
         return [
-            event_rays(_on_clock(events, late_us), camera, T, near, T_world_rv, view)
+            rays_between(_on_clock(events, late_us), camera, T, poses, view)
             for events, late_us, camera, T in each
         ]
 

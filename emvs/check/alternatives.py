@@ -168,15 +168,14 @@ class Chosen(DerivedRecording):
 
     def __init__(self, recording: Recording, cameras: tuple[int, ...]) -> None:
         super().__init__(recording)
-        self._cameras = cameras
+        self._cameras, rig = cameras, recording.rig
+        pick = [(rig.cameras[k], rig.T_body_cam[k], rig.camera_names[k]) for k in cameras]
+        self._rig = Rig(rig.name, *zip(*pick, strict=True))
 
     @property
     def rig(self) -> Rig:
         """The chosen cameras."""
-        rig = self.recording.rig
-        pick = [(rig.cameras[k], rig.T_body_cam[k], rig.camera_names[k]) for k in self._cameras]
-        cameras, T_body_cam, names = zip(*pick, strict=True)
-        return Rig(rig.name, cameras, T_body_cam, names)
+        return self._rig
 
     def event_span_us(self, camera: int) -> tuple[int, int]:
         """First and last instant of a chosen camera, µs."""
@@ -190,6 +189,7 @@ class Chosen(DerivedRecording):
 _UNITS = {"mm": 0.001, "cm": 0.01, "km": 1000.0}
 _FACTORS = (0.4, 0.55, 0.7, 0.85, 1.0, 1.18, 1.4, 1.8, 2.5)
 _FOCAL = (0.18, 0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.18, 1.4, 2.0, 2.8, 4.0, 5.6)
+_PRINCIPAL_POINT = (25.0, 12.0, 6.0, 3.0)
 _CLOCK_MS = (320.0, 160.0, 80.0, 40.0, 20.0, 10.0)
 _HAND_EYE_DEG = (40.0, 20.0, 10.0, 5.0, 2.5)
 _ANGLES_DEG = (8.0, 5.0, 3.0, 2.0, 1.0, 0.4)
@@ -204,15 +204,25 @@ def amounts_of_one(*, paired: bool) -> list[Amount]:
 
     Args:
         paired: whether there is a second camera. One alone does not determine its focal length:
-            depth scales with it, and rays meet about as sharply.
+            depth scales with it, and rays meet about as sharply; nor its principal point, which is
+            much like a turn of the camera on the body.
     """
     focal = Amount(
         "focal length", "", 1.0, _FOCAL, _focal, 0.1,
         "the focal lengths fit when multiplied by {amount:.3g}: take the calibration of this lens "
         "and resolution", 0.06,
     )  # fmt: skip
+    middle = [
+        Amount(
+            f"principal point {across}", "% of the width", 0.0, _both_ways(_PRINCIPAL_POINT),
+            _shifted(across), 3.0,
+            f"add {{amount:+.1f}} % of the width to c{across}: take the calibration of this lens, "
+            "resolution and crop", 0.04,
+        )
+        for across in "xy"
+    ]  # fmt: skip
     return [
-        *([focal] if paired else []),
+        *([focal, *middle] if paired else []),
         Amount(
             "pose clock", "ms", 0.0, _both_ways(_CLOCK_MS), _late_poses, 20.0,
             "shift the times of the poses by {amount:+.0f} ms (poses.time_offset_us)",
@@ -256,9 +266,12 @@ def amounts_of_pair() -> list[Amount]:
 
 
 def _late_poses(recording: Recording, late_ms: float) -> Recording:
-    p = recording.trajectory
-    late = Trajectory(p.t_us + round(1e3 * late_ms), p.positions_m, p.quats_xyzw)
-    return AlteredRecording(recording, trajectory=late)
+    return AlteredRecording(recording, trajectory=_late(recording.trajectory, late_ms))
+
+
+@lru_cache(maxsize=1)  # all windows have the same poses
+def _late(poses: Trajectory, late_ms: float) -> Trajectory:
+    return Trajectory(poses.t_us + round(1e3 * late_ms), poses.positions_m, poses.quats_xyzw)
 
 
 def _late_camera(recording: Recording, late_ms: float) -> Recording:
@@ -275,6 +288,19 @@ def _focal(recording: Recording, factor: float) -> Recording:
     rig = recording.rig
     cameras = tuple(camera.zoomed(factor) for camera in rig.cameras)
     return AlteredRecording(recording, rig=replace(rig, cameras=cameras))
+
+
+def _shifted(across: str) -> Callable[[Recording, float], Recording]:
+    name = f"c{across}_px"
+
+    def change(recording: Recording, percent: float) -> Recording:
+        rig = recording.rig
+        cameras = tuple(
+            replace(c, **{name: getattr(c, name) + percent / 100 * c.width_px}) for c in rig.cameras
+        )
+        return AlteredRecording(recording, rig=replace(rig, cameras=cameras))
+
+    return change
 
 
 def _baseline(recording: Recording, factor: float) -> Recording:

@@ -23,7 +23,7 @@ from eventsweep.emvs.check.alternatives import (
     of_poses,
 )
 from eventsweep.emvs.check.findings import Finding, Series, Verdict
-from eventsweep.emvs.check.trial_windows import TrialWindows
+from eventsweep.emvs.check.trial_windows import Gains, TrialWindows
 from eventsweep.emvs.check.trials import CameraTrials, Trial
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
@@ -34,12 +34,16 @@ _BARS = 12  # alternatives in the page, the best ones
 # (half as much again for a single camera); more where nothing helps, and the poses do not fit.
 # Where the second camera may turn on the rig, sound recordings leave as much as the third.
 _LEFT, _UNFIT, _LEFT_SQUINT = 0.02, 0.05, 0.03
+_LEFT_IN_ONE = 2.5  # times as much in a single window
+_NOTHING_LEFT = 0.01  # on average: then no second fault is looked for
+_FINE = 8  # alternatives that are tried on fine volumes, those that gain most
 _LIKELY, _CANDIDATES = 0.5, 4  # what may be the cause: its share of the best gain, and how many
 _CLEAR = 2  # margins: what a first cure leaves over looks like a small second fault
 _RIVAL = 0.75  # of the gain: another cause that explains as well
 # Of two causes: how many second ones are looked at closely, and what may be left after both, less
 # than after one: two cures have more freedom to fit by chance.
 _SECONDS, _LEFT_OF_TWO = 3, 0.01
+_TURNS = ("hand-eye rotation", "principal point x", "principal point y")  # nearly the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +102,14 @@ def _diagnosis(
     trials: CameraTrials, alternatives: Sequence[Alternative | Amount],
     shown: Iterator[Alternative | Amount], progress: Progress,
 ) -> Diagnosis:  # fmt: skip
-    tried = tuple(trials.trials(shown))
+    tried = tuple(trials.trials(shown, most=_FINE))
     best = trials.best(tried)
     if best.verdict != "wrong":
         return Diagnosis(tried, best, _unfit(trials))
-    explaining = [trial for trial in _likely(trials, tried, best) if _explains(trials, trial)]
-    best = next((trial for trial in explaining if trial.verdict == "wrong"), best)
-    rivals = tuple(trial for trial in explaining if _is_rival(trial, best))
+    likely = _likely(trials, tried, best)
+    wrong = (trial for trial in likely if trial.verdict == "wrong")
+    best = next((trial for trial in wrong if _explains(trials, trial)), best)
+    rivals = tuple(t for t in likely if _is_rival(t, best) and _explains(trials, t))
     cured = trials.after(best)
     second = _second(cured, best, alternatives, progress) if best.is_cause else None
     cured = cured.after(second) if second else cured
@@ -114,7 +119,7 @@ def _diagnosis(
 
 def _unfit(trials: CameraTrials) -> str:
     """Whether poses and events are far apart although no alternative helps, in words."""
-    free_gain = trials.free_turn_gain()
+    free_gain = float(trials.free_turn_gains.mean())
     # Bodies that move by themselves look the same.
     words = "sharper by {} where the camera may turn freely; or most events are of bodies that move"
     return words.format(_percent(free_gain)) if free_gain > _UNFIT else ""
@@ -132,20 +137,27 @@ def _unexplained(
     )
     if not all(trial.is_inside for trial in causes):
         return f"{sharper}, which is the end of what was tried"
+    if not all(trial.is_even for trial in causes):
+        return f"{sharper}, but one window far more than the others"
     if not all(trial.is_cause for trial in causes):
         return f"{sharper}, but each window with another amount"
     if _is_ambiguous(causes, rivals):
         return f"{sharper}, but about as much with {' or '.join(map(_amount_words, rivals))}"
-    left = cured.free_turn_gain()
-    if left > cured.margin(_LEFT_OF_TWO if second else _LEFT):
-        return f"{sharper}, and then by {_percent(left)} more where the camera may turn freely"
-    left = cured.free_squint_gain()
-    if left > _LEFT_SQUINT:
-        return f"{sharper}, and then by {_percent(left)} more where the second camera may turn"
-    left = cured.gain_alone(conventions)
-    if left > cured.margin(MARGIN):
-        return f"{sharper}, but camera 0 alone by {_percent(left)} more with other poses"
+    left = cured.free_turn_gains
+    if _is_much(left, cured.margin(_LEFT_OF_TWO if second else _LEFT)):
+        return f"{sharper}, and then by {_percents(left)} more where the camera may turn freely"
+    left = cured.free_squint_gains
+    if _is_much(left, _LEFT_SQUINT):
+        return f"{sharper}, and then by {_percents(left)} more where the second camera may turn"
+    alone = cured.gain_alone(conventions)
+    if alone > cured.margin(MARGIN):
+        return f"{sharper}, but camera 0 alone by {_percent(alone)} more with other poses"
     return ""
+
+
+def _is_much(left: Gains, most: float) -> bool:
+    """Whether windows could still gain more than so much on average, or one far more."""
+    return bool(left.mean() > most or left.max() > _LEFT_IN_ONE * most)
 
 
 def _is_ambiguous(causes: Sequence[Trial], rivals: Sequence[Trial]) -> bool:
@@ -170,7 +182,9 @@ def _likely(trials: CameraTrials, tried: Sequence[Trial], best: Trial) -> list[T
 
 
 def _explains(trials: CameraTrials, trial: Trial) -> bool:
-    return trial.is_cause and trials.after(trial).free_turn_gain() <= trials.margin(_LEFT)
+    return trial.is_cause and not _is_much(
+        trials.after(trial).free_turn_gains, trials.margin(_LEFT)
+    )
 
 
 def _is_rival(trial: Trial, best: Trial) -> bool:
@@ -184,6 +198,8 @@ def _second(
     progress: Progress,
 ) -> Trial | None:  # fmt: skip
     """What is still wrong after the best cure; None where nothing is: then it explains all."""
+    if max(cured.free_turn_gains.mean(), cured.free_squint_gains.mean()) < _NOTHING_LEFT:
+        return None
     others = [other for other in alternatives if _may_be_second(other, best.alternative)]
     shown = _shown(others, progress, "after the best cure")
     second = cured.best(cured.trials(shown, most=_SECONDS))
@@ -191,9 +207,13 @@ def _second(
 
 
 def _may_be_second(other: Alternative | Amount, first: Alternative | Amount) -> bool:
-    """Whether it can be wrong besides: poses have one convention, an amount is corrected once."""
-    both = (other, first)
-    if all(isinstance(a, Alternative) and not a.of_pair for a in both):
+    """Whether it can be wrong besides: poses have one convention, an amount is corrected once.
+
+    A convention and a free turn of the camera on the body together would fit too much by chance.
+    """
+    conventions = [isinstance(a, Alternative) and not a.of_pair for a in (other, first)]
+    turned = [_kind(a) in _TURNS for a in (other, first)]
+    if all(c or t for c, t in zip(conventions, turned, strict=True)):
         return False
     return _kind(other) != _kind(first)
 
@@ -268,6 +288,10 @@ def _named_finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
 def _percent(gain: float) -> str:
     """A gain in log sharpness as a share."""
     return f"{np.expm1(gain):.1%}"
+
+
+def _percents(gains: Gains) -> str:
+    return ", ".join(map(_percent, gains))
 
 
 def _unit(trial: Trial) -> str:

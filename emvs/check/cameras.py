@@ -20,6 +20,9 @@ _RATIO = (0.03, 0.25)
 # How far the principal point is from the middle, in halves of the image: within 0.15 in data sets.
 _CENTRE = (0.35, 0.8)
 _OBLONG = 0.15
+# How much that may differ between columns and rows where the calibration is of another resolution,
+# and how small that resolution may be.
+_ALIKE, _LEAST_TIMES = 0.2, 0.15
 # Fields of view, deg: 4 is a 200 mm lens, 170 what a pinhole's f in mm or in widths makes.
 _FIELD_DOUBTFUL, _FIELD_WRONG = (12.0, 140.0), (2.0, 170.0)
 _FISHEYE_DEG = 220.0
@@ -54,9 +57,13 @@ def _ratio(camera: Camera) -> Finding:
 
 
 def _centre(camera: Camera) -> Finding:
-    across = abs(camera.cx_px - (camera.width_px - 1) / 2) / (camera.width_px / 2)
-    down = abs(camera.cy_px - (camera.height_px - 1) / 2) / (camera.height_px / 2)
-    off, exchanged = max(across, down), _exchanged(camera)
+    across = (camera.cx_px - (camera.width_px - 1) / 2) / (camera.width_px / 2)
+    down = (camera.cy_px - (camera.height_px - 1) / 2) / (camera.height_px / 2)
+    off, exchanged = max(abs(across), abs(down)), _exchanged(camera)
+    times = 1 + (across + down) / 2
+    alike = off > _CENTRE[0] and abs(across - down) < _ALIKE * off
+    if alike and times > _LEAST_TIMES and not exchanged:
+        return _other_resolution(camera, times)
     verdict = "wrong" if exchanged else above(off, *_CENTRE)
     return judged(
         "principal-point", verdict, off, "half images",
@@ -65,6 +72,18 @@ def _centre(camera: Camera) -> Finding:
         meaning="all rays point in wrong directions; 10 px cost a quarter of the accuracy",
         cure="check cx and cy: in px of this resolution and this crop, not exchanged",
         suspect="principal point exchanged" if exchanged else "principal point off",
+    )  # fmt: skip
+
+
+def _other_resolution(camera: Camera, times: float) -> Finding:
+    """Of a principal point as far off in rows as in columns: all of K has another scale."""
+    return judged(
+        "principal-point", "wrong", times, "",
+        f"at ({camera.cx_px:.4g}, {camera.cy_px:.4g}) px: the middle of an image {times:.3g} times "
+        f"as large as {camera.width_px} x {camera.height_px} px",
+        meaning="the calibration is of another resolution: all rays point in wrong directions",
+        cure=f"multiply fx, fy, cx and cy by {1 / times:.3g}, or calibrate at this resolution",
+        suspect="calibration of another resolution",
     )  # fmt: skip
 
 

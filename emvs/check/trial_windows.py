@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -46,6 +47,7 @@ class WindowRecording(DerivedRecording):
         super().__init__(recording)
         cameras = range(len(recording.rig))
         self._streams = [recording.events(k, t0_us, t1_us).thinned(most) for k in cameras]
+        self._chosen: dict[tuple[int, ...], Chosen] = {}
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """The kept events of a camera with `t0_us <= t < t1_us`."""
@@ -55,7 +57,14 @@ class WindowRecording(DerivedRecording):
         """The same window with a share of its events, evenly through the streams."""
         fewer = copy(self)
         fewer._streams = [s.thinned(max(1, int(share * len(s)))) for s in self._streams]
+        fewer._chosen = {}
         return fewer
+
+    def chosen(self, cameras: tuple[int, ...]) -> Chosen:
+        """Some of its cameras; the same object each time."""
+        if cameras not in self._chosen:
+            self._chosen[cameras] = Chosen(self, cameras)
+        return self._chosen[cameras]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +80,18 @@ class TrialWindows:
     windows: tuple[WindowRecording, ...]
     middles_us: tuple[int, ...]
     sharpness: Sharpness
+
+    @cached_property
+    def leading_at(self) -> int:
+        """Which window has the longest way."""
+        begins = [t_us - WINDOW_US // 2 for t_us in self.middles_us]
+        return int(np.argmax(list(map(_way_m, self.windows, begins))))
+
+    @cached_property
+    def leading(self) -> TrialWindows:
+        """The window with the longest way alone."""
+        alone = slice(self.leading_at, self.leading_at + 1)
+        return TrialWindows(self.windows[alone], self.middles_us[alone], self.sharpness)
 
     @classmethod
     def of(cls, recording: Recording, config: MapperConfig) -> tuple[TrialWindows, TrialWindows]:
@@ -98,7 +119,7 @@ class TrialWindows:
             change: applies the alternative to a recording of the chosen cameras.
             cameras: one, or a pair that is fused.
         """
-        return self._of([change(Chosen(window, cameras)) for window in self.windows])
+        return self._of([change(window.chosen(cameras)) for window in self.windows])
 
     def free_turn_gains(self, change: Alter, cameras: tuple[int, ...]) -> Gains:
         """(W,) how much log sharpness grows where the rig may turn at another, constant rate."""
@@ -115,7 +136,7 @@ class TrialWindows:
 
         Each window has amounts of its own.
         """
-        recordings = [change(Chosen(window, cameras)) for window in self.windows]
+        recordings = [change(window.chosen(cameras)) for window in self.windows]
         amounts = np.zeros((len(recordings), 3))
         first = best = self._of(recordings)
         for step, axis, sign in product(steps, np.eye(3), (1, -1)):

@@ -8,9 +8,9 @@ exceeds a margin and every window gains; the margins come from unspoilt recordin
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from functools import reduce
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -18,14 +18,18 @@ from eventsweep.emvs.check.alternatives import MARGIN, Alter, Alternative, Amoun
 from eventsweep.emvs.check.findings import Verdict
 from eventsweep.emvs.check.trial_windows import Gains, TrialWindows
 
-# Gain on coarse volumes below which an alternative is not tried on fine ones; share of the best.
-_PROMISING, _CLOSER = -0.05, 0.4
+# Gain below which an alternative is not looked at more closely; share of the best that is: in all
+# windows what gained in one, and on fine volumes what gained on coarse ones.
+_PROMISING, _WORTH_ALL_WINDOWS, _WORTH_FINE = -0.05, 0.25, 0.4
 _REFINEMENTS = 3
 _DOUBTFUL = 0.75  # of a margin
 _ONE_CAMERA = 1.5  # times the margins: one camera separates alternatives less well
 # What windows may gain on average with amounts of their own, as a share of the gain with a common
 # one, or at all: right causes leave up to 0.03 of it, or 0.001; wrong ones 0.07 and more.
 _UNEVEN_SHARE, _UNEVEN = 0.04, 0.002
+# How much more than the others, on average, one window may gain: right cures reach 3, and wrong
+# ones that happen to fit one window 4 to 12.
+_MOST_UNEVEN = 3.5
 _LOSS = -0.02  # what camera 0 alone may lose under other poses
 
 
@@ -39,8 +43,7 @@ class Trial:
         change: applies the alternative, with the best amount, to a recording.
         margin: the gain that counts; none does where only coarse volumes were looked at.
         amount: the best; None where the alternative has no amount.
-        curve: amounts and mean gains that were tried.
-        uneven: mean gain in log sharpness where each window may have another of these amounts.
+        tried: of the amounts that were tried on coarse volumes, the gains per window.
     """
 
     alternative: Alternative | Amount
@@ -48,8 +51,21 @@ class Trial:
     change: Alter
     margin: float = np.inf
     amount: float | None = None
-    curve: tuple[Gains, Gains] = (np.empty(0), np.empty(0))
-    uneven: float = 0.0
+    tried: dict[float, Gains] = field(default_factory=dict)
+
+    @property
+    def curve(self) -> tuple[Gains, Gains]:
+        """(N,) amounts that were tried, in order, and their mean gains on coarse volumes."""
+        xs, gains = _sorted(self.tried)
+        return xs, gains.mean(axis=1)
+
+    @property
+    def uneven(self) -> float:
+        """Mean gain in log sharpness where each window may have another of these amounts."""
+        if not self.tried:
+            return 0.0
+        _, gains = _sorted(self.tried)
+        return float((gains.max(axis=0) - gains[int(gains.mean(axis=1).argmax())]).mean())
 
     @property
     def gain(self) -> float:
@@ -78,11 +94,18 @@ class Trial:
 
     @property
     def is_cause(self) -> bool:
-        """Whether it may be named: an optimum, and the same one for all windows.
+        """Whether it may be named: an optimum, the same one for all windows, and good for all.
 
-        A wrong amount that only makes up for another fault makes up for it differently over time.
+        What only makes up for another fault makes up for it differently over time.
         """
-        return self.is_inside and self.uneven <= max(_UNEVEN, _UNEVEN_SHARE * self.gain)
+        is_common = self.uneven <= max(_UNEVEN, _UNEVEN_SHARE * self.gain)
+        return self.is_inside and is_common and self.is_even
+
+    @property
+    def is_even(self) -> bool:
+        """Whether no window gains far more than the others: a fault spoils all of them."""
+        others = np.delete(self.gains, self.gains.argmax())
+        return len(others) == 0 or bool(self.gains.max() <= _MOST_UNEVEN * others.mean())
 
     @property
     def _hurts(self) -> bool:
@@ -106,53 +129,65 @@ class CameraTrials:
     ) -> None:  # fmt: skip
         self._windows, (self._fine, self._coarse) = windows, windows
         self._cameras, self._cured = cameras, cured
+        self._after: dict[Trial, CameraTrials] = {}
         self._cure = _chain(trial.change for trial in cured)
         self._cure_alone = _chain(t.change for t in cured if not t.alternative.of_pair)
-        self._base = self._fine.log_sharpness(self._cure, cameras)
-        self._coarse_base = self._coarse.log_sharpness(self._cure, cameras)
+        self._base, self._coarse_base, self._base_alone = (
+            windows.log_sharpness(cure, whose)
+            for windows, cure, whose in (
+                (self._fine, self._cure, cameras), (self._coarse, self._cure, cameras),
+                (self._coarse, self._cure_alone, (0,)),
+            )
+        )  # fmt: skip
 
     def after(self, trial: Trial) -> CameraTrials:
-        """The same, with one more cure applied before."""
-        return CameraTrials(self._windows, self._cameras, (*self._cured, trial))
+        """The same, with one more cure applied before; the same object each time."""
+        if trial not in self._after:
+            cured = (*self._cured, trial)
+            self._after[trial] = CameraTrials(self._windows, self._cameras, cured)
+        return self._after[trial]
 
-    def free_turn_gain(self) -> float:
-        """Mean over the windows of what is gained where the camera may turn freely."""
-        return float(self._coarse.free_turn_gains(self._cure, self._cameras).mean())
+    @cached_property
+    def free_turn_gains(self) -> Gains:
+        """(W,) what is gained where the camera may turn freely."""
+        return self._coarse.free_turn_gains(self._cure, self._cameras)
 
-    def free_squint_gain(self) -> float:
-        """Likewise where the second camera may be turned on the rig; 0 of a single camera."""
+    @cached_property
+    def free_squint_gains(self) -> Gains:
+        """(W,) likewise where the second camera may be turned on the rig; 0 of a single camera."""
         if len(self._cameras) == 1:
-            return 0.0
+            return np.zeros(1)
         first, second = self._cameras
-        return float(self._coarse.free_squint_gains(self._cure, (first, second)).mean())
+        return self._coarse.free_squint_gains(self._cure, (first, second))
 
     def gain_alone(self, alternatives: Iterable[Alternative]) -> float:
         """The largest mean gain of camera 0 alone under one of these mistakes about its poses.
 
         What is wrong between the cameras cannot hide it.
         """
-        base = self._coarse.log_sharpness(self._cure_alone, (0,))
+        leading, first = self._coarse.leading, self._coarse.leading_at
         changes = [self._after_cure_alone(one.change) for one in alternatives]
-        gains = [(self._coarse.log_sharpness(c, (0,)) - base).mean() for c in changes]
+        seen = [leading.log_sharpness(c, (0,))[0] - self._base_alone[first] for c in changes]
+        likely = [c for c, gain in zip(changes, seen, strict=True) if gain > MARGIN / 2]
+        gains = [(self._coarse.log_sharpness(c, (0,)) - self._base_alone).mean() for c in likely]
         return float(max(gains, default=0.0))
 
     def trials(
         self, alternatives: Iterable[Alternative | Amount], most: int | None = None
     ) -> list[Trial]:
-        """The outcomes: of all on coarse volumes, and of those that may matter on fine ones.
+        """The outcomes: of all in one window, and of those that may matter in all, last finely.
 
         Args:
             alternatives: what to try.
             most: how many to try on fine volumes, those that gain most; None for no such limit.
         """
-        coarse = [self._coarse_trial(alternative) for alternative in alternatives]
-        gains = sorted((trial.gain for trial in coarse), reverse=True)[:most]
-        least = max(_PROMISING, _CLOSER * gains[0], gains[-1])
-        return [self._closer(trial) if trial.gain >= least else trial for trial in coarse]
+        glances = [self._glance(alternative) for alternative in alternatives]
+        coarse = _again(self._in_all_windows, glances, _WORTH_ALL_WINDOWS, None)
+        return _again(self._finely, coarse, _WORTH_FINE, most)
 
     def trial(self, alternative: Alternative | Amount) -> Trial:
         """The outcome of one alternative."""
-        return self._closer(self._coarse_trial(alternative))
+        return self._finely(self._in_all_windows(self._glance(alternative)))
 
     def best(self, trials: Sequence[Trial]) -> Trial:
         """The trial with the largest gain among those that do not contradict camera 0 alone."""
@@ -163,56 +198,90 @@ class CameraTrials:
         """Whether camera 0 alone is no less sharp under other poses."""
         if trial.verdict == "good" or trial.alternative.of_pair or len(self._cameras) == 1:
             return True
-        alone = self._fine.log_sharpness(self._after_cure_alone(trial.change), (0,))
-        return bool((alone - self._fine.log_sharpness(self._cure_alone, (0,))).mean() >= _LOSS)
+        alone = self._coarse.log_sharpness(self._after_cure_alone(trial.change), (0,))
+        return bool((alone - self._base_alone).mean() >= _LOSS)
 
     def margin(self, margin: float) -> float:
         """That of a pair, or more of a single camera."""
         return margin * (1.0 if len(self._cameras) > 1 else _ONE_CAMERA)
 
-    def _coarse_trial(self, alternative: Alternative | Amount) -> Trial:
+    def _glance(self, alternative: Alternative | Amount) -> Trial:
+        """In the leading window alone: what does not help there is not tried in the others."""
         if isinstance(alternative, Alternative):
-            gains = self._coarse_gains(alternative.change)
-            return Trial(alternative, gains, alternative.change)
-        others = [x for x in alternative.grid if x != alternative.neutral]
-        tried = {x: self._coarse_gains(_with_amount(alternative, x)) for x in others}
-        return _peak_trial(alternative, tried | self._nothing(alternative))
+            return Trial(alternative, self._leading_gains(alternative.change), alternative.change)
+        tried = {x: self._leading_gains(_with_amount(alternative, x)) for x in alternative.grid
+                 if x != alternative.neutral}  # fmt: skip
+        return _peak_trial(alternative, tried | {alternative.neutral: np.zeros(1)})
 
-    def _closer(self, trial: Trial) -> Trial:
-        """The same on fine volumes: an amount between the neighbours of the best on coarse ones."""
+    def _in_all_windows(self, trial: Trial) -> Trial:
+        """The same in all windows: of an amount the best, and its neighbours."""
         alternative = trial.alternative
         if isinstance(alternative, Alternative):
-            gains = self._gains(trial.change)
-            return Trial(alternative, gains, trial.change, self.margin(MARGIN))
+            return Trial(alternative, self._coarse_gains(trial.change), trial.change)
         if trial.amount is None or alternative.distance(trial.amount) < alternative.hurts / 6:
             return trial
-        tried = self._nothing(alternative) | self._finely(alternative, _nearest(trial))
-        peak = _peak(alternative, tried)
-        # Only a peak away from the neutral amount is worth a finer look.
-        if alternative.distance(peak) >= alternative.hurts / 3:
-            for _ in range(_REFINEMENTS):
-                tried |= self._finely(alternative, _between(alternative, tried))
-        return _peak_trial(alternative, tried, self.margin(alternative.margin))
+        nothing = {alternative.neutral: np.zeros_like(self._base)}
+        return _peak_trial(alternative, nothing | self._of_amounts(alternative, _nearest(trial)))
 
-    def _nothing(self, amount: Amount) -> dict[float, Gains]:
-        return {amount.neutral: np.zeros_like(self._base)}
+    def _finely(self, trial: Trial) -> Trial:
+        """The same on fine volumes: an amount after its line search on coarse ones."""
+        alternative = trial.alternative
+        if isinstance(alternative, Alternative):
+            gains = self._fine_gains(trial.change)
+            return Trial(alternative, gains, trial.change, self.margin(MARGIN))
+        if trial.amount is None or trial.gains.shape != self._base.shape:
+            return trial
+        trial = self._refined(alternative, trial)
+        gains = self._fine_gains(trial.change)
+        return replace(trial, gains=gains, margin=self.margin(alternative.margin))
 
-    def _finely(self, amount: Amount, xs: Iterable[float]) -> dict[float, Gains]:
-        return {x: self._gains(_with_amount(amount, x)) for x in xs if x != amount.neutral}
+    def _refined(self, amount: Amount, trial: Trial) -> Trial:
+        for _ in range(_REFINEMENTS):
+            # Only a peak away from the neutral amount is worth a finer look.
+            if trial.amount is None or amount.distance(trial.amount) < amount.hurts / 3:
+                break
+            between = self._of_amounts(amount, _between(amount, trial.tried))
+            trial = _peak_trial(amount, trial.tried | between)
+        return trial
 
-    def _gains(self, change: Alter) -> Gains:
-        both = self._after_cure(change)
-        return self._fine.log_sharpness(both, self._cameras) - self._base
+    def _of_amounts(self, amount: Amount, xs: Iterable[float]) -> dict[float, Gains]:
+        others = (x for x in xs if x != amount.neutral)
+        return {x: self._coarse_gains(_with_amount(amount, x)) for x in others}
+
+    def _leading_gains(self, change: Alter) -> Gains:
+        leading, at = self._coarse.leading, self._coarse.leading_at
+        sharp = leading.log_sharpness(self._after_cure(change), self._cameras)
+        return sharp - self._coarse_base[at : at + 1]
 
     def _coarse_gains(self, change: Alter) -> Gains:
         both = self._after_cure(change)
         return self._coarse.log_sharpness(both, self._cameras) - self._coarse_base
+
+    def _fine_gains(self, change: Alter) -> Gains:
+        return self._fine.log_sharpness(self._after_cure(change), self._cameras) - self._base
 
     def _after_cure(self, change: Alter) -> Alter:
         return lambda recording: change(self._cure(recording))
 
     def _after_cure_alone(self, change: Alter) -> Alter:
         return lambda recording: change(self._cure_alone(recording))
+
+
+def _again(
+    look: Callable[[Trial], Trial], trials: Sequence[Trial], share: float, most: int | None
+) -> list[Trial]:
+    """Trials of which those that may matter are looked at more closely.
+
+    Args:
+        look: does so.
+        trials: only those in as many windows as any are compared.
+        share: of the best gain that is enough.
+        most: how many at most; None for no such limit.
+    """
+    windows = max(len(trial.gains) for trial in trials)
+    gains = sorted((t.gain for t in trials if len(t.gains) == windows), reverse=True)[:most]
+    least = max(_PROMISING, share * gains[0], gains[-1])
+    return [look(t) if t.gain >= least and len(t.gains) == windows else t for t in trials]
 
 
 def _chain(changes: Iterable[Alter]) -> Alter:
@@ -231,12 +300,9 @@ def _sorted(tried: dict[float, Gains]) -> tuple[Gains, Gains]:
     return np.array(xs), np.array([tried[x] for x in xs])
 
 
-def _peak_trial(amount: Amount, tried: dict[float, Gains], margin: float = np.inf) -> Trial:
-    xs, gains = _sorted(tried)
-    means, peak = gains.mean(axis=1), _peak(amount, tried)
-    best = gains[int(means.argmax())]
-    uneven = float((gains.max(axis=0) - best).mean())
-    return Trial(amount, best, _with_amount(amount, peak), margin, peak, (xs, means), uneven)
+def _peak_trial(amount: Amount, tried: dict[float, Gains]) -> Trial:
+    peak, best = _peak(amount, tried), max(tried.values(), key=np.mean)
+    return Trial(amount, best, _with_amount(amount, peak), amount=peak, tried=tried)
 
 
 def _nearest(trial: Trial) -> list[float]:

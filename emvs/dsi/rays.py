@@ -26,6 +26,7 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.trajectory import Trajectory
 
 Float32s = NDArray[np.float32]
+Knots = tuple[NDArray[np.generic], ...]
 PACKET = 1024  # events that share one pose in the authors' implementation
 _PACKET_POSE = 512  # ... that of this event of the packet
 # With fewer rows than these a thread's neighbouring votes meet in one cell and wait for each other,
@@ -147,13 +148,27 @@ def event_rays(
     Raises:
         InputError: an event outside the sensor, events not sorted, or a trajectory of one pose.
     """
+    poses = knots(trajectory, T_world_rv)
+    return rays_between(events, camera, T_body_cam, poses, rv_camera, packets=packets)
+
+
+def rays_between(
+    events: Events,
+    camera: Camera,
+    T_body_cam: NDArray[np.float64],
+    poses: Knots,
+    rv_camera: Camera,
+    *,
+    packets: bool = False,
+) -> Rays:
+    """`event_rays` with the `knots` of trajectory and reference view, which cameras can share."""
     events.checked(camera.width_px, camera.height_px)
     chosen, pose_us = voters(events, packets=packets)
     columns = tuple(np.empty(len(chosen), np.float32) for _ in range(5))
     outcome = np.empty(len(chosen), np.uint8)
     rays_kernels.rays(  # type: ignore[call-arg]
-        chosen.x, chosen.y, pose_us, _bearings(camera), *knots(trajectory, T_world_rv),
-        T_body_cam, rv_camera.K, *columns, outcome,
+        chosen.x, chosen.y, pose_us, _bearings(camera), *poses, T_body_cam, rv_camera.K,
+        *columns, outcome,
     )  # fmt: skip
     return _voting(columns, outcome, len(events))
 
@@ -188,9 +203,7 @@ def voters(events: Events, *, packets: bool) -> tuple[Events, NDArray[np.int64]]
     return kept, np.repeat(kept.t_us[_PACKET_POSE::PACKET], PACKET)
 
 
-def knots(
-    trajectory: Trajectory, T_world_rv: NDArray[np.float64]
-) -> tuple[NDArray[np.generic], ...]:
+def knots(trajectory: Trajectory, T_world_rv: NDArray[np.float64]) -> Knots:
     """The body's poses in the reference view, as `emvs.dsi.rays_kernels.rays` takes them.
 
     Times, positions and rotations, and from each to the next the turn's axis and angle.

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 Matrix = NDArray[np.float64]
+_UNIT = np.eye(4)
 _SMALL_ANGLE = 1e-3  # rad: below it series are more precise
 
 
@@ -60,9 +61,9 @@ def is_rigid(T_a_b: Matrix, tolerance: float = 1e-6) -> bool:
     return bool(
         T_a_b.shape == (4, 4)
         and np.all(np.isfinite(T_a_b))
-        and np.allclose(R @ R.T, np.eye(3), atol=tolerance)
+        and (np.abs(R @ R.T - _UNIT[:3, :3]) <= tolerance).all()
         and np.linalg.det(R) > 0
-        and np.allclose(T_a_b[3], [0, 0, 0, 1])
+        and (np.abs(T_a_b[3] - _UNIT[3]) <= tolerance).all()
     )
 
 

@@ -1,9 +1,11 @@
 """How often `eventsweep check` names a planted fault, and accuses a recording that is right.
 
-    python tests/benchmarks check_faults --out FOLDER [--page docs/check.md] [--development]
+    python tests/benchmarks check_faults --out FOLDER [--page docs/check.md]
+                                         [--development | --unseen]
 
 Sequences and verdicts are kept in the folder: the same command takes up what is done, and checks
 again what other code checked. Thresholds were chosen with `--development`; the page has the others.
+`--unseen` plants only kinds that were not tried before, in six sequences of small sensors.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ from check_cases import (
     Planter,
     exported,
 )
+from check_harm import harm
 from check_opened import OPENED, UNKNOWN
+from check_tried import TRIED
 from check_unseen import UNSEEN
 from eventsweep.emvs.check.findings import Report
 from eventsweep.emvs.check.recording import check, check_path
@@ -75,15 +79,23 @@ class Case:
         return f"{spoilt} {self.kind}{form} {self.base.name}".replace(" ", "_").replace("/", "-")
 
 
-def cases(*, development: bool) -> list[Case]:
-    """All recordings to check, in an order that never changes."""
-    bases = DEVELOPMENT if development else HELD_OUT
+_QUICK = ("boxes", "mvsec-flying", "planes", "rpg-reader", "tumvie-1d", "tumvie-skate")
+_SMALL = tuple(b for b in HELD_OUT if b.scene in _QUICK and b.sensor in ("davis240", "ideal"))
+CAMPAIGNS = {
+    "development": (DEVELOPMENT, (*FAULTS, *OPENED, *TRIED), FILE_FAULTS),
+    "held out": (HELD_OUT, (*FAULTS, *OPENED, *TRIED, *UNSEEN), FILE_FAULTS),
+    "unseen": (_SMALL, UNSEEN, ()),
+}
+
+
+def cases(campaign: str) -> list[Case]:
+    """All recordings to check in a campaign, in an order that never changes."""
+    bases, faults, file_faults = CAMPAIGNS[campaign]
     every = list(_unspoilt(bases))
     stereo = [one for one in bases if one.scene not in _HARD]
-    faults = (*FAULTS, *OPENED) if development else (*FAULTS, *OPENED, *UNSEEN)
     for k, fault in enumerate(faults):
         every.append(Case(stereo[k % len(stereo)], fault.kind, fault.named, fault.plant))
-    for k, one in enumerate(FILE_FAULTS, len(faults)):
+    for k, one in enumerate(file_faults, len(faults)):
         every.append(Case(stereo[k % len(stereo)], one.kind, one.named, file_fault=one))
     return every
 
@@ -120,25 +132,26 @@ def verdict(case: Case, out: Path, code: str) -> dict[str, Any]:
             return kept
     path = sequence(case.base, out)
     began = time.process_time()
-    report = _of_file(case, path, out) if case.file_fault else _of_memory(case, path)
+    report = _of_file(case, path, out) if case.file_fault else check(_spoilt(case, path))
     found = {
         "code": code, "kind": case.kind, "base": case.base.name, "named": list(case.named),
         "suspects": list(report.suspects), "cpu_s": time.process_time() - began,
         "doubtful": [one.suspect or one.name for one in report.of("doubtful")],
         "lines": [one.line() for one in report.findings if one.verdict != "good"],
-                "unchecked": [list(one) for one in report.unchecked],
+        "unchecked": [list(one) for one in report.unchecked],
     }  # fmt: skip
+    if outcome(found) == "unnoticed" and case.plant is not None:
+        found["harm"] = harm(es.open_recording(path), _spoilt(case, path))
     file.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(file) as partial:
         partial.write_text(json.dumps(found, indent=1))
     return found
 
 
-def _of_memory(case: Case, path: Path) -> Report:
-    rng = np.random.default_rng(zlib.crc32(case.name.encode()))
-    recording: Recording = es.open_recording(path)
+def _spoilt(case: Case, path: Path) -> Recording:
     assert case.plant is not None
-    return check(case.plant(recording, rng))
+    recording: Recording = es.open_recording(path)
+    return case.plant(recording, np.random.default_rng(zlib.crc32(case.name.encode())))
 
 
 def _of_file(case: Case, path: Path, out: Path) -> Report:
@@ -158,7 +171,7 @@ def code_version() -> str:
     folder = Path(str(eventsweep.emvs.check.__file__)).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py"))]
     here = Path(__file__)
-    files += [here.with_name(f"check_{what}.py") for what in ("cases", "opened", "unseen")]
+    files += [here.with_name(f"check_{what}.py") for what in ("cases", "opened", "tried", "unseen")]
     code = "".join(ast.dump(_Bare().visit(ast.parse(file.read_text()))) for file in files)
     return hashlib.sha256(code.encode()).hexdigest()[:16]
 
@@ -177,17 +190,22 @@ class _Bare(ast.NodeTransformer):
         return None if isinstance(node.value, ast.Constant) else node
 
 
+OUTCOMES = ("named", "unknown", "wrong cure", "unnoticed", "harmless")
+
+
 def outcome(found: dict[str, Any]) -> str:
-    """What a check came to: `named`, `unknown`, `wrong cure` or `unnoticed`.
+    """What a check came to: one of `OUTCOMES`.
 
     A fault is named if it is the first thing that is called wrong, alone or as one of several
     causes that the check cannot tell apart; of two faults both must be, or one that is to be cured
-    before the check goes on. It is unknown if no cause is named. Of a recording that is right,
+    before the check goes on. It is unknown if no cause is named. A fault that is not noticed is
+    harmless if it changes the map by less than `check_harm` says. Of a recording that is right,
     `named` is that nothing is called wrong, and `wrong cure` the rest.
     """
     if not found["suspects"]:
-        unknown = set(UNKNOWN) & set(found["doubtful"])
-        return "named" if not found["named"] else "unknown" if unknown else "unnoticed"
+        if not found["named"] or set(UNKNOWN) & set(found["doubtful"]):
+            return "unknown" if found["named"] else "named"
+        return "harmless" if found.get("harm", {}).get("harmless") else "unnoticed"
     first, right = found["suspects"][0], set(found["named"])
     if not found["lines"][0].startswith("mapping"):  # a certain one, to be cured first
         right |= {name for both in right for name in both.split(" and ")}
@@ -203,14 +221,15 @@ def table(every: Sequence[dict[str, Any]]) -> str:
     right = [one for one in every if not one["named"]]
     accused = sum(bool(one["suspects"]) for one in right)
     doubted = sum(bool(one["doubtful"]) and not one["suspects"] for one in right)
+    known = [one for one in faults if one["kind"] not in unseen]
     lines = [
-        _summary("known kinds", [one for one in faults if one["kind"] not in unseen]),
+        *([_summary("known kinds", known)] if known else []),
         _summary("kinds that were not tried before", [o for o in faults if o["kind"] in unseen]),
         f"Of {len(right)} unspoilt ones {accused} ({accused / len(right):.1%}) are accused; "
         f"{doubted} more have a doubtful finding.",
         "",
-        "| Planted | cases | named | unknown | wrong cure | unnoticed | called instead |",
-        "|---|--:|--:|--:|--:|--:|---|",
+        f"| Planted | cases | {' | '.join(OUTCOMES)} | called instead |",
+        "|---|--:|--:|--:|--:|--:|--:|---|",
     ]
     for kind in dict.fromkeys(one["kind"] for one in faults):
         of_kind = [one for one in faults if one["kind"] == kind]
@@ -232,7 +251,7 @@ def _summary(kinds: str, faults: Sequence[dict[str, Any]]) -> str:
         f"({count['named'] / all_of:.1%}) are named first and rightly, {count['unknown']} are "
         f"called wrong without a cause, {count['wrong cure']} "
         f"({count['wrong cure'] / all_of:.1%}) get a wrong cure, {count['unnoticed']} are not "
-        "noticed."
+        f"noticed; {count['harmless']} more are not noticed, but harmless."
     )
 
 
@@ -240,7 +259,7 @@ def _line(kind: str, found: Sequence[dict[str, Any]]) -> str:
     count = Counter(map(outcome, found))
     others = Counter(one["suspects"][0] for one in found if outcome(one) == "wrong cure")
     words = ", ".join(f"{name} ({count})" for name, count in others.items())
-    cells = (count[name] for name in ("named", "unknown", "wrong cure", "unnoticed"))
+    cells = (count[name] for name in OUTCOMES)
     return f"| {kind} | {len(found)} | {' | '.join(map(str, cells))} | {words} |"
 
 
@@ -249,14 +268,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for what is kept")
     parser.add_argument("--page", type=Path, help="page whose table is rewritten")
-    parser.add_argument("--development", action="store_true", help="sequences for thresholds")
+    which = parser.add_mutually_exclusive_group()
+    for name in ("development", "unseen"):
+        which.add_argument(
+            f"--{name}", dest="campaign", action="store_const", const=name, default="held out"
+        )
     parser.add_argument("--part", default="0/1", help="k/n: every n-th sequence from the k-th on")
     flags = parser.parse_args()
     first, step = map(int, flags.part.split("/"))
     code, every = code_version(), []
-    bases = DEVELOPMENT if flags.development else HELD_OUT
-    own = set(bases[first::step])
-    chosen = [case for case in cases(development=flags.development) if case.base in own]
+    own = set(CAMPAIGNS[flags.campaign][0][first::step])
+    chosen = [case for case in cases(flags.campaign) if case.base in own]
     for k, case in enumerate(chosen, 1):
         found = verdict(case, flags.out, code)
         every.append(found)

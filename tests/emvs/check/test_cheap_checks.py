@@ -193,6 +193,15 @@ def test_an_exchanged_principal_point_is_called_that():
     assert _lens(cx_px=44.0, cy_px=60.5)["principal-point"].suspect == "principal point exchanged"
 
 
+@pytest.mark.parametrize("times", [0.25, 0.5, 2.0])
+def test_a_calibration_of_another_resolution_is_called_that(times):
+    right = _lens(cx_px=59.5, cy_px=44.5)["principal-point"]
+    found = _lens(cx_px=60 * times - 0.5, cy_px=45 * times - 0.5)["principal-point"]
+    assert right.verdict == "good"
+    assert found.suspect == "calibration of another resolution"
+    assert f"multiply fx, fy, cx and cy by {1 / times:.3g}," in found.cure
+
+
 def test_a_fisheye_may_see_more_than_a_pinhole():
     wide = {"fx_px": 40.0, "fy_px": 40.0}
     fisheye = _lens(**wide, model="kb4", distortion=(0.0, 0.0, 0.0, 0.0))

@@ -75,10 +75,28 @@ def test_an_amount_that_each_window_wants_otherwise_is_no_cause():
     clock, gains = amounts_of_pair()[0], np.full(3, 0.1)
 
     def trial(uneven):
-        return Trial(clock, gains, lambda r: r, 0.015, 40.0, uneven=uneven)
+        tried = {40.0: gains, 60.0: np.array([0.1 + 3 * uneven, 0.0, 0.0])}
+        return Trial(clock, gains, lambda r: r, 0.015, 40.0, tried)
 
+    assert trial(0.003).uneven == pytest.approx(0.003)
     assert trial(0.003).is_cause
     assert not trial(0.005).is_cause
+
+
+@pytest.mark.parametrize(("gains", "even"), [([0.3, 0.1, 0.1], True), ([0.4, 0.1, 0.1], False),
+                                             ([0.1, 0.4], False), ([0.1], True)])  # fmt: skip
+def test_what_makes_one_window_far_sharper_than_the_others_is_no_cause(gains, even):
+    poses_inverted = of_poses(head_recording())[0]
+    trial = Trial(poses_inverted, np.array(gains), poses_inverted.change, 0.04)
+    assert trial.verdict == "wrong"
+    assert trial.is_cause == even
+
+
+def test_the_leading_window_alone_is_as_sharp_as_among_the_others():
+    _, coarse = TrialWindows.of(head_recording(), MapperConfig())
+    alone = coarse.leading.log_sharpness(lambda r: r, (0, 1))
+    among = coarse.log_sharpness(lambda r: r, (0, 1))
+    assert alone == among[coarse.leading_at]
 
 
 def test_pixels_of_a_large_sensor_are_joined():
