@@ -2,7 +2,7 @@
 BIN := .venv/bin
 SEED ?= 0
 
-.PHONY: demo test tools slow lint gate bench site setup clean
+.PHONY: demo test tools slow lint gate bench site notebooks setup clean
 .PHONY: pictures pictures-code pictures-scenes pictures-simulator pictures-methods tables measurements studies
 .DEFAULT_GOAL := demo
 
@@ -38,6 +38,10 @@ bench: setup
 site: .venv/docs
 	$(BIN)/mkdocs build --quiet
 	@echo "Open out/site/index.html"
+
+# Runs the notebooks and stores what they show: minutes.
+notebooks: .venv/docs
+	$(BIN)/python tests/benchmarks run_notebooks
 
 .venv/docs: .venv/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'

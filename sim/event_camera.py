@@ -327,7 +327,7 @@ def _camera_name(model: Any, mount: str) -> str:
     place = find_mount(model, mount)
     if place.kind != "camera":
         raise InputError(
-            f"{place.kind} {place.name!r} says nothing of a lens: give a Camera, or mount on a "
+            f"{place.kind} {place.name!r} has no lens model: give a Camera, or mount on a "
             "camera of the model"
         )
     return place.name

@@ -20,6 +20,7 @@ Matrix = NDArray[np.float64]
 # Of accelerations: about 5 m/s² and 50 rad/s² that last for a tenth of a second.
 _DENSITY = np.diag(np.repeat([2.5, 250.0], 3))
 _STILL_M_S, _STILL_RAD_S = 0.02, 0.05
+_NEAR_HEADS_M = 0.5
 SIGMA_RAD_S = 0.05
 """Of a rate: noise, a bias that nobody has calibrated, and what lies between two samples."""
 _MOST_APART_US = 20_000
@@ -34,24 +35,26 @@ class Motion:
         T_world_body: (4, 4).
         twist: (6,) of the body in its own frame, m/s and rad/s.
         covariance: (12, 12) of the errors of pose and twist.
+        reach: lengths that are expected of motions, over those of a head; see `reach_for`.
     """
 
     t_us: int
     T_world_body: Matrix
     twist: Matrix
     covariance: Matrix
+    reach: float = 1.0
 
     @classmethod
-    def unknown(cls, t_us: int, T_world_body: Matrix) -> Motion:
+    def unknown(cls, t_us: int, T_world_body: Matrix, reach: float = 1.0) -> Motion:
         """A pose that says where the world begins, and a motion that may be any head's."""
-        sigma = np.repeat([1e-3, 1e-3, 1.0, 2.0], 3)
-        return cls(t_us, T_world_body, np.zeros(6), np.diag(sigma**2))
+        sigma = np.repeat([1e-3 * reach, 1e-3, reach, 2.0], 3)
+        return cls(t_us, T_world_body, np.zeros(6), np.diag(sigma**2), reach)
 
     @classmethod
-    def near(cls, t_us: int, T_world_body: Matrix) -> Motion:
+    def near(cls, t_us: int, T_world_body: Matrix, reach: float = 1.0) -> Motion:
         """Somewhere near a pose, moving as any head may."""
-        sigma = np.repeat([0.05, 0.1, 1.0, 2.0], 3)
-        return cls(t_us, T_world_body, np.zeros(6), np.diag(sigma**2))
+        sigma = np.repeat([0.05 * reach, 0.1, reach, 2.0], 3)
+        return cls(t_us, T_world_body, np.zeros(6), np.diag(sigma**2), reach)
 
     def at(self, t_us: int) -> Motion:
         """What is to be expected of another time, before or after."""
@@ -61,14 +64,13 @@ class Motion:
         F[:6, :6] = se3.adjoint(se3.inverse(step))
         F[:6, 6:] = -dt_s * np.eye(6)
         length_s = abs(dt_s)
-        grown = np.block(
-            [
-                [_DENSITY * length_s**3 / 3, -_DENSITY * dt_s * length_s / 2],
-                [-_DENSITY * dt_s * length_s / 2, _DENSITY * length_s],
-            ]
-        )
+        density = _DENSITY * np.repeat([self.reach**2, 1.0], 3)
+        mixed = -density * dt_s * length_s / 2
+        grown = np.block([[density * length_s**3 / 3, mixed], [mixed, density * length_s]])
         covariance = F @ self.covariance @ F.T + grown
-        return Motion(t_us, self.T_world_body @ step, self.twist, covariance)
+        return replace(
+            self, t_us=t_us, T_world_body=self.T_world_body @ step, covariance=covariance
+        )
 
     def turning(self, rate_rad_s: Matrix, sigma_rad_s: float) -> Motion:
         """The motion once a gyroscope has said how fast the body turns: a Kalman update.
@@ -80,18 +82,28 @@ class Motion:
         change = gain @ (rate_rad_s - self.twist[3:])
         T_world_body = self.T_world_body @ se3.inverse(se3.exp(change[:6]))
         covariance = self.covariance - gain @ seen.T
-        return Motion(self.t_us, T_world_body, self.twist + change[6:], covariance)
+        return replace(
+            self, T_world_body=T_world_body, twist=self.twist + change[6:], covariance=covariance
+        )
 
     def held(self, t_us: int) -> Motion:
         """The body standing where it is, at another time."""
         covariance = np.zeros((12, 12))
         covariance[:6, :6] = self.covariance[:6, :6]
         covariance[6:, 6:] = np.diag(np.repeat([_STILL_M_S, _STILL_RAD_S], 3) ** 2)
-        return Motion(t_us, self.T_world_body, np.zeros(6), covariance)
+        return replace(self, t_us=t_us, twist=np.zeros(6), covariance=covariance)
 
     def seen_from(self, T_new_world: Matrix) -> Motion:
         """The motion in another world frame."""
         return replace(self, T_world_body=T_new_world @ self.T_world_body)
+
+
+def reach_for(near_m: float) -> float:
+    """How much faster than heads bodies move whose surroundings begin so far away.
+
+    What moves by so many pixels moves the faster the farther that is: a car sees nothing near.
+    """
+    return max(1.0, near_m / _NEAR_HEADS_M)
 
 
 class Gyroscope:

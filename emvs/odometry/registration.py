@@ -6,7 +6,7 @@ With the belief of `motion` this is the update of an iterated extended Kalman fi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,7 +127,9 @@ class Registration:
                     break
         # Rounding errors of products of poses would otherwise grow from batch to batch.
         T_world_body = se3.nearest_rigid(se3.inverse(T_now_drawn @ T_drawn_world))
-        return Motion(t_us, T_world_body, twist, np.linalg.inv(H)), fit
+        covariance = np.linalg.inv(H)
+        found = replace(expected, T_world_body=T_world_body, twist=twist, covariance=covariance)
+        return found, fit
 
     def _normal_equations(
         self,

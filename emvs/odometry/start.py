@@ -39,7 +39,7 @@ _LEAST_SHARE = 0.6  # of the batches, around the middle one
 
 def begin(
     arrived: Arrived, batches: Sequence[Batch], registration: Registration, sizes: Sizes,
-    config: MapperConfig, given: tuple[Motion, Matrix] | None = None,
+    config: MapperConfig, given: tuple[Motion, Matrix] | None = None, reach: float = 1.0,
 ) -> tuple[list[Motion], list[Fit], Matrix] | str:  # fmt: skip
     """Motions at the batches, how well each fits, and the (N, 3) points of the map.
 
@@ -50,6 +50,7 @@ def begin(
         sizes: numbers that follow from the sensor.
         config: of the maps.
         given: a pose and the points of a map, instead of static stereo; it begins there.
+        reach: of motions.
 
     Returns:
         A reason where there is no beginning yet.
@@ -58,7 +59,7 @@ def begin(
     k_start = len(batches) // 2 if given is None else int(np.abs(times - given[0].t_us).argmin())
     middle = batches[k_start]
     try:
-        start, points = _stereo(arrived, middle, config) if given is None else given
+        start, points = _stereo(arrived, middle, config, reach) if given is None else given
     except InputError as error:
         return str(error)
     if len(points) < LEAST_POINTS:
@@ -71,7 +72,7 @@ def begin(
             return f"only {len(motions)} of {len(batches)} batches fit the first map"
         if done < rounds:
             middle_pose = next(m.T_world_body for m in motions if m.t_us == middle.t_us)
-            start = Motion.unknown(middle.t_us, middle_pose)
+            start = Motion.unknown(middle.t_us, middle_pose, reach)
             points = _mapped(arrived, motions, config)
             if len(points) < LEAST_POINTS:
                 return f"the map of the first poses has {len(points)} points"
@@ -83,7 +84,9 @@ def few(points: Matrix, sizes: Sizes) -> Matrix:
     return np.ascontiguousarray(points[:: max(1, len(points) // sizes.distances)])
 
 
-def _stereo(arrived: Arrived, middle: Batch, config: MapperConfig) -> tuple[Motion, Matrix]:
+def _stereo(
+    arrived: Arrived, middle: Batch, config: MapperConfig, reach: float
+) -> tuple[Motion, Matrix]:
     """The map of a rig that stands at the origin, at the time of a batch."""
     first_us = min(arrived.event_span_us(k)[0] for k in range(len(arrived.rig)))
     standing = np.array([[0, 0, 0, 1.0]] * 2)
@@ -91,7 +94,7 @@ def _stereo(arrived: Arrived, middle: Batch, config: MapperConfig) -> tuple[Moti
     window = Window(first_us, middle.t_us, middle.t_us, (0,) * len(arrived.rig))
     stereo = config.model_copy(update={"methods": (_STEREO,)})
     points = points_of(map_window(arrived, stereo, window=window).depth_maps[_STEREO])
-    return Motion.unknown(middle.t_us, np.eye(4)), points
+    return Motion.unknown(middle.t_us, np.eye(4), reach), points
 
 
 def _mapped(arrived: Arrived, motions: Sequence[Motion], config: MapperConfig) -> Matrix:
@@ -115,7 +118,8 @@ def _both_ways(
     fit = Fit()
     for _ in range(_SETTLING):
         settled, fit = registration(batches[k].events, start)
-        start = replace(Motion.unknown(start.t_us, settled.T_world_body), twist=settled.twist)
+        unknown = Motion.unknown(start.t_us, settled.T_world_body, start.reach)
+        start = replace(unknown, twist=settled.twist)
     motions, fits = [settled], [fit]
     for batch in batches[k + 1 :]:
         motion, fit = registration(batch.events, motions[-1].at(batch.t_us))

@@ -22,7 +22,7 @@ from eventsweep.emvs.odometry.batches import LONGEST_US, Batch, Sizes, batch_bef
 from eventsweep.emvs.odometry.cloud import MapCloud, points_of
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.events_kernels import NEVER_US, in_company
-from eventsweep.emvs.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion
+from eventsweep.emvs.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion, reach_for
 from eventsweep.emvs.odometry.online import OnlineMap, OnlineMapper, check_packet
 from eventsweep.emvs.odometry.registration import Fit, Registration
 from eventsweep.emvs.odometry.start import (
@@ -198,7 +198,7 @@ class Tracker:
             return None
         begun = begin(
             self._arrived, batches, self._registration, self._sizes, self._map_config(),
-            self._given(batches),
+            self._given(batches), self._reach,
         )  # fmt: skip
         if isinstance(begun, str):
             self._wait(begun)
@@ -231,7 +231,7 @@ class Tracker:
             return None
         T_world_body = first_map.T_world_rv @ se3.inverse(self._rig.T_body_cam[0])
         nearest = min(batches, key=lambda batch: abs(batch.t_us - first_map.t_us))
-        return Motion.near(nearest.t_us, T_world_body), points_of(first_map)
+        return Motion.near(nearest.t_us, T_world_body, self._reach), points_of(first_map)
 
     def _track(self, t_us: int) -> Pose | None:
         batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
@@ -274,7 +274,7 @@ class Tracker:
         places = [self._poses[-1].T_world_body, *self._seen_from]
         place = places[self._searched % len(places)]
         self._searched += 1
-        near = Motion.near(batch.t_us, place)
+        near = Motion.near(batch.t_us, place, self._reach)
         motion, fit = self._registration(batch.events, near, wide=True)
         if not _is_good(fit, _FOUND_AGAIN):
             return None
@@ -314,6 +314,10 @@ class Tracker:
     def _use_cloud(self) -> None:
         points = self._cloud.chosen(self._sizes.lines)
         self._registration.use_map(points, few(points, self._sizes))
+
+    @property
+    def _reach(self) -> float:
+        return reach_for(depth_range_m(self._arrived, self._map_config())[0])
 
     @property
     def _method(self) -> str:

@@ -149,7 +149,7 @@ def _check_stable(mj: Any, data: Any) -> None:
     for name in ("QPOS", "QVEL", "QACC"):
         if data.warning[getattr(mj.mjtWarning, f"mjWARN_BAD{name}")].number:
             raise InputError(
-                f"the model becomes unstable at {data.time:g} s: lower its timestep, or mend its "
+                f"the model becomes unstable at {data.time:g} s: lower its timestep or correct its "
                 "contacts or controller"
             )
 

@@ -32,7 +32,7 @@ def find_upsampler(name: str) -> Upsampler:
         raise InputError(f"upsample {name}: {error}") from error
     except Exception as error:  # whatever a stranger's code raises
         heed_interrupt(error)
-        raise InputError(f"upsample {name}: cannot be imported ({said(error)}); mend it") from error
+        raise InputError(f"upsample {name}: cannot be imported ({said(error)}); fix it") from error
     if not callable(function):
         raise InputError(f"upsample {name} is {shown(function)}: needs a function of two frames")
     return cast(Upsampler, function)
@@ -97,4 +97,4 @@ def _guarded(call: Callable[[], Value], where: str) -> Value:
         return call()
     except Exception as error:  # whatever a stranger's code raises
         heed_interrupt(error)
-        raise InputError(f"{where} fails ({said(error)}): mend it, or leave it out") from error
+        raise InputError(f"{where} fails ({said(error)}): fix it, or leave it out") from error

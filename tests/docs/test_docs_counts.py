@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import pytest
@@ -80,12 +81,21 @@ def words_of(text):
     return sum(bool(re.search(r"\w", one)) for one in text.split())
 
 
+def prose_of(notebook):
+    """The text between the code of a notebook."""
+    cells = json.loads(notebook.read_text("utf-8"))["cells"]
+    return "\n".join("".join(one["source"]) for one in cells if one["cell_type"] == "markdown")
+
+
 def test_the_documentation_is_short():
-    """All pages below `docs`, tables that tools write included."""
+    """All pages below `docs`, tables that tools write included, and the words of notebooks."""
     pages = {path: words_of(path.read_text("utf-8")) for path in DOCS.rglob("*.md")}
+    notebooks = sum(words_of(prose_of(path)) for path in DOCS.rglob("*.ipynb"))
     assert len(pages) <= MOST_PAGES, "merge pages: what is said twice helps nobody"
     longest = {path.name: count for path, count in sorted(pages.items(), key=lambda x: -x[1])[:5]}
-    assert sum(pages.values()) <= MOST_WORDS, f"shorten pages; the longest are {longest}"
+    assert sum(pages.values()) + notebooks <= MOST_WORDS, (
+        f"shorten pages; the longest are {longest}"
+    )
 
 
 def number(word):

@@ -134,7 +134,7 @@ def test_a_call_that_does_not_go_on_is_refused(model):
 
 
 def test_what_cannot_carry_a_camera_is_refused(model, tmp_path):
-    with pytest.raises(InputError, match="site 'eye' says nothing of a lens"):
+    with pytest.raises(InputError, match="site 'eye' has no lens model"):
         EventCamera(model, "eye")
     with pytest.raises(InputError, match="compiled"):
         EventCamera("rover.xml", "eye")

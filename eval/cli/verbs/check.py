@@ -31,7 +31,7 @@ def check(
 ) -> int:
     """Find faults in a recording's events, poses, calibration and conventions.
 
-    Exits with 1 if something is wrong. Of the mapper's parameters the depth range, the window and
+    Exit code 1 if something is wrong. Of the mapper's parameters, only depth range, window and
     the threads count.
 
     Args:

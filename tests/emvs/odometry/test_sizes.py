@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from threading import current_thread
+
 import pytest
 
 import point_world as world
 from eventsweep.emvs.odometry.batches import Sizes, planes_for
+from eventsweep.emvs.odometry.views import PerCamera
 
 
 @pytest.mark.parametrize(
@@ -29,3 +32,19 @@ def test_more_columns_need_more_events_and_levels():
     )
     assert large.events == 4 * small.events
     assert large.levels == small.levels + 2
+
+
+def test_work_of_cameras_comes_back_in_their_order_and_with_their_errors():
+    def name(camera):
+        if camera == 3:
+            raise ValueError("camera 3")
+        return camera, current_thread().name
+
+    for threads, used in ((0, 3), (1, 1), (2, 2)):
+        each = PerCamera(3, threads)
+        found = each(name)
+        assert [camera for camera, _ in found] == [0, 1, 2]
+        assert found[0][1] == current_thread().name
+        assert len({thread for _, thread in found}) <= used
+    with pytest.raises(ValueError, match="camera 3"):
+        PerCamera(4)(name)

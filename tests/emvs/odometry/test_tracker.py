@@ -99,6 +99,12 @@ def test_packets_of_any_size_give_the_same_poses(recording, tracked, steps):
         np.testing.assert_array_equal(poses[k].T_world_body[:3, 3], expected.positions_m[k])
 
 
+@pytest.mark.slow
+def test_threads_change_no_bit(recording, tracked):
+    alone = track(recording, CONFIG.model_copy(update={"threads": 1})).trajectory
+    np.testing.assert_array_equal(alone.positions_m, tracked.trajectory.positions_m)
+
+
 def test_without_events_it_stands_still_and_says_so(recording):
     """For as long as one likes; memory does not grow, and it goes on from there."""
     poses = []
