@@ -35,6 +35,8 @@ class DepthMap:
         t_us, T_world_rv, camera: of the reference view: time, (4, 4) pose, pinhole camera.
         reliability: (H, W) float32, the method's own score: the larger, the better, and 0 or less
             where there is no candidate; None where it has none.
+        scatter_px: (H, W) float32, how far depths lie from the surface fitted through them, around
+            each pixel, px of disparity; None where none was fitted.
         error_m: (H, W) float32 half-width of the band that holds 68 % of the errors, m, where
             calibration says so (`emvs.depth.precision`); else None.
     """
@@ -49,6 +51,7 @@ class DepthMap:
     T_world_rv: NDArray[np.float64]
     camera: Camera
     reliability: Float32s | None = None
+    scatter_px: Float32s | None = None
     error_m: Float32s | None = None
 
     @property

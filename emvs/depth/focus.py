@@ -85,6 +85,8 @@ class FocusEstimate:
         ray: (H, W) float32 in 0..1, near 0 where the votes' plain maximum lies elsewhere.
         strength: (H, W) float32 in 0..1, 0.5 where there are as many votes as at half of the
             candidates.
+        scatter_px: (H, W) float32, of depths around the fitted surface (`surface_scatter_px`); None
+            where none was fitted.
     """
 
     position: Float32s
@@ -95,6 +97,7 @@ class FocusEstimate:
     inside: Float32s
     ray: Float32s
     strength: Float32s
+    scatter_px: Float32s | None = None
 
     @property
     def reliability(self) -> Float32s:
@@ -231,7 +234,8 @@ def on_surface(
     planes = np.arange(len(disparity_px), dtype=np.float64)
     position = estimate.position.copy()
     position[at] = np.interp(fitted_px[at], disparity_px[rising], planes[rising])
-    return replace(estimate, position=position)
+    scatter_px = surface_scatter_px(own_px, fitted_px, estimate.candidate, config)
+    return replace(estimate, position=position, scatter_px=scatter_px)
 
 
 def surface_disparity(own_px: Float32s, candidate: Mask, config: FocusConfig) -> Float32s:
@@ -246,6 +250,24 @@ def surface_disparity(own_px: Float32s, candidate: Mask, config: FocusConfig) ->
         own_px, candidate, weight, np.float32(config.surface_px), _RIDGE_PX2, fitted_px
     )
     return fitted_px
+
+
+def surface_scatter_px(
+    own_px: Float32s, fitted_px: Float32s, candidate: Mask, config: FocusConfig
+) -> Float32s:
+    """(H, W) float32: how far candidates around lie from the surface through them; else 0.
+
+    The mean distance of disparities before and after the fit, weighted as in it: the surface is as
+    uncertain as what it was fitted to.
+    """
+    size = (2 * round(_SURFACE_REACH * config.surface_sigma_px) + 1,) * 2
+
+    def around(image: Float32s) -> Float32s:
+        return np.asarray(cv2.GaussianBlur(image, size, config.surface_sigma_px), np.float32)
+
+    apart_px = np.where(candidate, np.abs(fitted_px - own_px), np.float32(0))
+    share = np.where(candidate, around(candidate.astype(np.float32)), np.float32(1))
+    return np.where(candidate, around(apart_px) / share, np.float32(0))
 
 
 def at_least(estimate: FocusEstimate, reliability: float, border_px: int) -> Mask:

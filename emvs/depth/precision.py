@@ -25,6 +25,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.inputs import parse_json
 
 Float32s = NDArray[np.float32]
+Floats = NDArray[np.floating[Any]]
 BAND = 0.68
 """Share of errors that the stated error holds."""
 TELLING = 0.9
@@ -33,6 +34,8 @@ WITHIN_PX = 1.0
 """What precision counts as right: so many pixels of disparity, at most."""
 PRECISION = Path(str(files("eventsweep.emvs.depth"))) / "precision.json"
 """The tables that ship."""
+LEAST_SCATTER_PX = 0.01
+"""Added to the scatter around a surface, which may happen to be 0."""
 _LISTS = "score", "error_px", "precision"
 
 
@@ -43,16 +46,19 @@ class Precision:
     Attributes:
         score: (K,) rising.
         error_px: (K,) half-width of the band that holds `BAND` of the errors at that score, px of
-            disparity; never rises.
+            disparity; never rises. With `by_scatter`, as multiples of the scatter of depths around
+            their fitted surface (`scatter_scale`): errors follow it in scenes of all kinds.
         precision: (K,) share of all points of this score or more that are within `WITHIN_PX`; never
             falls.
         most_step_px: largest distance of two planes in the calibration windows, px of disparity.
+        by_scatter: whether `error_px` is in multiples of the scatter.
     """
 
     score: NDArray[np.float64]
     error_px: NDArray[np.float64]
     precision: NDArray[np.float64]
     most_step_px: float
+    by_scatter: bool = False
 
     @classmethod
     def from_json(cls, table: Mapping[str, Any]) -> Precision:
@@ -72,12 +78,13 @@ class Precision:
         if not 0 < most_step_px < np.inf:
             raise InputError(f"no table of precision: most_step_px is {most_step_px:g}")
         score, error_px, precision = lists
-        return cls(score, error_px, precision, most_step_px)
+        return cls(score, error_px, precision, most_step_px, table.get("by_scatter") is True)
 
-    def to_json(self) -> dict[str, list[float] | float]:
+    def to_json(self) -> dict[str, list[float] | float | bool]:
         """Plain numbers."""
         lists = {name: [float(f"{value:.5g}") for value in getattr(self, name)] for name in _LISTS}
-        return {**lists, "most_step_px": float(f"{self.most_step_px:.5g}")}
+        step_px = float(f"{self.most_step_px:.5g}")
+        return {**lists, "most_step_px": step_px, "by_scatter": self.by_scatter}
 
     def states_errors(self, step_px: float) -> bool:
         """Whether it says how wrong a point is, where planes are `step_px` of disparity apart.
@@ -87,9 +94,17 @@ class Precision:
         """
         return float(self.precision[-1]) >= TELLING and step_px <= self.most_step_px
 
-    def error_at(self, score: Float32s) -> Float32s:
-        """Half-width of the error's band at some scores, px of disparity."""
-        return np.interp(score, self.score, self.error_px).astype(np.float32)
+    def error_at(self, score: Float32s, scatter_px: Float32s | None = None) -> Float32s:
+        """Half-width of the error's band at some scores, px of disparity.
+
+        With `by_scatter`, `scatter_px` is that of the same points.
+        """
+        error = np.interp(score, self.score, self.error_px).astype(np.float32)
+        if not self.by_scatter:
+            return error
+        if scatter_px is None:
+            raise ValueError("errors are in multiples of the scatter: needs scatter_px")
+        return np.asarray(error * scatter_scale(scatter_px), np.float32)
 
     def least_score(self, wanted: float, method: str) -> float:
         """The least score at which so large a share of the points was within a pixel.
@@ -104,6 +119,11 @@ class Precision:
                 "the calibration windows; ask for less"
             )
         return float(self.score[enough[0]])
+
+
+def scatter_scale(scatter_px: Floats) -> Floats:
+    """What errors are multiples of, px: the scatter around the surface, and a little."""
+    return np.asarray(scatter_px + np.float32(LEAST_SCATTER_PX))
 
 
 @cache
@@ -144,7 +164,8 @@ def stated(
 ) -> DepthMap:
     """The depth map with the error of each pixel, and the pixels that a wanted precision leaves.
 
-    No error is stated where the table cannot say it (`Precision.states_errors`): `error_m` is None.
+    No error is stated where the table cannot say it (`Precision.states_errors`), or needs a scatter
+    and no surface was fitted: `error_m` is None.
 
     Args:
         depth_map: as its method made it, with its reliability.
@@ -164,8 +185,10 @@ def stated(
                 "rig no parallax; leave it out"
             )
         return depth_map
-    if table.states_errors(step_of_planes_px(depth_map, per_rho_px)):
-        error_m = table.error_at(score) * depth_map.depth_m**2 / np.float32(per_rho_px)
+    fitted = depth_map.scatter_px is not None or not table.by_scatter
+    if fitted and table.states_errors(step_of_planes_px(depth_map, per_rho_px)):
+        error_px = table.error_at(score, depth_map.scatter_px)
+        error_m = error_px * depth_map.depth_m**2 / np.float32(per_rho_px)
         depth_map = replace(depth_map, error_m=error_m)
     if config.min_precision is None:
         return depth_map

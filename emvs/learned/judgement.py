@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.depth.focus import FocusConfig, surface_disparity
+from eventsweep.emvs.depth.focus import FocusConfig, surface_disparity, surface_scatter_px
 from eventsweep.emvs.dsi.fusion import Fusion
 from eventsweep.emvs.learned.inputs import BATCH, Candidates, channels
 from eventsweep.emvs.learned.kept_votes import KeptVotes
@@ -63,15 +63,19 @@ def at_reference_px(reliability: Float32s, disparity_px: Float32s) -> Float32s:
     return np.asarray(reliability * scale, np.float32)
 
 
-def on_own_surface(chosen: Candidates, disparity_px: Float32s, shape: tuple[int, ...]) -> Float32s:
+def on_own_surface(
+    chosen: Candidates, disparity_px: Float32s, shape: tuple[int, ...]
+) -> tuple[Float32s, Float32s]:
     """(M,) disparities on the planes through those around them, as in the extraction by focus.
 
-    `disparity_px` is (M,) px, above 0; `shape` that of the image.
+    `disparity_px` is (M,) px, above 0; `shape` that of the image. Also returns the (H, W) scatter
+    around those planes, px.
     """
-    at = chosen.rows, chosen.columns
+    at, scales = (chosen.rows, chosen.columns), FocusConfig()
     image = np.zeros(shape, np.float32)
     image[at] = disparity_px
-    return surface_disparity(image, image > 0, FocusConfig())[at]
+    fitted_px = surface_disparity(image, image > 0, scales)
+    return fitted_px[at], surface_scatter_px(image, fitted_px, image > 0, scales)
 
 
 def judge(

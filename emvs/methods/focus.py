@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from eventsweep.emvs.config import MapperConfig
@@ -37,7 +39,7 @@ class Focus(Extraction):
         depth_m = np.reciprocal(inverse_depth_at(view.rho, estimate.position))
         mask = at_least(estimate, config.focus.reliability, config.border_px)
         extracted = swept.new_map(method, focus.maximum, depth_m, mask, estimate.reliability)
-        return stated(extracted, per_rho_px, config)
+        return stated(replace(extracted, scatter_px=estimate.scatter_px), per_rho_px, config)
 
 
 FOCUS = Focus()

@@ -8,6 +8,7 @@ of its surface around it, as in the extraction by focus. The expected error choo
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,9 +71,9 @@ class Learned(Focus):
         judged = judge(net, method.fusion, swept.votes_of_planes, chosen, disparity_px)
         at = chosen.rows, chosen.columns
         depth_m = np.reciprocal(inverse_depth_at(view.rho, estimate.position))
-        own_px = judged.disparity_px
+        own_px, scatter_px = judged.disparity_px, None
         if config.refines:
-            own_px = on_own_surface(chosen, own_px, depth_m.shape)
+            own_px, scatter_px = on_own_surface(chosen, own_px, depth_m.shape)
         depth_m[at] = per_rho_px / own_px
         ranked = at_reference_px(judged.reliability, own_px)
         mask = np.zeros(depth_m.shape, np.bool_)
@@ -80,6 +81,7 @@ class Learned(Focus):
         reliability = np.zeros(depth_m.shape, np.float32)
         reliability[at] = judged.reliability
         extracted = swept.new_map(method, focus.maximum, depth_m, mask, reliability)
+        extracted = replace(extracted, scatter_px=scatter_px)
         return stated(extracted, per_rho_px, config, precision_of(net, method.name))
 
 

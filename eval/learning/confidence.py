@@ -19,6 +19,7 @@ from eventsweep.emvs.depth.precision import (
     BAND,
     WITHIN_PX,
     Precision,
+    scatter_scale,
     step_of_planes_px,
     table_name,
 )
@@ -45,11 +46,17 @@ class Scored:
         score: (M,) the method's reliability, above 0.
         error_px: (M,) error, px of disparity.
         most_step_px: largest distance of two planes in the windows they are of, px of disparity.
+        scatter_px: (M,) scatter around their surfaces, px of disparity, of methods that fit some.
     """
 
     score: NDArray[np.float64]
     error_px: NDArray[np.float64]
     most_step_px: float
+    scatter_px: NDArray[np.float64] | None = None
+
+    def __getitem__(self, kept: NDArray[np.bool_]) -> Scored:
+        scatter = None if self.scatter_px is None else self.scatter_px[kept]
+        return Scored(self.score[kept], self.error_px[kept], self.most_step_px, scatter)
 
 
 def collect(
@@ -83,10 +90,12 @@ def calibration_windows(one: TrainingSequence) -> list[TrainingWindow]:
 
 def joined(parts: Sequence[Scored]) -> Scored:
     """Points of several windows together."""
+    scatter = [one.scatter_px for one in parts if one.scatter_px is not None]
     return Scored(
         np.concatenate([one.score for one in parts]),
         np.concatenate([one.error_px for one in parts]),
         max(one.most_step_px for one in parts),
+        np.concatenate(scatter) if len(scatter) == len(parts) else None,
     )
 
 
@@ -98,14 +107,17 @@ def points_of(depth_map: DepthMap, truth: Truth) -> Scored:
     rho, true_rho = 1 / depth_map.depth_m[known].astype(np.float64), 1 / truth.depth_m[known]
     error_px = truth.baseline_focal_px_m * np.abs(rho - true_rho)
     step_px = step_of_planes_px(depth_map, truth.baseline_focal_px_m)
-    return Scored(depth_map.reliability[known].astype(np.float64), error_px, step_px)
+    scatter = None if depth_map.scatter_px is None else depth_map.scatter_px[known]
+    score = depth_map.reliability[known].astype(np.float64)
+    return Scored(score, error_px, step_px, None if scatter is None else scatter.astype(np.float64))
 
 
 def fit(found: Scored) -> Precision:
     """The table of a score whose points have known errors; a larger score is better.
 
     Scores are cut into bins, the finer the higher they are. The errors' quantile falls from bin to
-    bin, as isotonic regression has it, and the precision of what is above never falls.
+    bin, as isotonic regression has it, and the precision of what is above never falls. Where
+    surfaces were fitted, errors are taken as multiples of the scatter around them.
     """
     score, error_px = found.score, found.error_px
     if len(score) < 2 * _FEWEST:
@@ -113,14 +125,16 @@ def fit(found: Scored) -> Precision:
     order = np.argsort(score, kind="stable")
     edges = _edges(len(order))
     parts = [order[a:b] for a, b in zip(edges, [*edges[1:], len(order)], strict=True)]
-    band = np.array([float(np.quantile(error_px[part], BAND)) for part in parts])
+    by_scatter = found.scatter_px is not None
+    relative = error_px if found.scatter_px is None else error_px / scatter_scale(found.scatter_px)
+    band = np.array([float(np.quantile(relative[part], BAND)) for part in parts])
     falling = np.asarray(isotonic_regression(band, increasing=False).x)
     right = error_px[order] <= WITHIN_PX
     above = np.cumsum(right[::-1])[::-1] / np.arange(len(order), 0, -1)
     middle = [a + (b - a) // 2 for a, b in zip(edges, [*edges[1:], len(order)], strict=True)]
     rising = np.maximum.accumulate(above[middle])
     knots, kept = np.unique(score[order][middle].astype(np.float64), return_index=True)
-    return Precision(knots, falling[kept], rising[kept], found.most_step_px)
+    return Precision(knots, falling[kept], rising[kept], found.most_step_px, by_scatter)
 
 
 def _edges(points: int) -> list[int]:

@@ -102,7 +102,8 @@ def _errors(trained: Trained) -> Figure:
 
 def _worth(tables: Mapping[str, Any]) -> Figure:
     figure, axes = _panel(
-        "stated error of the least reliable point [px of disparity]", "points within 1 px [%]"
+        "stated error of the least reliable point [px of disparity, or × scatter]",
+        "points within 1 px [%]",
     )
     for name, table in tables.items():
         known, style = Precision.from_json(table), line_style(name)

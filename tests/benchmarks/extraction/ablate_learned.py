@@ -104,7 +104,7 @@ def smoothed(shown: Shown, ranked: Ranked) -> Ranked:
     disparity_px, rank = ranked
     if disparity_px is shown.chosen.focus_px:
         return ranked
-    fitted_px = on_own_surface(shown.chosen, disparity_px, shown.kept.codes.shape[2:])
+    fitted_px, _ = on_own_surface(shown.chosen, disparity_px, shown.kept.codes.shape[2:])
     if rank is shown.reliability:
         return fitted_px, rank
     return fitted_px, rank * np.sqrt(fitted_px / disparity_px)  # as `at_reference_px` has it

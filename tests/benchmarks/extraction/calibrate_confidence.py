@@ -28,7 +28,7 @@ from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.learning import confidence
-from eventsweep.eval.learning.confidence import Floats, Scored
+from eventsweep.eval.learning.confidence import Scored
 from eventsweep.eval.learning.data import simulate_sequence
 from eventsweep.eval.learning.sequences import sequences
 from eventsweep.eval.scoring.run_folder import truth_of
@@ -104,20 +104,20 @@ def table_of(method: str) -> Precision:
 
 
 def reliability_diagram(
-    table: Precision, score: Floats, error_px: Floats, bins: int = 10
+    table: Precision, points: Scored, bins: int = 10
 ) -> list[Mapping[str, float]]:
     """Stated against found errors: points sorted by what is stated, in bins of as many each.
 
     Args:
         table: what scores were worth on the calibration windows.
-        score: (M,) of other points.
-        error_px: (M,) their errors, px of disparity.
+        points: others.
         bins: how many.
 
     Returns:
         Per bin the mean stated error, the found quantile, and the share within the stated band.
     """
-    said = table.error_at(np.asarray(score, np.float32))
+    scatter = None if points.scatter_px is None else points.scatter_px.astype(np.float32)
+    said, error_px = table.error_at(points.score.astype(np.float32), scatter), points.error_px
     parts = np.array_split(np.argsort(said, kind="stable"), bins)
     return [
         {
@@ -140,7 +140,7 @@ def report(found: Mapping[str, Scored]) -> str:
     for name, points in found.items():
         table = table_of(name)
         kept = points.score >= np.quantile(points.score, 0.5)  # others are never reported
-        diagram = reliability_diagram(table, points.score[kept], points.error_px[kept], bins=5)
+        diagram = reliability_diagram(table, points[kept], bins=5)
         for k, line in enumerate(diagram, 1):
             cells = f"{line['stated_px']:.2f} | {line['found_px']:.2f} | {100 * line['within']:.0f}"
             lines.append(f"| `{name}` | {k} | {cells} |")

@@ -24,6 +24,7 @@ from markdown_blocks import show
 from study_cache import StudySample, load_sample
 from study_samples import SETS, SampleSpec
 from study_variants import (
+    ALONE,
     BASE,
     BEFORE,
     OURS,
@@ -161,7 +162,9 @@ def report(outcomes: Mapping[str, list[SampleOutcome]], *, cases: bool = False) 
 def summary_table(outcomes: list[SampleOutcome]) -> str:
     """The finalists' lines of the ablation."""
     kept = [
-        SampleOutcome(o.case, o.seed, {name: o.numbers[name] for name in (BASE, BEFORE, OURS)})
+        SampleOutcome(
+            o.case, o.seed, {name: o.numbers[name] for name in (BASE, BEFORE, OURS, ALONE)}
+        )
         for o in outcomes
     ]
     return ablation_table(kept)

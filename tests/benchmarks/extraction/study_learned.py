@@ -1,9 +1,9 @@
 """The networks beside Alg1/H and Focus/H: `python tests/benchmarks study_learned --help`.
 
 Every method reports as many pixels as Alg1/H, those that it holds most reliable, and numbers are
-ratios to those of Alg1/H. DERD-Net holds no pixel more reliable than others: it reports Alg1/H's
-own, but for the rim that its patches cannot reach. With `--imperfection` the mapper is told wrong
-poses and calibrations.
+ratios to those of Alg1/H: also with camera 0 alone. DERD-Net holds no pixel more reliable than
+others: it reports Alg1/H's own, but for the rim that its patches cannot reach. With
+`--imperfection` the mapper is told wrong poses and calibrations.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ from study_cache import load_sequence
 from study_extraction import METRICS, Numbers, blocks_with_points
 from study_samples import SETS, SampleSpec, chosen_samples
 
-BASE, FOCUS, LEARNED, DERD = METHODS = ("Alg1/H", "Focus/H", "Learned/H", "DERD/H")
+BASE, FOCUS, LEARNED, DERD = STEREO = ("Alg1/H", "Focus/H", "Learned/H", "DERD/H")
+METHODS = (*STEREO, "Focus/cam0", "Learned/cam0")
 OTHERS = METHODS[1:]
 JUDGED = ("Focus", "Learned")
 """Families whose reliability chooses among more candidates than they report."""
@@ -136,10 +137,10 @@ def interval(ratios: Sequence[float]) -> tuple[float, float, float]:
 
 def case_table(outcomes: Outcomes) -> str:
     """One line for each sample: ratios of each method; blocks are those of Learned/H."""
+    heads = " | ".join(f"{name} median | mean | bad" for name in OTHERS)
     lines = [
-        "| Case | seed | points | Focus/H median | mean | bad | Learned/H median | mean | bad "
-        "| DERD/H median | mean | bad | blocks |",
-        f"|---|{'--:|' * 12}",
+        f"| Case | seed | points | {heads} | blocks |",
+        f"|---|{'--:|' * (3 + 3 * len(OTHERS))}",
     ]
     for spec, found in outcomes.items():
         ratios = [ratio(found, name, m) for name in OTHERS for m in WANTED[:3]]

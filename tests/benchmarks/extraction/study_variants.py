@@ -28,6 +28,7 @@ from study_cache import StudySample
 
 BASE = "Alg1/H"
 OURS = "ours"
+ALONE = "ours, camera 0 alone"
 BEFORE = "variance, agreement × support × inside"  # the three factors that came first
 RIVAL_GAP_PLANES = 6
 RELIABILITIES = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2)
@@ -94,6 +95,11 @@ class Volumes:
     def found(self, config: FocusConfig) -> FocusEstimate:
         """Extraction by focus."""
         return found_in_volumes(self.fused, self.votes, self.disparity_px, config)
+
+    def alone(self) -> VariantEstimate:
+        """Extraction by focus from camera 0's votes: as `Focus/cam0`, without agreement."""
+        own, nobody = self.votes[0], self.votes[:0]
+        return self.best(found_in_volumes(own, nobody, self.disparity_px, _OURS))
 
     def best(self, found: FocusEstimate, reliability: Floats | None = None) -> VariantEstimate:
         """The most reliable pixels, as many as Alg1/H reports."""
@@ -186,8 +192,9 @@ def _sharpest(volume: Floats, config: FocusConfig) -> Maximum:
 
 
 def finalists(volumes: Volumes) -> dict[str, VariantEstimate]:
-    """Alg1/H, the three factors that came first, and ours."""
-    return {BASE: volumes.base, BEFORE: _before(volumes), OURS: volumes.best(volumes.found(_OURS))}
+    """Alg1/H, the three factors that came first, ours, and ours from one camera."""
+    ours = volumes.best(volumes.found(_OURS))
+    return {BASE: volumes.base, BEFORE: _before(volumes), OURS: ours, ALONE: volumes.alone()}
 
 
 def _before(volumes: Volumes) -> VariantEstimate:
@@ -244,7 +251,7 @@ def estimates(volumes: Volumes) -> dict[str, VariantEstimate]:
     for sigma_px in (1.5, 3.5):
         found = volumes.found(FocusConfig(sigma_px=sigma_px))
         out[f"ours, scale {sigma_px} px"] = volumes.best(found)
-    return out | {BEFORE: _before(volumes), OURS: chosen}
+    return out | {BEFORE: _before(volumes), OURS: chosen, ALONE: volumes.alone()}
 
 
 def _same_pixels(volumes: Volumes) -> dict[str, VariantEstimate]:

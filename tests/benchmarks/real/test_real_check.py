@@ -16,9 +16,9 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
-from frame_depth import depth_from_frames, undistorted
+from frame_depth import FrameDepth, depth_from_frames, undistorted
 from places import SHARED
-from real_check import _BOARD_DEPTH_M, Sample, Scores, board_residual, main, report, samples
+from real_check import _BOARD_DEPTH_M, Sample, Scores, _held, board_residual, main, report, samples
 from slid_pair import SlidPair, straight_way
 
 SLIDER = SHARED / "data" / "slider_depth"
@@ -161,15 +161,33 @@ def test_the_residual_of_a_tilted_board_is_its_noise(noise_m):
 
 def test_tables_say_what_was_found():
     def scores(size):
-        return Scores(100, 90, size, 2 * size, 0.01, 3 * size, float("nan") if size > 0.15 else 0.7)
+        held = (float("nan"),) * 2 if size > 0.15 else (0.7, 0.8)
+        return Scores(100, 90, size, 2 * size, 0.01, 3 * size, *held)
 
     names = "Alg1/H", "DERD/H", "EMVS/cam0", "Focus/H", "Learned/H", "Focus/cam0", "Learned/cam0"
     by_name = {name: scores(0.2 * 0.8**k) for k, name in enumerate(names)}
     text = report([Sample(0.45, 0.2, by_name), Sample(0.6, 0.4, by_name)])
-    assert "| `Focus/H` | 0.51 | 0.51 | 1.00 | 30.72–30.72 | 70–70 |" in text
-    assert "| `Alg1/H` | 1.00 | 1.00 | 1.00 | 60.00–60.00 | none stated |" in text
-    assert "| 0.45 | 0.2 | 90 | 20.00 | 40.00 | 10.24 | 20.48 | 1.00 | 30.72 | 70 |" in text
+    assert "| `Focus/H` | 0.51 | 0.51 | 1.00 | 30.72–30.72 | 70–70 | 80–80 |" in text
+    assert "| `Alg1/H` | 1.00 | 1.00 | 1.00 | 60.00–60.00 | none stated | none stated |" in text
+    assert "| 0.45 | 0.2 | 90 | 20.00 | 40.00 | 10.24 | 20.48 | 1.00 | 30.72 | 70 | 80 |" in text
     assert len({line.count("|") for line in text.split("\n\n")[1].splitlines() if line}) == 1
+
+
+@pytest.mark.parametrize("sigma", [0.002, 0.01])
+def test_a_truth_that_errs_too_is_joined_to_the_band(sigma):
+    """Law: with both errors normal, the joined band holds 68 %, the stated one alone fewer."""
+    rng, shape = np.random.default_rng(1), (120, 160)
+    left, right = rng.normal(0, np.sqrt(2) * sigma, (2, *shape))
+    nothing, known = np.zeros(shape, np.float32), np.ones(shape, np.bool_)
+    truth = FrameDepth(nothing + 1, known, np.abs(left - right).astype(np.float32), nothing)
+    assert truth.own_error == pytest.approx(0.994 * sigma, rel=0.05)
+    relative = np.abs(rng.normal(0, 0.005, shape) + (left + right) / 2).astype(np.float32)
+    result = map_window(SlidPair(Slider(), 0.1), MapperConfig(methods=("Alg1/H",), duration_s=0.3))
+    band = np.full(shape, 0.994 * 0.005, np.float32)
+    stated = replace(result.depth_maps["Alg1/H"], depth_m=nothing + 1, error_m=band)
+    within, both = _held(stated, relative[known], known, truth.own_error)
+    assert both == pytest.approx(0.68, abs=0.02)
+    assert within < both - 0.03
 
 
 def test_the_command_refuses_in_one_line(tmp_path, capsys):

@@ -21,6 +21,7 @@ from eventsweep.emvs.depth.focus import (
     disparity_at,
     estimate_in_focus,
     on_surface,
+    surface_scatter_px,
 )
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.focus_kernels import BLOCK, PAIR
@@ -125,6 +126,22 @@ def test_fitted_surface_equals_twin(seed, radius, tolerance):
     slow = naive.fitted_surface(disparity, candidate, weight, tolerance, 0.5)
     np.testing.assert_allclose(out[candidate], slow[candidate], atol=1e-4)
     assert (out[~candidate] == -1).all()
+
+
+def test_scatter_around_a_surface_equals_its_twin():
+    rng, config = np.random.default_rng(4), FocusConfig()
+    own_px, candidate = rng.uniform(1, 9, (20, 24)).astype(F), rng.random((20, 24)) < 0.3
+    fitted_px = own_px + rng.normal(0, 0.2, own_px.shape).astype(F)
+    found = surface_scatter_px(own_px, fitted_px, candidate, config)
+    reach = 6  # 1.5 scales of 4 px
+    near = np.exp(-0.5 * (np.arange(-reach, reach + 1) / config.surface_sigma_px) ** 2)
+    weight = np.outer(near, near)
+    apart, there = (np.pad(a, reach, mode="reflect") for a in (abs(fitted_px - own_px), candidate))
+    for y, x in np.ndindex(own_px.shape):
+        window = slice(y, y + 2 * reach + 1), slice(x, x + 2 * reach + 1)
+        w = weight * there[window]
+        slow = (w * apart[window]).sum() / w.sum() if candidate[y, x] else 0
+        assert found[y, x] == pytest.approx(slow, rel=1e-4)
 
 
 def surface(disparity_px, planes_px):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.precision import scatter_scale
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, overview
@@ -86,14 +87,18 @@ def test_a_lower_error_keeps_a_part_of_the_points():
 
 
 def test_the_error_in_metres_grows_with_the_square_of_depth():
-    """Law: error_m = error_px Z² / (f b), so two points of one reliability differ by Z² alone."""
+    """Law: error_m = error_px Z² / (f b), and error_px is a falling function times the scatter."""
     result = mapped(fronto_parallel(1.23), "Learned/H", "Focus/H", planes=100)
     for depth in result.depth_maps.values():
-        at = np.argwhere(depth.mask)
-        order = np.argsort(depth.reliability[depth.mask])
-        a, b = at[order[10]], at[order[11]]
-        per = [depth.error_m[tuple(p)] / depth.depth_m[tuple(p)] ** 2 for p in (a, b)]
-        assert per[0] >= per[1] * 0.999
+        scale = scatter_scale(depth.scatter_px) * depth.depth_m**2
+        per = (depth.error_m / scale)[depth.mask]
+        falling = per[np.argsort(depth.reliability[depth.mask], kind="stable")]
+        assert np.all(falling[1:] <= falling[:-1] * 1.001)
+
+
+def test_without_a_fitted_surface_no_error_is_stated():
+    plain = mapped(fronto_parallel(1.23), "Learned/H", "Focus/H", planes=100, interpolate=False)
+    assert all(d.scatter_px is None and d.error_m is None for d in plain.depth_maps.values())
 
 
 def test_a_window_without_candidates_has_no_points():

@@ -1,12 +1,20 @@
 """Calibration of reliability: laws of the tables, and what they say of points not seen before."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from calibrate_confidence import reliability_diagram
-from eventsweep.emvs.depth.precision import BAND, Precision, table_name, tables
+from eventsweep.emvs.depth.precision import (
+    BAND,
+    LEAST_SCATTER_PX,
+    Precision,
+    table_name,
+    tables,
+)
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.learning import confidence
 from eventsweep.eval.learning.confidence import Scored
@@ -35,11 +43,39 @@ def test_errors_never_rise_and_precision_never_falls(seed, count):
 def test_stated_bands_hold_their_share_of_other_points():
     table = fit(*points(0, 40_000))
     score, error_px = points(1, 40_000)
-    diagram = reliability_diagram(table, score, error_px)
+    diagram = reliability_diagram(table, Scored(score, error_px, 1.0))
     assert len(diagram) == 10
     for line in diagram:
         assert abs(line["within"] - BAND) < 0.05
         assert line["stated_px"] == pytest.approx(line["found_px"], rel=0.2)
+
+
+def scattered(seed, count, noise):
+    """Points as sharp by their score, in a scene whose surfaces scatter as `noise` says."""
+    score, error = points(seed, count)
+    return Scored(score, noise * error, 1.0, np.full(count, noise - LEAST_SCATTER_PX))
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.1, 0.5])
+def test_errors_by_scatter_hold_in_calm_scenes_and_in_noisy_ones(noise):
+    """Law: what all depths of a scene are noisier by, bands are wider by."""
+    parts = [scattered(k, 20_000, size) for k, size in enumerate((0.03, 0.3))]
+    table, other = confidence.fit(confidence.joined(parts)), scattered(9, 20_000, noise)
+    assert table.by_scatter
+    for line in reliability_diagram(table, other, bins=5):
+        assert abs(line["within"] - BAND) < 0.05
+    plain = confidence.fit(Scored(*(np.concatenate([getattr(p, n) for p in parts])
+                                    for n in ("score", "error_px")), 1.0))  # fmt: skip
+    held = [line["within"] for line in reliability_diagram(plain, replace(other, scatter_px=None))]
+    assert abs(np.mean(held) - BAND) > 0.05
+
+
+def test_a_table_by_scatter_needs_it_of_every_point():
+    table = confidence.fit(scattered(0, 1000, 0.1))
+    with pytest.raises(ValueError, match="needs scatter_px"):
+        table.error_at(np.ones(3, np.float32))
+    mixed = confidence.joined([scattered(0, 1000, 0.1), Scored(*points(1, 1000), 1.0)])
+    assert not confidence.fit(mixed).by_scatter
 
 
 @pytest.mark.parametrize("wanted", [0.8, 0.85, 0.9])
@@ -83,6 +119,8 @@ BROKEN = (
 def test_tables_are_numbers_in_files():
     table = fit(*points(0, 500))
     again = Precision.from_json(table.to_json())
+    assert not again.by_scatter
+    assert Precision.from_json({**table.to_json(), "by_scatter": True}).by_scatter
     np.testing.assert_allclose(again.error_px, table.error_px, rtol=1e-4)
     for broken in BROKEN:
         with pytest.raises(InputError, match="no table of precision"):
