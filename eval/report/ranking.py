@@ -217,7 +217,7 @@ def findings(rows: pd.DataFrame, metric: str, cases: int = 1) -> list[str]:
     """
     said = _Findings({(row.method, row.metric): row for row in each(rows)}, cases)
     poses = said.poses(rows, metric)
-    rows = rows[~rows["method"].map(is_on_own_poses)]
+    rows = rows[~rows["method"].map(is_on_own_poses).astype(bool)]
     sentences = []
     if order_text := fusion_order(rows, metric):
         sentences.append(f"Fusion functions by {column(metric).title}, best first: {order_text}.")
