@@ -18,6 +18,7 @@ REPLACE = {
     "events",
     "fit",
     "realism",
+    "submission enter",
     "submission make",
     "suite",
     "gate",
