@@ -131,7 +131,7 @@ def compared(real: Portrait, simulated: Portrait) -> Realism:
     return Realism(real, simulated, auc, single)
 
 
-def compare_recordings(real: Recording, simulated: Recording, camera: int = 0) -> Realism:
+def compare_realism(real: Recording, simulated: Recording, camera: int = 0) -> Realism:
     """Compares one camera of each, over the length of the shorter.
 
     Raises:
