@@ -46,6 +46,10 @@ from .eval.scoring.predictions import TargetView as TargetView
 from .eval.scoring.results import Results as Results
 from .eval.scoring.score import score_depth as score_depth
 from .eval.scoring.trajectories.score import TrajectoryScore as TrajectoryScore
+from .eval.sensing.fit import SensorFit as SensorFit
+from .eval.sensing.fit import fit_sensor as fit_sensor
+from .eval.sensing.realism import Realism as Realism
+from .eval.sensing.realism import compare_realism as compare_realism
 from .mapping import CheckReport as CheckReport
 from .mapping import check as check
 from .mapping import map_window as map_window

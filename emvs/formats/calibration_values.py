@@ -24,6 +24,7 @@ _MOST_DEPTH = 32
 _MOST_LETTERS = 500
 _LONG_NUMBER = re.compile(rf"[0-9_:.]{{{_MOST_LETTERS + 1}}}")
 _LARGEST = 1e100
+_LARGEST_M = 1e6
 _OPENCV_DIRECTIVE = re.compile(r"\A\ufeff?%YAML:[0-9.]+[^\n]*")
 
 
@@ -136,7 +137,7 @@ def near_rigid(values: Any, key: str) -> NDArray[np.float64]:
             f"{key} holds something that is not a number: needs 4x4 numbers"
         ) from error
     T = T.reshape(4, 4) if T.shape == (16,) else T
-    if T.shape != (4, 4) or not se3.is_rigid(T, 1e-3):
+    if T.shape != (4, 4) or not (np.abs(T) < _LARGEST_M).all() or not se3.is_rigid(T, 1e-3):
         raise InputError(f"{key} is not a rigid motion: needs a 4x4 matrix with a rotation")
     return se3.nearest_rigid(T)
 

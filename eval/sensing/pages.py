@@ -73,6 +73,7 @@ def realism_page(realism: Realism, command: str, files: tuple[str, ...]) -> str:
         for title, field, label in (
             ("Intervals", "gap_us", "time between two events of a pixel [µs]"),
             ("Bursts", "burst", "events per burst"),
+            ("Edges", "edge_hz", "rate of events at edges [1/s]"),
             ("Rates", "per_pixel", "events per second of a pixel"),
         )
     )

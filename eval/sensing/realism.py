@@ -13,7 +13,12 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.sensing.pixel_events import PixelEvents
 from eventsweep.eval.sensing.separability import area_under_curve, separability
-from eventsweep.eval.sensing.window_features import NAMES, isolated_share, window_features
+from eventsweep.eval.sensing.window_features import (
+    NAMES,
+    edge_rates_hz,
+    isolated,
+    window_features,
+)
 
 WINDOWS = 40
 _FEW_ROWS = 10 * 2
@@ -30,6 +35,7 @@ class Portrait:
         statistics: numbers by name.
         gap_us: times between two events of a pixel, µs.
         burst: events per burst, of one polarity and pixel with less than 10 ms in between.
+        edge_hz: how fast events follow each other at edges, see `edge_rates_hz`.
         per_pixel: (P,) events per second of each pixel.
         features: (N, F) of parts of windows; `window`, (N,), says of which.
     """
@@ -38,6 +44,7 @@ class Portrait:
     statistics: dict[str, float]
     gap_us: NDArray[np.int64]
     burst: NDArray[np.int64]
+    edge_hz: Floats
     per_pixel: Floats
     features: Floats
     window: NDArray[np.int64]
@@ -83,6 +90,8 @@ def portrait(
     pixels = PixelEvents.of(events, shape, span_us)
     gap_us, _, alike = pixels.gaps
     burst = _bursts(pixels)
+    alone = isolated(events, shape)
+    edge_hz = edge_rates_hz(events, shape, alone)
     rate_hz = pixels.counts.ravel() / pixels.seconds
     statistics = {
         "events per pixel and second": float(rate_hz.mean()),
@@ -92,12 +101,13 @@ def portrait(
         "median interval, ms": float(np.median(gap_us)) / 1e3,
         "equal polarity in a row": float(alike.mean()),
         "events per burst": float(burst.mean()),
-        "share of isolated events": isolated_share(events, shape),
+        "share of isolated events": float(alone.mean()),
+        "median rate at edges, 1/s": float(np.median(edge_hz)) if len(edge_hz) else 0.0,
         "spread of pixels' rates (standard deviation of ln)": float(
             np.log(rate_hz[rate_hz > 0]).std()
         ),
     }
-    return Portrait(name, statistics, gap_us, burst, rate_hz, features, window)
+    return Portrait(name, statistics, gap_us, burst, edge_hz, rate_hz, features, window)
 
 
 def _bursts(pixels: PixelEvents) -> NDArray[np.int64]:
@@ -121,7 +131,7 @@ def compared(real: Portrait, simulated: Portrait) -> Realism:
     return Realism(real, simulated, auc, single)
 
 
-def compare_recordings(real: Recording, simulated: Recording, camera: int = 0) -> Realism:
+def compare_realism(real: Recording, simulated: Recording, camera: int = 0) -> Realism:
     """Compares one camera of each, over the length of the shorter.
 
     Raises:

@@ -11,7 +11,9 @@ of one pole with time constant tau q(I) has light L = V + tau q V', q(I) = (1 + 
 where L is interpolated between frames, V' the rate of events around, and a what leak and noise add.
 Noise makes the counts uncertain, not the light: least squares on the counts would give thresholds
 too low (errors in variables). The equation is therefore multiplied by functions of the frames alone
-(instrumental variables: Reiersol, Ark. Mat. Astr. Fys. 1945), and summed over all pairs.
+(instrumental variables: Reiersol, Ark. Mat. Astr. Fys. 1945), and summed over all pairs. These
+frames are others than those that give L: a frame's own noise, on both sides, would be a threshold
+too large.
 """
 
 from __future__ import annotations
@@ -31,6 +33,8 @@ from eventsweep.sim.sensor_presets import SensorParameters
 _NEAR_US = 5_000
 _CLOSEST_S, _FARTHEST_S = 1e-3, 0.03
 _LONGEST_US = 500_000
+# Frames so many before and after an event's own give the instruments.
+_APART = 2
 # A pixel whose events come closer than so many refractory periods may have lost some in between.
 _GUARD = 3.0
 _FEW_PAIRS, _MOST_RELATIVE = 2000, 0.25
@@ -59,12 +63,21 @@ class Pairs:
 
 @dataclass(frozen=True)
 class _Anchors:
-    """Events near frames: index among the events, frame, light, its slope and the lag's factor."""
+    """Events near frames.
+
+    Attributes:
+        event: (N,) index among the events.
+        log: their log light.
+        slope: of it, times the lag's factor, 1/s.
+        lag: that factor.
+        apart: log light of other frames, around those that give `log`.
+    """
 
     event: NDArray[np.int64]
     log: Floats
     slope: Floats
     lag: Floats
+    apart: Floats
 
 
 def pairs_of(
@@ -77,7 +90,7 @@ def pairs_of(
     rates = _rates(pixels, event) * anchors.lag
     sloped = np.isfinite(rates[0])
     event, rates = event[sloped], rates[:, sloped]
-    logs, slopes = anchors.log[sloped], anchors.slope[sloped]
+    logs, slopes, others = (a[sloped] for a in (anchors.log, anchors.slope, anchors.apart))
     start, end = event[:-1], event[1:]
     pixel, t_us = pixels.pixel, pixels.t_us
     fast = np.zeros(len(pixels) + 1, np.int64)
@@ -90,11 +103,11 @@ def pairs_of(
     plus = (ons[end] - ons[start]).astype(float)
     minus = (end - start) - plus
     lags = np.diff(rates, axis=1)[:, good]
-    change, turned = (np.diff(values)[good] for values in (logs, slopes))
+    change, turned, moved = (np.diff(values)[good] for values in (logs, slopes, others))
     seconds = (t_us[end] - t_us[start]) * 1e-6
     tile, moments = pixels.tile[pixel[start]], np.zeros((tiles, 4, 6))
     known = (plus, minus, *lags, seconds, change)
-    for i, z in enumerate((np.maximum(change, 0), np.maximum(-change, 0), turned, seconds)):
+    for i, z in enumerate((np.maximum(moved, 0), np.maximum(-moved, 0), turned, seconds)):
         for j, x in enumerate(known):
             moments[:, i, j] = np.bincount(tile, z * x, tiles)
     keep = slice(None, None, max(1, len(start) // 20_000))
@@ -139,12 +152,13 @@ def _anchors(
     usable = frames.usable.reshape(count, number)
     near = (
         (np.abs(away_us) <= _NEAR_US)
-        & (k > 0)
-        & (k < count - 1)
+        & (k >= _APART)
+        & (k < count - _APART)
         & ~pixels.hot.ravel()[pixels.pixel]
     )
     event = np.flatnonzero(near)
-    around = np.stack([usable[k[event] + d, pixels.pixel[event]] for d in (-1, 0, 1)])
+    reach = range(-_APART, _APART + 1)
+    around = np.stack([usable[k[event] + d, pixels.pixel[event]] for d in reach])
     event = event[around.all(0)]
     order = np.lexsort([np.abs(away_us[event]), k[event], pixels.pixel[event]])
     event = event[order]
@@ -161,7 +175,8 @@ def _anchors(
     log = here + away * (level + bend * away)
     lag = (1 + dark_level) / (np.exp(log) - log_eps + dark_level)
     slope = level + 2 * bend * away
-    return _Anchors(event, log, lag * slope, lag)
+    apart = sum(np.log(light[frame + d, pixel] + log_eps) for d in (-_APART, _APART)) / 2
+    return _Anchors(event, log, lag * slope, lag, np.asarray(apart, np.float64))
 
 
 def _rates(pixels: PixelEvents, event: NDArray[np.int64]) -> Floats:

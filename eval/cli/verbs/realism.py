@@ -39,11 +39,11 @@ def realism(
     from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.utils.outputs import atomic_dir, check_output
     from eventsweep.eval.sensing.folder import write_realism
-    from eventsweep.eval.sensing.realism import compare_recordings
+    from eventsweep.eval.sensing.realism import compare_realism
 
     check_output(out, force=force, inputs=(real, simulated))
     console = common.console()
-    found = compare_recordings(open_recording(real), open_recording(simulated), camera)
+    found = compare_realism(open_recording(real), open_recording(simulated), camera)
     command = " ".join(["eventsweep", *sys.argv[1:]])
     with atomic_dir(out, force=force, inputs=(real, simulated)) as folder:
         write_realism(folder, found, command)

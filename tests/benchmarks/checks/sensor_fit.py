@@ -1,9 +1,11 @@
 """Do fitted sensors have the parameters that they were simulated with? Writes a table to the docs.
 
-Sensors are drawn by a seed, recorded on three scenes with frames beside, and fitted. Numbers were
-chosen on seeds below 200; those from 200 on are for one run at the end.
+Sensors are drawn by a seed, recorded with frames beside on three scenes that move and on one at
+rest, and fitted. Numbers were chosen on seeds below 200; those from 300 on are for one run at the
+end, in several processes if need be, whose rows make one table.
 
-    python tests/benchmarks sensor_fit --first 200 --count 6 --table
+    python tests/benchmarks sensor_fit --first 300 --count 12 --rows rows.json
+    python tests/benchmarks sensor_fit --of rows.json --table
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ from eventsweep.sim.config import SimConfig
 from eventsweep.sim.simulate import simulate
 from markdown_blocks import show
 
-SCENES = "boxes", "desk", "planes"
+SCENES = "boxes", "desk", "planes", "rest"
+REST_S = 3.0
+"""How long the camera rests before `planes`, s: there noise stands alone."""
 RIG = Rig("probe", (Camera(160, 120, 130, 130, 79.5, 59.5),), (np.eye(4),))
 LIMITS = {
     "contrast_threshold_pos": 0.05, "contrast_threshold_neg": 0.05, "refractory_period_us": 0.1,
@@ -59,14 +63,23 @@ def drawn(seed: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def at_rest(folder: Path) -> dict[str, Any]:
+    """Settings of a simulation whose camera does not move."""
+    poses = folder / "rest.txt"
+    stamps = np.arange(0, REST_S + 0.5, 0.01)
+    poses.write_text("".join(f"{t:.6f} 0 0 0 0 0 0 1\n" for t in stamps))
+    return {"duration_s": REST_S, "replay": {"trajectory": poses}}
+
+
 def recorded(seed: int, folder: Path) -> tuple[SensorFit, dict[str, float], str]:
     """The fit of a drawn sensor on its scene, and the truth by the estimates' names."""
     values, scene = drawn(seed), SCENES[seed % len(SCENES)]
     frames = {"rate_hz": 200.0, "exposure_us": 1000, "gain": 1.0}
-    config = SimConfig(
-        duration_s=1.0, sampling="fast", truth_interval_s=1.0, frames=frames, **values
-    )
-    path = simulate(scenes.load(scene), RIG, config, seed, folder / f"{seed}", force=True)
+    lasting = at_rest(folder) if scene == "rest" else {"duration_s": 1.0}
+    settings = {"sampling": "fast", "truth_interval_s": 1.0, "frames": frames, **lasting}
+    config = SimConfig(**settings, **values)
+    place = scenes.load("planes" if scene == "rest" else scene)
+    path = simulate(place, RIG, config, seed, folder / f"{seed}", force=True)
     fit = fit_sensor(Sequence.open(path))
     truth = {**values, **values["sensor"]}
     dark, bright = truth["shot_rate_dark_hz"], truth["shot_rate_bright_hz"]
@@ -119,9 +132,15 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--count", type=int, default=3)
     parser.add_argument("--rows", type=Path, help="file for all rows, JSON")
+    parser.add_argument("--of", type=Path, nargs="+", help="files of rows to make the table of")
     parser.add_argument("--table", action="store_true", help=f"write the table into {PAGE}")
     given = parser.parse_args()
     rows: list[dict[str, Any]] = []
+    for path in given.of or ():
+        rows += json.loads(path.read_text())
+    if given.of:
+        show(table_of(rows), PAGE if given.table else None, "sensor-fit")
+        return
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(given.first, given.first + given.count):
             rows += rows_of(seed, Path(folder))

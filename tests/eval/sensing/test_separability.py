@@ -13,7 +13,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.eval.sensing.folder import write_realism
 from eventsweep.eval.sensing.realism import compared, portrait
 from eventsweep.eval.sensing.separability import area_under_curve, separability
-from eventsweep.eval.sensing.window_features import isolated_share
+from eventsweep.eval.sensing.window_features import edge_rates_hz, isolated
 
 WINDOW = np.repeat(np.arange(40), 6)
 
@@ -98,4 +98,21 @@ def test_isolated_events_have_no_neighbour_just_before():
     x, t_us = np.array([5, 6, 20, 20, 21]), np.array([0, 4000, 0, 4000, 90_000])
     events = Events(x.astype(np.uint16), np.full(5, 3, np.uint16), t_us, np.ones(5, np.uint8))
     # The pair (5, 6) is not alone; a pixel is no neighbour of itself.
-    assert isolated_share(events.take(np.argsort(t_us, kind="stable")), (10, 30)) == 0.6
+    sorted_ = events.take(np.argsort(t_us, kind="stable"))
+    assert isolated(sorted_, (10, 30)).tolist() == [False, True, False, True, True]
+
+
+def test_the_rate_at_edges_is_contrast_times_speed_over_the_threshold():
+    """Edges that pass fire a column at a time, n times 2 ms apart; single noise has no say."""
+    columns, rows, fires = np.arange(20), np.arange(10), np.arange(3)
+    x, y, n = (a.ravel() for a in np.meshgrid(columns, rows, fires, indexing="ij"))
+    t_us = 7000 * x + 2000 * n
+    noise = (np.array([25, 25]), np.array([5, 5]), np.array([1000, 1800]))
+    x, y, t_us = (np.append(a, b) for a, b in zip((x, y, t_us), noise, strict=True))
+    order = np.argsort(t_us, kind="stable")
+    events = Events(*(a[order].astype(np.uint16) for a in (x, y)), t_us[order].astype(np.int64),
+                    np.ones(len(x), np.uint8))  # fmt: skip
+    alone = isolated(events, (10, 30))
+    found = edge_rates_hz(events, (10, 30), alone)
+    assert len(found) == 20 * 10 * 2
+    np.testing.assert_allclose(found, 500.0)
