@@ -125,6 +125,8 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks calibrate_confidence --sequences out/trained/sequences \
 		--page docs/learned.md
 	$(BIN)/python tests/benchmarks study_learned --tables summary --page docs/learned.md
+	$(BIN)/python tests/benchmarks study_learned --tables summary --page docs/learned.md --mark learned-now \
+		--cases boxes-2 planes-2 rpg-reader rpg-bin tumvie-1d
 	$(BIN)/python tests/benchmarks study_learned --tables summary --sets noisy --page docs/learned.md --mark learned-noisy
 	$(BIN)/python tests/benchmarks study_learned --tables summary --sets other --page docs/learned.md --mark learned-other
 	$(BIN)/python tests/benchmarks study_learned --tables summary --imperfection mvsec --page docs/learned.md \
