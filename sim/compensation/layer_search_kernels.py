@@ -21,6 +21,9 @@ MOST = 6
 """Layers of one pixel; where there are more, neighbours in depth are one."""
 APART_PX = 0.25
 """Surfaces whose parallax over the interval differs by less are one layer."""
+# As they are, numba would compile once for each.
+_TO_FIRST: int = np.int64(TO_FIRST_END)  # type: ignore[assignment]
+_TO_SECOND: int = np.int64(TO_SECOND_START)  # type: ignore[assignment]
 
 
 class Seen(NamedTuple):
@@ -382,8 +385,6 @@ def find_layers(
         np.zeros(shape, np.int64), np.empty(lists, np.int64), np.empty(lists), np.empty(lists),
         np.full(shape, np.inf, np.float32), np.full(shape, -np.inf, np.float32),
     )  # fmt: skip
-    reach_out(
-        before, n, border, bearing, lens, ways, np.int64(TO_SECOND_START), spread, mixed, reached
-    )
-    reach_out(after, n, border, bearing, lens, ways, np.int64(TO_FIRST_END), spread, mixed, reached)
+    reach_out(before, n, border, bearing, lens, ways, _TO_SECOND, spread, mixed, reached)
+    reach_out(after, n, border, bearing, lens, ways, _TO_FIRST, spread, mixed, reached)
     return chosen(reached)

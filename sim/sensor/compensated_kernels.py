@@ -22,6 +22,7 @@ from eventsweep.sim.sensor.esim_kernels import NEAR, level_of, number_of_falls, 
 # Steps are never shorter and never longer than this way, px.
 _LEAST_PX, _MOST_PX = 0.1, 1.0
 _FIRST_ROOM = 4096
+_NONE: int = np.int64(0)  # type: ignore[assignment]  # numba compiles once more for a literal
 # What is known of each pixel of a row, behind its path: the time it has come to, and the light
 # there and at the end; where it may rise and fall; how fast light can change; pixels per way; and
 # the step that it takes.
@@ -360,11 +361,11 @@ def layered_events(
         i, j = grid * (y + border), grid * (x + border)
         way_px = begin_layers(x, y, layers, slot, bearing, lens, ways, numbers)
         per_px, rate = 1.0 / max(way_px, 1e-6), bright - dark + 1e-9
-        time, light = 0.0, np.float64(light_a[i, j])
+        time, light = 0.0, 1.0 * light_a[i, j]
         while time < 1.0:
             room = min(rise_row[x] - light, light - fall_row[x])
             then = time + per_px * min(max(room / rate, _LEAST_PX), _MOST_PX)
-            seen = np.float64(light_b[i, j])
+            seen = 1.0 * light_b[i, j]  # a double, whatever is drawn
             if then < 1.0 - 0.5 * _LEAST_PX * per_px:
                 seen, _ = layered_light(
                     x, y, layers, slot, numbers, before, after, grid, border, then
@@ -454,10 +455,10 @@ def events_between(
     row, chosen, reached = np.empty((_ROWS, width)), np.arange(width), np.arange(width)
     pixel, event = np.empty(_FIRST_ROOM, np.int64), np.empty(_FIRST_ROOM, np.int64)
     columns, found = np.empty(_FIRST_ROOM, np.int64), np.empty(_FIRST_ROOM, np.int64)
-    ends, total = np.empty(width + 1, np.int64), np.int64(0)  # a literal compiles all twice
+    ends, total = np.empty(width + 1, np.int64), _NONE
     numbers = np.empty((MOST, NUMBERS))
     for y in range(height):
-        first_pixel, left, n = y * width, 0, np.int64(0)
+        first_pixel, left, n = y * width, 0, _NONE
         rise_row = rise_light[first_pixel : first_pixel + width]
         fall_row = fall_light[first_pixel : first_pixel + width]
         for x in range(width):
