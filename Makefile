@@ -137,8 +137,7 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks fidelity --truth out/fidelity --page docs/simulator.md \
 		--picture docs/images/fidelity.png
 	$(BIN)/python tests/benchmarks fidelity --rays --truth out/fidelity --page docs/simulator.md
-	$(BIN)/python tests/benchmarks fidelity desk boxes thin-structures --truth out/fidelity --parts \
-		--page docs/simulator.md
+	$(BIN)/python tests/benchmarks fidelity_depth --truth out/fidelity --page docs/simulator.md
 	$(BIN)/python tests/benchmarks study_cost --page docs/performance.md --picture docs/images/cost.png
 	$(BIN)/python tests/benchmarks sampling_depth --out out/sampling-depth --page docs/simulator.md
 	$(BIN)/python tests/benchmarks first_picture --page docs/performance.md

@@ -50,6 +50,7 @@ REST = "everything else"
 STAGES: tuple[tuple[Any, str, str], ...] = (
     (renderer.StereoRenderer, "_render", "draw, read back"),
     (draw_target.DrawTarget, "read", "draw, read back"),
+    (draw_target.DrawTarget, "read_depth", "draw, read back"),
     (light_shader.ShaderLight, "take", "light of samples and pixels"),
     (pixel_kernels, "luma", "light of samples and pixels"),
     (pixel_kernels, "resampled", "light of samples and pixels"),
