@@ -15,6 +15,7 @@ _EVENTS_PER_COLUMN = 30  # that make the edges of an image visible, for half of 
 _STILL_PER_PIXEL = 0.005  # with fewer events no edge has moved by a pixel
 _POINTS_PER_COLUMN = 24
 _USUAL_COLUMNS = 400
+_MAP_EVENTS_PER_COLUMN, _LEAST_MAP_EVENTS = 170, 60_000
 _PLANES = 60, 100
 
 
@@ -29,6 +30,7 @@ class Sizes:
         lines: map points that lines are made of.
         distances: map points whose distances from lines of the events count.
         levels: scales of line fields.
+        map: events of each camera that make a map.
     """
 
     events: int
@@ -37,6 +39,7 @@ class Sizes:
     lines: int
     distances: int
     levels: int
+    map: int
 
     @classmethod
     def of(cls, rig: Rig) -> Sizes:
@@ -50,6 +53,7 @@ class Sizes:
             lines=_POINTS_PER_COLUMN * columns,
             distances=2000,
             levels=2 + max(0, round(math.log2(columns / _USUAL_COLUMNS))),
+            map=max(_LEAST_MAP_EVENTS, _MAP_EVENTS_PER_COLUMN * columns),
         )
 
 

@@ -19,9 +19,11 @@ class TrackConfig(ParameterGroup):
         default=None, ge=2, le=100_000,
         description="depth planes of a map; by default one per pixel of disparity, 60 to 100",
     )  # fmt: skip
-    map_events: int = Field(
-        default=60_000, ge=1000, description="most events of each camera that make a map"
-    )
+    map_events: int | None = Field(
+        default=None, ge=1000,
+        description="most events of each camera that make a map; by default 170 per column of the "
+        "image, at least 60,000",
+    )  # fmt: skip
     min_depth_m: Positive | None = Field(
         default=None, description="nearest depth, m; by default the recording's own, else 0.2"
     )

@@ -109,7 +109,8 @@ class Tracker:
         self._registration = Registration(
             views, self._sizes.levels, self._sizes.own_time, self._per_camera
         )
-        self._arrived = Arrived(rig, depth_range_m, most_events=self._config.map_events)
+        self._map_events = self._config.map_events or self._sizes.map
+        self._arrived = Arrived(rig, depth_range_m, most_events=self._map_events)
         self._fired_us = [np.full((c.height_px + 2, c.width_px + 2), NEVER_US) for c in rig.cameras]
         self._gyroscope = Gyroscope()
         self._cloud = MapCloud(self._config.maps)
@@ -212,7 +213,7 @@ class Tracker:
         self._use_cloud()
         self._mapper = OnlineMapper(
             self._rig, self._map_config(), depth_range_m=self._arrived.depth_range_m,
-            start_us=motions[0].t_us, most_events=self._config.map_events,
+            start_us=motions[0].t_us, most_events=self._map_events,
         )  # fmt: skip
         self._fed_us = begin_us
         self._change(Status.TRACKING, "", motions[0].t_us)

@@ -47,7 +47,8 @@ TWINS = {
 """By scene: the sensor, and how long a sequence is, s."""
 OPENED = frozenset({0, 1})
 """Seeds that were looked at while the tracker was built."""
-_OPENED_TOO = frozenset({("dsec-street", 4)})  # its car taught the tracker to expect more speed
+# A car taught the tracker to expect more speed, a wide image to map more events.
+_OPENED_TOO = frozenset({("dsec-street", 4), ("tumvie-6dof", 4)})
 _METHOD = "Focus/H"
 _HALF_US, _EVERY_US, _MOST_WINDOWS = 100_000, 300_000, 3  # of what is mapped on both poses
 _WARM_US = 300_000
