@@ -189,7 +189,6 @@ class Chosen(DerivedRecording):
 _UNITS = {"mm": 0.001, "cm": 0.01, "km": 1000.0}
 _FACTORS = (0.4, 0.55, 0.7, 0.85, 1.0, 1.18, 1.4, 1.8, 2.5)
 _FOCAL = (0.18, 0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.18, 1.4, 2.0, 2.8, 4.0, 5.6)
-_PRINCIPAL_POINT = (25.0, 12.0, 6.0, 3.0)
 _CLOCK_MS = (320.0, 160.0, 80.0, 40.0, 20.0, 10.0)
 _HAND_EYE_DEG = (40.0, 20.0, 10.0, 5.0, 2.5)
 _ANGLES_DEG = (8.0, 5.0, 3.0, 2.0, 1.0, 0.4)
@@ -204,25 +203,15 @@ def amounts_of_one(*, paired: bool) -> list[Amount]:
 
     Args:
         paired: whether there is a second camera. One alone does not determine its focal length:
-            depth scales with it, and rays meet about as sharply; nor its principal point, which is
-            much like a turn of the camera on the body.
+            depth scales with it, and rays meet about as sharply.
     """
     focal = Amount(
         "focal length", "", 1.0, _FOCAL, _focal, 0.1,
         "the focal lengths fit when multiplied by {amount:.3g}: take the calibration of this lens "
         "and resolution", 0.06,
     )  # fmt: skip
-    middle = [
-        Amount(
-            f"principal point {across}", "% of the width", 0.0, _both_ways(_PRINCIPAL_POINT),
-            _shifted(across), 3.0,
-            f"add {{amount:+.1f}} % of the width to c{across}: take the calibration of this lens, "
-            "resolution and crop", 0.04,
-        )
-        for across in "xy"
-    ]  # fmt: skip
     return [
-        *([focal, *middle] if paired else []),
+        *([focal] if paired else []),
         Amount(
             "pose clock", "ms", 0.0, _both_ways(_CLOCK_MS), _late_poses, 20.0,
             "shift the times of the poses by {amount:+.0f} ms (poses.time_offset_us)",
@@ -288,19 +277,6 @@ def _focal(recording: Recording, factor: float) -> Recording:
     rig = recording.rig
     cameras = tuple(camera.zoomed(factor) for camera in rig.cameras)
     return AlteredRecording(recording, rig=replace(rig, cameras=cameras))
-
-
-def _shifted(across: str) -> Callable[[Recording, float], Recording]:
-    name = f"c{across}_px"
-
-    def change(recording: Recording, percent: float) -> Recording:
-        rig = recording.rig
-        cameras = tuple(
-            replace(c, **{name: getattr(c, name) + percent / 100 * c.width_px}) for c in rig.cameras
-        )
-        return AlteredRecording(recording, rig=replace(rig, cameras=cameras))
-
-    return change
 
 
 def _baseline(recording: Recording, factor: float) -> Recording:

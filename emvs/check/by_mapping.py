@@ -43,7 +43,6 @@ _RIVAL = 0.75  # of the gain: another cause that explains as well
 # Of two causes: how many second ones are looked at closely, and what may be left after both, less
 # than after one: two cures have more freedom to fit by chance.
 _SECONDS, _LEFT_OF_TWO = 3, 0.01
-_TURNS = ("hand-eye rotation", "principal point x", "principal point y")  # nearly the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +111,8 @@ def _diagnosis(
     rivals = tuple(t for t in likely if _is_rival(t, best) and _explains(trials, t))
     cured = trials.after(best)
     second = _second(cured, best, alternatives, progress) if best.is_cause else None
+    if second and second.gain > best.gain:
+        rivals += _in_other_order(trials, best, second, alternatives)
     cured = cured.after(second) if second else cured
     unexplained = _unexplained(cured, best, second, rivals, _conventions(alternatives))
     return Diagnosis(tried, best, unexplained, rivals, second)
@@ -163,10 +164,13 @@ def _is_much(left: Gains, most: float) -> bool:
 def _is_ambiguous(causes: Sequence[Trial], rivals: Sequence[Trial]) -> bool:
     """Whether rivals leave open more than a few windows tell.
 
-    Of a single cause its place must be clear: between the cameras, or with the poses and the lens.
+    Conventions may be the same for a motion, and are named together. Amounts never are: they only
+    trade off. And the place of a cause must be clear: between the cameras, or in poses and lens.
     """
-    places = {trial.alternative.of_pair for trial in (causes[0], *rivals)}
-    return bool(rivals) and (len(causes) > 1 or len(places) > 1)
+    either = [trial.alternative for trial in (causes[0], *rivals)]
+    places = {alternative.of_pair for alternative in either}
+    amounts = any(isinstance(alternative, Amount) for alternative in either)
+    return bool(rivals) and (len(causes) > 1 or len(places) > 1 or amounts)
 
 
 def _conventions(alternatives: Sequence[Alternative | Amount]) -> list[Alternative]:
@@ -206,13 +210,23 @@ def _second(
     return second if second.verdict == "wrong" and second.gain > _CLEAR * second.margin else None
 
 
+def _in_other_order(
+    trials: CameraTrials, first: Trial, second: Trial, alternatives: Sequence[Alternative | Amount]
+) -> tuple[Trial, ...]:
+    """Another first cause, if one is sharper once the larger second one is cured."""
+    cured = trials.after(second)
+    others = [other for other in alternatives if _may_be_second(other, second.alternative)]
+    again = cured.best(cured.trials(others, most=_SECONDS))
+    return (again,) if _kind(again.alternative) != _kind(first.alternative) else ()
+
+
 def _may_be_second(other: Alternative | Amount, first: Alternative | Amount) -> bool:
     """Whether it can be wrong besides: poses have one convention, an amount is corrected once.
 
     A convention and a free turn of the camera on the body together would fit too much by chance.
     """
     conventions = [isinstance(a, Alternative) and not a.of_pair for a in (other, first)]
-    turned = [_kind(a) in _TURNS for a in (other, first)]
+    turned = [_kind(a) == "hand-eye rotation" for a in (other, first)]
     if all(c or t for c, t in zip(conventions, turned, strict=True)):
         return False
     return _kind(other) != _kind(first)

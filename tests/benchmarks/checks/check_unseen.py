@@ -1,8 +1,8 @@
-"""Kinds of faults that nobody had planted before the table was written.
+"""New kinds of faults, written down and committed after all rules but two were chosen.
 
-They were written down and committed after the last rule was chosen, and opened once, in sequences
-that nothing else uses. Where nothing that `check` tries mends a fault, the right answer is that no
-single cause was found.
+After they had been planted once it was added that amounts have no rivals, and that the order of two
+faults must not matter; the table is of other sequences. Where nothing that `check` tries mends a
+fault, the right answer is that no single cause was found.
 """
 
 from __future__ import annotations
@@ -226,9 +226,7 @@ UNSEEN = (
     _unknown("turns off by 10 to 20 %", _turns_off),
     _unknown("first camera's principal point off", _first_principal_point, *_STEREO),
     _unknown("first camera's focal length off", _first_focal),
-    _unknown("calibration of the sensor before a crop", _cropped, "principal point off",
-             "principal point x", "principal point y",
-             *two("principal point x", "principal point y")),
+    _unknown("calibration of the sensor before a crop", _cropped, "principal point off"),
     _unknown("barrel distortion that is not there", _pincushion, "distortion folds"),
     _unknown("poses repeated for 60 to 100 ms", _held, "poses frozen", "poses too rare",
              "poses jump"),
