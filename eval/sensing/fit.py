@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.datasets.posed import EventSource
+from eventsweep.emvs.errors import InputError, located
 from eventsweep.eval.sensing.estimates import Estimate, refused
 from eventsweep.eval.sensing.frames import Expected, FrameStack, frames_of
 from eventsweep.eval.sensing.noise import hot_estimates, quiet_noise, refractory
@@ -91,11 +93,33 @@ def fit_sensor(
     events = recording.events(camera, first_us, last_us + 1)
     if not len(events):
         raise InputError(f"{recording.name}: no event of camera {camera}; nothing can be fitted")
-    events = events.slice(0, _MOST_EVENTS)
+    pixels = _pixels(events, (sensor.height_px, sensor.width_px), (first_us, last_us))
+    return fit_pixels(pixels, frames_of(recording, camera, pixels.span_us))
+
+
+def fit_stream(
+    source: EventSource, size_px: tuple[int, int] | None, span_us: tuple[int, int]
+) -> SensorFit:
+    """Fits a sensor to a file's events alone; without a size it ends at the largest pixel.
+
+    Raises:
+        InputError: no event, or events that are not in the order of time.
+    """
+    events = source.between(span_us[0], span_us[1] + 1)
+    if not len(events):
+        raise InputError(f"{source.path}: no event between {span_us[0]} and {span_us[1]} µs")
+    width_px, height_px = size_px or (int(events.x.max()) + 1, int(events.y.max()) + 1)
+    with located(source.path):
+        events = events.checked(width_px, height_px)
+    return fit_pixels(_pixels(events, (height_px, width_px), span_us), None)
+
+
+def _pixels(events: Events, shape: tuple[int, int], span_us: tuple[int, int]) -> PixelEvents:
+    """By pixel, the first of very many."""
+    first_us, last_us = span_us
+    events = events.slice(0, min(len(events), _MOST_EVENTS))
     last_us = min(last_us, int(events.t_us[-1])) if len(events) == _MOST_EVENTS else last_us
-    pixels = PixelEvents.of(events, (sensor.height_px, sensor.width_px), (first_us, last_us))
-    frames = frames_of(recording, camera, (first_us, last_us))
-    return fit_pixels(pixels, frames)
+    return PixelEvents.of(events, shape, (first_us, last_us))
 
 
 def fit_pixels(pixels: PixelEvents, frames: FrameStack | None) -> SensorFit:

@@ -56,12 +56,19 @@ def part_of(
         InputError: no such camera, or a part outside of the recording.
     """
     recording.rig.check_camera(camera)
-    first_us, last_us = recording.event_span_us(camera)
+    return part_of_span(recording.name, recording.event_span_us(camera), start_s, duration_s)
+
+
+def part_of_span(
+    name: str, span_us: tuple[int, int], start_s: float | None, duration_s: float | None
+) -> tuple[int, int]:
+    """The same of a span, µs, of something with a name."""
+    first_us, last_us = span_us
     begin_us = first_us + round((start_s or 0.0) * 1e6)
     end_us = last_us if duration_s is None else min(last_us, begin_us + round(duration_s * 1e6))
     if not first_us <= begin_us < end_us:
         raise InputError(
-            f"{recording.name}: from {start_s or 0:g} s for {duration_s or 0:g} s of a recording "
+            f"{name}: from {start_s or 0:g} s for {duration_s or 0:g} s of a recording "
             f"of {(last_us - first_us) * 1e-6:g} s: choose a part of it"
         )
     return begin_us, end_us

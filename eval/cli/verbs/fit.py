@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.app import COMMON, Common, Force, app
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ def fit(
     camera: int = 0,
     start_s: float | None = None,
     duration_s: float | None = None,
+    columns: str = "",
+    time_unit: str = "",
     force: Force = False,
     common: Common = COMMON,
 ) -> None:
@@ -32,25 +35,42 @@ def fit(
     frames beside the events.
 
     Args:
-        recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
+        recording: A sequence, a data set in its publisher's layout, a ROS bag, a recording.toml, or
+            an event file, whose events say what they can alone.
         out: Folder to write: sensor.toml, for `--sim.sensor.preset`, and report.html.
-        camera: Which camera.
+        camera: Which camera or stream.
         start_s: Where to begin, s after the recording's start; by default there.
         duration_s: How long, s; by default to the end.
+        columns: Which column of a table of events is what, as `info` takes it; with --time-unit.
+        time_unit: What times of such a file count: s, ms, us or ns.
     """
+    from eventsweep.emvs.data.manifest import FILE_NAME
     from eventsweep.emvs.datasets import open_recording
+    from eventsweep.emvs.datasets.raw_streams import open_readable
+    from eventsweep.emvs.formats.tables.columns import column_map
     from eventsweep.emvs.utils.outputs import atomic_dir, check_output
-    from eventsweep.eval.sensing.fit import fit_sensor
-    from eventsweep.eval.sensing.folder import part_of, write_fit
+    from eventsweep.eval.sensing.fit import fit_sensor, fit_stream
+    from eventsweep.eval.sensing.folder import part_of, part_of_span, write_fit
 
     check_output(out, force=force, inputs=(recording,))
     console = common.console()
-    opened = open_recording(recording)
+    readable = open_readable(recording, column_map(columns, time_unit))
+    opened = readable.recording
+    if opened is None and (recording / FILE_NAME).exists():
+        opened = open_recording(recording)  # a sequence without poses, whose frames count
+    if not 0 <= camera < len(readable.streams):
+        raise InputError(f"{recording}: no camera {camera}, there are {len(readable.streams)}")
     with console.progress.stage("fit", 1.0) as update:
-        fitted = fit_sensor(opened, camera, part_of(opened, camera, start_s, duration_s))
+        if opened is not None:
+            fitted = fit_sensor(opened, camera, part_of(opened, camera, start_s, duration_s))
+        else:
+            stream, source = readable.streams[camera]
+            part = part_of_span(stream, source.span_us(), start_s, duration_s)
+            fitted = fit_stream(source, readable.sizes_px[camera], part)
         command = " ".join(["eventsweep", *sys.argv[1:]])
         with atomic_dir(out, force=force, inputs=(recording,)) as folder:
-            write_fit(folder, fitted, opened.name, command)
+            name = recording.resolve().name if opened is None else opened.name
+            write_fit(folder, fitted, name, command)
         update(1.0, f"{len(fitted.pixels):,} events")
     console.result({"estimates": [e.facts() for e in fitted.estimates]}, _summary(fitted))
     console.wrote(out / "report.html")

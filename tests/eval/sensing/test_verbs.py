@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import tomllib
 
+import numpy as np
 import pytest
 
 from dataset_world import write_sequence
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.formats import write_events
 from eventsweep.eval.cli.main import main
 from eventsweep.sim.config import SimConfig
 
@@ -46,3 +49,23 @@ def test_a_part_that_is_not_there_is_refused_in_one_line(sequence, tmp_path, cap
     assert main(["fit", str(sequence), "--out", str(tmp_path / "out"), *flags]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_an_event_file_says_what_events_alone_can(sequence, tmp_path, capsys):
+    """Of any format, by stated columns, too: the same as the recording without its frames."""
+    file, table = tmp_path / "e.npz", tmp_path / "e.npy"
+    events = Sequence.open(sequence).events(0, 0, 1 << 40)
+    write_events(file, "npz", 96, 64, {"events": [events]})
+    np.save(table, np.stack([events.x, events.y, events.p, events.t_us], 1).astype(np.int64))
+    columns = ("--columns", "x=0,y=1,p=2,t=3", "--time-unit", "us")
+    found = []
+    for path, words in ((file, ()), (table, columns)):
+        assert (
+            main(["fit", str(path), "--out", str(tmp_path / "o"), "--json", "--force", *words]) == 0
+        )
+        found.append(json.loads(capsys.readouterr().out))
+        by_name = {each["name"]: each for each in found[-1]["estimates"]}
+        assert "needs frames" in by_name["contrast_threshold_pos"]["refused"]
+    assert found[0] == found[1]
+    assert main(["fit", str(file), "--out", str(tmp_path / "p"), "--camera", "1"]) == 2
+    assert "no camera 1, there are 1" in capsys.readouterr().err
