@@ -28,7 +28,7 @@ from eventsweep.emvs.odometry.recorded import Tracked, track
 from eventsweep.emvs.odometry.tracker import Status
 from eventsweep.emvs.utils.outputs import atomic_dir, inputs_of
 from eventsweep.emvs.utils.runtime import versions
-from eventsweep.eval.own_poses import write_failure
+from eventsweep.eval.found_poses import write_failure
 from eventsweep.eval.progress import Display
 from eventsweep.eval.report.html import REPORT_NAME
 from eventsweep.eval.report.track_page import track_page

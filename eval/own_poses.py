@@ -1,4 +1,4 @@
-"""Poses found from a recording's events, and maps on them, beside those on its own poses."""
+"""Maps on poses found from a recording's events, beside those on its own poses."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.altered import AlteredRecording
-from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -22,34 +21,6 @@ from eventsweep.emvs.maps.folder import (
 from eventsweep.emvs.maps.sliding import find_hot, map_into, without
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.emvs.windows import Window, check_poses
-
-TRACK = "track"
-"""Names the poses in rows of scores, and marks the methods of maps on them."""
-FOUND_FILE, FAILURE_FILE = "trajectory.txt", "failure.txt"
-
-
-def method_on_own_poses(method: str) -> str:
-    """What scores call a method that was given the poses that were found."""
-    return f"{method} {TRACK}"
-
-
-def is_on_own_poses(method: str) -> bool:
-    """Whether rows of this method are about poses that were found, or maps on them."""
-    return TRACK in method.split()
-
-
-def found_poses(folder: Path) -> Trajectory | str:
-    """The poses in a tracker's folder, or why it found none."""
-    failure = folder / FAILURE_FILE
-    if failure.is_file():
-        return failure.read_text("utf-8").strip()
-    return read_poses(folder / FOUND_FILE)
-
-
-def write_failure(folder: Path, error: InputError) -> None:
-    """Leaves in a tracker's folder why there are no poses: a failure counts, too."""
-    folder.mkdir(exist_ok=True)
-    (folder / FAILURE_FILE).write_text(f"{error}\n", encoding="utf-8")
 
 
 def map_on_poses(

@@ -84,7 +84,8 @@ def _map_on_own_poses(of_case: Path, config: MapperConfig, progress: Display) ->
     from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.maps.folder import read_map
     from eventsweep.emvs.windows import Window
-    from eventsweep.eval.own_poses import found_poses, map_on_poses
+    from eventsweep.eval.found_poses import found_poses
+    from eventsweep.eval.own_poses import map_on_poses
     from eventsweep.eval.scoring import run_folder
 
     info = read_map(of_case / run_folder.MAP_FOLDER).info

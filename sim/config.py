@@ -263,10 +263,10 @@ class SimConfig(PixelConfig):
     lengths, and 2 if it is `linear`."""
 
     light: LightConfig = LightConfig()
-    """How the pictures' light is measured, see the page `light`."""
+    """How the pictures' light is measured, see the page `lenses`."""
 
     frames: FramesConfig = FramesConfig()
-    """Pictures of an ordinary camera in each event camera's place, see the page `light`."""
+    """Pictures of an ordinary camera in each event camera's place, see the page `lenses`."""
 
     imu: ImuConfig = ImuConfig()
     """Inertial samples, see the page `motion`."""

@@ -12,8 +12,8 @@ from typing import Any
 import pandas as pd
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.eval.found_poses import TRACK, is_on_own_poses, method_on_own_poses
 from eventsweep.eval.numbers import display_unit, displayed
-from eventsweep.eval.own_poses import TRACK, is_on_own_poses, method_on_own_poses
 from eventsweep.eval.report.html import GridCell, Head
 from eventsweep.eval.scoring.direction import Direction, badness, best
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX

@@ -28,7 +28,7 @@ from eventsweep.emvs.utils import output_manifest
 from eventsweep.emvs.utils.output_manifest import remove_ours
 from eventsweep.emvs.utils.outputs import atomic_dir, real
 from eventsweep.eval.config import EvalConfig
-from eventsweep.eval.own_poses import found_poses
+from eventsweep.eval.found_poses import found_poses
 from eventsweep.eval.scoring.pairing import Estimate, Truth
 from eventsweep.eval.scoring.predictions import DESCRIPTION, FAMILY, Prediction, TargetView, plain
 from eventsweep.eval.scoring.trajectories.own_poses import maps_on_own_poses

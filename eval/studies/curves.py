@@ -18,7 +18,7 @@ from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import STYLE
-from eventsweep.eval.own_poses import TRACK
+from eventsweep.eval.found_poses import TRACK
 from eventsweep.eval.scoring.significance import stratified_interval
 from eventsweep.eval.studies.definitions import Study
 

@@ -16,9 +16,9 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.outputs import check_files, files_together
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.found_poses import method_on_own_poses
 from eventsweep.eval.jobs.job import Done, Failed, Job, Outcome
 from eventsweep.eval.jobs.scheduler import Open, run_jobs
-from eventsweep.eval.own_poses import method_on_own_poses
 from eventsweep.eval.pipeline import check_case
 from eventsweep.eval.progress import Display
 from eventsweep.eval.scoring.results import POOLED, each

@@ -26,7 +26,7 @@ from pydantic import (
 from eventsweep.emvs.errors import InputError, quoted, shown
 from eventsweep.emvs.parameters import FrozenModel, explain, refuse_code
 from eventsweep.eval.config import Settings, read_toml
-from eventsweep.eval.own_poses import TRACK
+from eventsweep.eval.found_poses import TRACK
 from eventsweep.eval.perturbations import amounts
 from eventsweep.sim.mjcf import is_model_file
 

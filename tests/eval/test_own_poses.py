@@ -20,7 +20,8 @@ from eventsweep.emvs.odometry.recorded import Change, Tracked
 from eventsweep.emvs.odometry.tracker import Status
 from eventsweep.emvs.windows import Window
 from eventsweep.eval.cli.main import main
-from eventsweep.eval.own_poses import map_on_poses, method_on_own_poses
+from eventsweep.eval.found_poses import method_on_own_poses
+from eventsweep.eval.own_poses import map_on_poses
 from eventsweep.eval.progress import Silent
 from eventsweep.eval.report.ranking import findings
 from eventsweep.eval.scoring.results import each, read_results

@@ -13,7 +13,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
 from eventsweep.eval.config import TrajectoryConfig
-from eventsweep.eval.own_poses import TRACK, method_on_own_poses
+from eventsweep.eval.found_poses import TRACK, method_on_own_poses
 from eventsweep.eval.scoring.method_scores import Score
 from eventsweep.eval.scoring.metrics import NAN
 from eventsweep.eval.scoring.pairing import Estimate

@@ -14,8 +14,8 @@ from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.maps.folder import StoredWindow, read_map
 from eventsweep.emvs.maps.store import read_entry
 from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.found_poses import found_poses
 from eventsweep.eval.jobs.job import RESULT, SEQUENCE
-from eventsweep.eval.own_poses import found_poses
 from eventsweep.eval.scoring.metric_versions import metric_versions
 from eventsweep.eval.scoring.results import POOLED, tidy, together
 from eventsweep.eval.scoring.score import score_windows

@@ -15,8 +15,9 @@ from eventsweep.emvs.maps.folder import RecordingInfo
 from eventsweep.emvs.maps.sliding import one_window
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.recorded import track
+from eventsweep.eval.found_poses import FOUND_FILE, found_poses, write_failure
 from eventsweep.eval.jobs.job import SEQUENCE
-from eventsweep.eval.own_poses import FOUND_FILE, found_poses, map_on_poses, write_failure
+from eventsweep.eval.own_poses import map_on_poses
 from eventsweep.eval.suite.stages import map as mapping
 
 
