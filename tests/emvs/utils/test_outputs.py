@@ -604,7 +604,9 @@ def memory():
     shutil.rmtree(folder)
 
 
-@pytest.mark.parametrize("before", ["nothing", "ours", "beside somebody's"])
+@pytest.mark.parametrize(
+    "before", [pytest.param("nothing", marks=pytest.mark.slow), "ours", "beside somebody's"]
+)
 @pytest.mark.parametrize("call", KILLED)
 def test_killed_at_any_step_it_ends_with_the_same_bytes(memory, call, before):
     if before == "beside somebody's" and call in ("whole", "grown"):
