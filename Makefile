@@ -6,7 +6,7 @@ SEED ?= 0
 .PHONY: pictures pictures-code pictures-scenes pictures-simulator pictures-methods tables measurements studies
 .DEFAULT_GOAL := demo
 
-demo: setup
+demo: .venv/demo
 	$(BIN)/eventsweep run desk --seed $(SEED) --out demo --force
 	@echo "Open demo/report.html"
 
@@ -166,6 +166,9 @@ studies: setup
 	$(BIN)/python tests/benchmarks reproduction --out out/mvsec-table --page docs/studies.md
 
 setup: .venv/installed
+
+.venv/demo: pyproject.toml constraints.txt .ci/setup
+	.ci/setup demo
 
 .venv/installed: pyproject.toml constraints.txt .ci/setup
 	.ci/setup
