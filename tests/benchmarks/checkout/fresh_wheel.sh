@@ -63,8 +63,7 @@ main() {
     with_libraries env/bin/eventsweep run desk --seconds 0.1 --out run --quiet
     with_libraries env/bin/python first.py
     # The tutorial's script goes on from its commands.
-    with_libraries env/bin/eventsweep simulate planes --out planes-sequence-2 --seconds 0.3 --quiet
-    rm -rf planes-sequence && mv planes-sequence-2 planes-sequence
+    with_libraries env/bin/eventsweep simulate boxes --out boxes-sequence --seconds 0.2 --quiet
     with_libraries env/bin/python tutorial.py
     /root/build/bin/mypy --strict --config-file= --python-executable env/bin/python tutorial.py first.py
 }
