@@ -11,15 +11,8 @@ from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
-from eventsweep.emvs.maps.folder import (
-    SCHEMA_VERSION,
-    MapInfo,
-    RecordingInfo,
-    SkippedWindow,
-    text_of,
-)
+from eventsweep.emvs.maps.folder import RecordingInfo, SkippedWindow, write_index
 from eventsweep.emvs.maps.sliding import find_hot, map_into, without
-from eventsweep.emvs.utils.runtime import versions
 from eventsweep.emvs.windows import Window, check_poses
 
 
@@ -54,11 +47,7 @@ def map_on_poses(
             )
             continue
         mapped.append(map_into(out / name, posed, config, covered, clouds=clouds))
-    info = MapInfo(
-        schema_version=SCHEMA_VERSION, recording=about, config=config, versions=versions(),
-        windows=tuple(mapped), skipped=tuple(skipped),
-    )  # fmt: skip
-    (out / "map.json").write_text(text_of(info), encoding="utf-8")
+    write_index(out, about, config, mapped, skipped=skipped)
 
 
 def _posed(

@@ -238,8 +238,7 @@ def _row_activity(
 def _rectified_rows(rig: Rig, camera: int) -> NDArray[np.int64]:
     """(H, W) row of each pixel of a camera, at camera 0's focal length, in 2 H rows; -1: none."""
     R = _rectifying(rig) @ (se3.inverse(rig.T_body_cam[0]) @ rig.T_body_cam[camera])[:3, :3]
-    bearing, height = rig.cameras[camera].bearing_table(), rig.cameras[0].height_px
-    rays = np.concatenate([bearing, np.ones((*bearing.shape[:2], 1))], axis=2) @ R.T
+    rays, height = rig.cameras[camera].ray_table() @ R.T, rig.cameras[0].height_px
     with np.errstate(divide="ignore", invalid="ignore"):
         row = rays[..., 1] / rays[..., 2] * rig.cameras[0].fy_px + height
     seen = (rays[..., 2] > 0) & (row >= 0) & (row < 2 * height)

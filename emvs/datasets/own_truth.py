@@ -152,8 +152,7 @@ def depth_of_points(
 def _depth_of_mesh(
     o3d: Any, scene: Any, view: Camera, T_world_cam: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    bearing = view.bearing_table()
-    rays = np.concatenate([bearing, np.ones((*bearing.shape[:2], 1))], axis=-1)
+    rays = view.ray_table()
     origin = np.broadcast_to(T_world_cam[:3, 3], rays.shape)
     both = np.concatenate([origin, rays @ T_world_cam[:3, :3].T], axis=-1).astype(np.float32)
     # A ray whose z in the camera is 1 is met after as many of its lengths as the depth has metres.

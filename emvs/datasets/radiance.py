@@ -137,8 +137,7 @@ def write_views(
 
 def _sensor_px(camera: Camera) -> NDArray[np.float32]:
     """(H, W, 2) where each pixel of the undistorted view lies on the sensor."""
-    bearing = camera.undistorted().bearing_table()
-    rays = np.concatenate([bearing, np.ones((*bearing.shape[:2], 1))], axis=-1)
+    rays = camera.undistorted().ray_table()
     return np.nan_to_num(camera.project(rays), nan=-1e4).astype(np.float32)
 
 
@@ -148,9 +147,7 @@ class Undistorter:
     def __init__(self, camera: Camera) -> None:
         self._same = camera.model == "pinhole"
         self._size_px = (camera.width_px, camera.height_px)
-        bearing = camera.bearing_table()
-        rays = np.concatenate([bearing, np.ones((*bearing.shape[:2], 1))], axis=-1)
-        uv = np.nan_to_num(camera.undistorted().project(rays), nan=-1.0)
+        uv = np.nan_to_num(camera.undistorted().project(camera.ray_table()), nan=-1.0)
         self._table = np.rint(np.clip(uv, -1, 70_000)).astype(np.int64)
 
     def __call__(self, events: Events) -> Events:

@@ -130,6 +130,11 @@ class Camera:
         columns, rows = np.meshgrid(np.arange(self.width_px), np.arange(self.height_px))
         return self.unproject(np.stack([columns, rows], axis=-1))
 
+    def ray_table(self) -> NDArray[np.float64]:
+        """(height, width, 3) direction of every sensor pixel in the camera's frame, its z 1."""
+        bearing = self.bearing_table()
+        return np.concatenate([bearing, np.ones((*bearing.shape[:2], 1))], axis=-1)
+
     def undistorted(self) -> Camera:
         """The pinhole camera with the same intrinsics and size."""
         return replace(self, model="pinhole", distortion=())

@@ -84,7 +84,7 @@ def undistort_depth(depth_m: NDArray[np.float32], camera: Camera) -> NDArray[np.
     """
     if camera.model == "pinhole":
         return depth_m
-    return _looked_up(depth_m, camera.undistorted().bearing_table(), camera)
+    return _looked_up(depth_m, camera.undistorted().ray_table(), camera)
 
 
 def distort_depth(depth_m: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
@@ -94,14 +94,14 @@ def distort_depth(depth_m: NDArray[np.float32], camera: Camera) -> NDArray[np.fl
     """
     if camera.model == "pinhole":
         return depth_m
-    return _looked_up(depth_m, camera.bearing_table(), camera.undistorted())
+    return _looked_up(depth_m, camera.ray_table(), camera.undistorted())
 
 
 def _looked_up(
-    depth_m: NDArray[np.float32], bearing: NDArray[np.float64], camera: Camera
+    depth_m: NDArray[np.float32], rays: NDArray[np.float64], camera: Camera
 ) -> NDArray[np.float32]:
-    """Depth as a camera has it at the pixels nearest to bearings; a view of the same place."""
-    uv = camera.project(np.concatenate([bearing, np.ones((*bearing.shape[:2], 1))], axis=-1))
+    """Depth as a camera has it at the pixels nearest to rays; a view of the same place."""
+    uv = camera.project(rays)
     uv_px = np.rint(np.where(np.abs(uv) < 1e6, uv, -1)).astype(np.int64)
     inside = (
         (uv_px >= 0).all(axis=-1)

@@ -163,6 +163,7 @@ def write_index(
     config: MapperConfig,
     windows: Sequence[WindowInfo],
     hot_pixels: Mapping[str, HotPixelInfo] = MappingProxyType({}),
+    skipped: Sequence[SkippedWindow] = (),
 ) -> None:
     """Writes `map.json`, last: a folder without it is no map."""
     info = MapInfo(
@@ -171,6 +172,7 @@ def write_index(
         config=config,
         versions=versions(),
         windows=tuple(windows),
+        skipped=tuple(skipped),
         hot_pixels=dict(hot_pixels),
     )
     (directory / "map.json").write_text(text_of(info), encoding="utf-8")

@@ -137,9 +137,8 @@ class SuitePrediction:
     def job(self, score: Job) -> Job:
         """Scores this method on the sequence of another scoring job, beside its first mapper."""
         place, mappers = score.name.removeprefix("score/"), score.parameters["mappers"]
-        maps = [
-            one for one, name in zip(score.needs[1:], mappers, strict=False) if name == mappers[0]
-        ]
+        mapped = score.needs[1 : 1 + len(mappers)]  # behind them: the poses that were found
+        maps = [one for one, name in zip(mapped, mappers, strict=True) if name == mappers[0]]
         parameters = {
             **{name: score.parameters[name] for name in ("case", "seed", "score", "scene_digest")},
             "name": self.name,

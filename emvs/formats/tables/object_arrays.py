@@ -168,12 +168,12 @@ class _Machine:
 
     def _append(self, items: list[Any]) -> None:
         if not isinstance(self._stack[-1], list):
-            raise TypeError("values appended to what is no list")
+            raise TypeError("values appended to something that is not a list")
         self._stack[-1].extend(items)
 
     def _set(self, items: list[Any]) -> None:
         if not isinstance(self._stack[-1], dict):
-            raise TypeError("values set in what is no mapping")
+            raise TypeError("values set in something that is not a mapping")
         self._pairs(items, self._stack[-1])
 
     @staticmethod
@@ -199,11 +199,11 @@ class _Machine:
         self._stack.pop()
         called = self._stack.pop()
         if not isinstance(called, _Named):
-            raise TypeError("a call of what is no name")
+            raise TypeError("a call of something that is not a name")
         self._stack.append(_Named(called.name))
 
     def _build(self) -> None:
         state = self._stack.pop()
         if not isinstance(self._stack[-1], _Named):
-            raise TypeError("a state for what is no array")
+            raise TypeError("a state for something that is not an array")
         self._stack[-1].state = state

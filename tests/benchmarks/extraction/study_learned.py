@@ -3,7 +3,7 @@
 Every method reports as many pixels as Alg1/H, those that it holds most reliable, and numbers are
 ratios to those of Alg1/H: also with camera 0 alone. DERD-Net holds no pixel more reliable than
 others: it reports Alg1/H's own, but for the rim that its patches cannot reach. With
-`--imperfection` the mapper is told wrong poses and calibrations.
+`--imperfection` the mapper is given wrong poses and calibrations.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The twin's light moves as a scene does, and its sensors are told apart where they differ."""
+"""The twin's light moves as a scene does, and the classifier separates sensors that differ."""
 
 from __future__ import annotations
 

@@ -61,8 +61,10 @@ def test_a_growing_rate_is_predicted_better_with_a_gyroscope():
     begun = Motion(0, np.eye(4), np.r_[np.zeros(3), rate], known)
     truth = se3.exp(np.r_[np.zeros(3), rate * 0.01 + more * 0.01**2 / 2])
     guessed = begun.at(10_000)
-    told = guessed.turning(rate + more * 0.01, 0.02)
-    errors = [np.linalg.norm(se3.log(se3.inverse(truth) @ m.T_world_body)) for m in (guessed, told)]
+    updated = guessed.turning(rate + more * 0.01, 0.02)
+    errors = [
+        np.linalg.norm(se3.log(se3.inverse(truth) @ m.T_world_body)) for m in (guessed, updated)
+    ]
     assert errors[0] == pytest.approx(2e-3, rel=0.01)
     assert errors[1] < 0.3 * errors[0]
 
