@@ -113,6 +113,10 @@ def _checked(path: Path, suite: str | None, archive: Path | None) -> tuple[Submi
     from eventsweep.eval.suite.definition import load
     from eventsweep.eval.suite.submission import Asked, check_submission
 
+    if not path.exists():
+        raise InputError(
+            f"{path}: no such file or folder; needs a submission, or an entry's folder"
+        )
     if suite is None:
         raise InputError(f"{path}: is not an entry (no entry.toml): give its --suite")
     asked = Asked.of(*load(suite), read(archive) if archive else None)

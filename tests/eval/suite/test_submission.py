@@ -195,6 +195,8 @@ def test_names_of_entries_and_of_methods_are_checked(place, capsys):
     assert "is called 'Guess', too" in capsys.readouterr().err
     assert main(["submission", "check", str(place / "theirs")]) == 2
     assert "give its --suite" in capsys.readouterr().err
+    assert main(["submission", "check", str(place / "nowhere")]) == 2
+    assert "nowhere: no such file or folder" in capsys.readouterr().err
 
 
 # What is wrong with a folder
