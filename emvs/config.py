@@ -48,7 +48,7 @@ class FuseConfig(ParameterGroup):
 
 def _odd(size_px: int) -> int:
     if size_px % 2 == 0:
-        raise ValueError(f"must be odd, {size_px} is not")
+        raise ValueError("must be odd")
     return size_px
 
 
@@ -66,7 +66,7 @@ class SemiGlobal(ParameterGroup):
     )
     p2_per_px: Count = Field(default=32, description="penalty per block pixel of a larger step")
     uniqueness_percent: int = Field(
-        default=11, ge=0, le=100, description="by how much the best cost must undercut the second"
+        default=11, ge=0, le=100, description="margin by which the best cost must beat the second"
     )
     left_right_px: Count = Field(
         default=1, description="largest difference between the disparities seen from both sides, px"
@@ -145,7 +145,7 @@ class Refinement(ParameterGroup):
     width_px: OddPixels = Field(default=15, description="columns of the compared patch, odd, px")
     height_px: OddPixels = Field(default=7, description="rows of the compared patch, odd, px")
     steps: int = Field(
-        default=10, ge=0, description="most iterations; 0: as block matching left it"
+        default=10, ge=0, description="most iterations; 0: keep the result of block matching"
     )
     dof: float = Field(
         default=2.182,
@@ -167,7 +167,7 @@ class CleanUp(ParameterGroup):
         default=20.0, description="largest scale of a patch's residuals, refitted after refinement"
     )
     least_fusions: int = Field(
-        default=1, ge=0, description="how often a pixel's first estimate must have met one like it"
+        default=1, ge=0, description="how many similar estimates a pixel's first one must have met"
     )
 
 
@@ -178,12 +178,12 @@ class Regularisation(ParameterGroup):
         default=0,
         ge=0,
         le=50,
-        description="half a side of the neighbourhood, px; 0: none; elsewhere 5",
+        description="half a side of the neighbourhood, px; 0: none (5 in other ESVO settings)",
     )
     least_neighbours: int = Field(
         default=8,
         ge=0,
-        description="neighbours like it that a pixel needs to stay, itself left out",
+        description="similar neighbours that a pixel needs to be kept",
     )
 
 
@@ -196,15 +196,13 @@ class EsvoParameters(ParameterGroup):
         default=0.0, description="standard deviation of a Gaussian after it, px; 0: none"
     )
     recent_s: Positive = Field(
-        default=0.01, description="how long before a map's time an event may have come, s"
+        default=0.01, description="oldest event that a map uses, s before its time"
     )
-    most_events: Count = Field(
-        default=1000, description="events that one map looks at, the newest ones"
-    )
+    most_events: Count = Field(default=1000, description="newest events that a map uses")
     rate_hz: Positive = Field(default=20.0, description="maps per second, Hz")
     most_points: Count = Field(
         default=4500,
-        description="estimates that ESVO/own-rate fuses, of whole maps, the newest ones",
+        description="newest estimates, in whole maps, that ESVO/own-rate fuses",
     )
     matching: Matching = Matching()
     refinement: Refinement = Refinement()
@@ -301,7 +299,7 @@ class MapperConfig(ParameterGroup):
         description="events from one window's start to the next; by default window_events",
     )
     min_events: int = Field(
-        default=1, ge=1, description="least number of voting events of every camera in a window"
+        default=1, ge=1, description="fewest voting events of each camera in a window"
     )
     max_pose_gap_s: Positive | None = Field(
         default=None,
@@ -334,12 +332,11 @@ class MapperConfig(ParameterGroup):
     )
     view_focal_y_px: Positive | None = Field(
         default=None,
-        description="that of its rows, px; by default to view_focal_px as camera 0's are",
+        description="focal length of its rows, px; by default in the ratio of camera 0's",
     )
     view_cx_px: Pixel | None = Field(
         default=None,
-        description="column of its principal point, px; by default as far from the middle as "
-        "camera 0's",
+        description="column of its principal point, px; by default as far off centre as camera 0's",
     )
     view_cy_px: Pixel | None = Field(default=None, description="row of its principal point, px")
     polarity: Literal["both", "separate"] = Field(
@@ -355,14 +352,14 @@ class MapperConfig(ParameterGroup):
     )
     extraction: Literal["votes", FocusMeasure] = Field(
         default="votes",
-        description="what depth maximises along a viewing ray: the votes, or a focus measure",
+        description="score that depth maximises along a viewing ray: votes, or a focus measure",
     )
     min_precision: float | None = Field(
         default=None,
         gt=0,
         lt=1,
-        description="keep as many points as have this share within a pixel of disparity, by "
-        "calibration; instead of each method's own threshold",
+        description="share of points that should lie within a pixel of disparity, by calibration; "
+        "replaces each method's own threshold",
     )
     inpaint: bool = Field(
         default=False, description="also fill the gaps between points, marked as filled"
@@ -374,7 +371,7 @@ class MapperConfig(ParameterGroup):
         default=5, description="window of the adaptive threshold, px, odd"
     )
     threshold_c: FiniteFloat = Field(
-        default=7.0, description="by how much of 255 a confidence must exceed its neighbours' mean"
+        default=7.0, description="how much a confidence (0 to 255) must exceed its neighbours' mean"
     )
     median_px: OddPixels = Field(
         default=5, description="window of the masked median, px, odd; 1: none"
@@ -434,22 +431,29 @@ class MapperConfig(ParameterGroup):
             given = values.get(group) or {}
             given = given.model_dump(exclude_unset=True) if hasattr(given, "model_dump") else given
             if name in given:
-                raise ValueError(f"{old} and {group}.{name} are the same: leave one of them out")
+                raise ValueError(
+                    f"{old} and {group}.{name} are the same setting: leave one of them out"
+                )
             values[group] = {**given, name: values.pop(old)}
         return values
 
     @model_validator(mode="after")
     def _check(self) -> MapperConfig:
         if self.reference_s is not None and self.reference == "end":
-            raise ValueError("reference_s and reference end: leave one of them out")
+            raise ValueError(
+                "reference_s and reference end both set the reference time: leave one of them out"
+            )
         self._check_sliding()
         if self.is_mcemvs and (self.spacing, self.polarity) != ("inverse", "both"):
             raise ValueError(
-                f"compatibility mcemvs with spacing {self.spacing} and polarity {self.polarity}: "
-                "it supports only inverse and both"
+                f"compatibility mcemvs with spacing {self.spacing} and polarity {self.polarity} "
+                "is not supported: set spacing inverse and polarity both"
             )
         if self.is_mcemvs and self.voting != "bilinear":
-            raise ValueError(f"compatibility mcemvs with voting {self.voting}: needs bilinear")
+            raise ValueError(
+                f"compatibility mcemvs with voting {self.voting} is not supported: set voting "
+                "bilinear"
+            )
         near, far = self.min_depth_m, self.max_depth_m
         if near is not None and far is not None and near >= far:
             raise ValueError(
@@ -459,12 +463,15 @@ class MapperConfig(ParameterGroup):
 
     def _check_sliding(self) -> None:
         if self.window_s is not None and self.window_events is not None:
-            raise ValueError("window_s and window_events: leave one of them out")
+            raise ValueError("window_s and window_events are both set: leave one of them out")
         for unit in ("s", "events"):
             if getattr(self, f"stride_{unit}") and not getattr(self, f"window_{unit}"):
                 raise ValueError(f"stride_{unit} without window_{unit}: set both")
         if self.slides and self.reference_s is not None:
-            raise ValueError("reference_s with sliding windows: needs reference middle or end")
+            raise ValueError(
+                "reference_s is for a single window: with sliding windows, set reference to "
+                "middle or end"
+            )
 
     @property
     def slides(self) -> bool:

@@ -49,7 +49,7 @@ class ByName(dict[str, Value]):
 
     def __missing__(self, name: str) -> Value:
         close = difflib.get_close_matches(str(name), self, n=1)
-        known = f"did you mean {close[0]}?" if close else f"there are {', '.join(self)}"
+        known = f"did you mean {close[0]}?" if close else f"choose from {', '.join(self)}"
         raise InputError(f"no {self.what} {name!r}: {known}")
 
 

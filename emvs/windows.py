@@ -76,7 +76,7 @@ def _covered(events: _Span, poses: _Span) -> _Span:
     if covered.first_us > covered.last_us:
         raise InputError(
             f"poses ({poses.first_us}..{poses.last_us} µs) and events "
-            f"({events.first_us}..{events.last_us} µs) do not overlap: bring them to one clock"
+            f"({events.first_us}..{events.last_us} µs) do not overlap: put them on one clock"
         )
     return covered
 
@@ -90,8 +90,8 @@ def _check_inside(what: str, span: _Span, t0_us: int, t1_us: int) -> None:
         )
     if early_us > 0:
         raise InputError(
-            f"window begins {early_us / 1e6:.6f} s before the first of the {what}: "
-            "choose a later start_s, or leave it out for everything that poses cover"
+            f"window begins {early_us / 1e6:.6f} s before the first of the {what}: choose a "
+            "later start_s, or leave it out to use all that the poses cover"
         )
     if late_us > 0:
         raise InputError(
@@ -203,7 +203,7 @@ def plan_windows(
         InputError: no window asked for, no room for one, or more than `MOST_WINDOWS` of them.
     """
     if not config.slides:
-        raise InputError("no sliding windows asked for: set window_s or window_events")
+        raise InputError("no sliding windows: set window_s or window_events")
     stretch = choose_window(recording, config)
     cut = _by_time if config.window_s is not None else _by_count
     begins_us, ends_us = cut(recording, config, stretch, progress)
@@ -258,7 +258,8 @@ def _by_count(
     ends_us = np.concatenate(lasts) + 1
     if not len(ends_us):
         raise InputError(
-            f"window_events is {length}: camera 0 has {seen} events that poses cover; choose fewer"
+            f"window_events is {length}: camera 0 has {seen} events that the poses cover; choose "
+            "a smaller one"
         )
     return np.concatenate(begins)[: len(ends_us)], ends_us
 

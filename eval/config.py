@@ -29,10 +29,14 @@ class EvalConfig(ParameterGroup):
     """Which ground truth counts, and which number ranks the methods."""
 
     min_truth_depth_m: float | None = Field(
-        default=None, gt=0, description="Nearer ground truth is left out, m; by default no limit."
+        default=None,
+        gt=0,
+        description="Ground truth nearer than this is left out, m; by default no limit.",
     )
     max_truth_depth_m: float | None = Field(
-        default=None, gt=0, description="Farther ground truth is left out, m; by default no limit."
+        default=None,
+        gt=0,
+        description="Ground truth farther than this is left out, m; by default no limit.",
     )
     truth_tolerance_s: float = Field(
         default=0,
@@ -88,7 +92,7 @@ class TrajectoryConfig(ParameterGroup):
         "the nearest; the truth interpolated.",
     )
     max_difference_s: float = Field(
-        default=0.02, ge=0, le=1e6, description="Times of a pair differ by no more than this, s."
+        default=0.02, ge=0, le=1e6, description="Largest time difference of a pair, s."
     )
     offset_s: float = Field(
         default=0, ge=-1e12, le=1e12, description="Added to the estimate's times, s."
@@ -97,14 +101,13 @@ class TrajectoryConfig(ParameterGroup):
     truth_unit: TimeUnit = Field(default="s", description="Unit of the times in the truth's file.")
     rpe_distances_m: tuple[_Positive, ...] = Field(
         default=(),
-        description="Lengths of way that relative errors are taken over, m; by default 10, 20, 30, "
-        "40 and 50 % of the way.",
+        description="Path lengths for relative errors, m; by default 10, 20, ... 50 % of the path.",
     )
     rpe_times_s: tuple[_Positive, ...] = Field(
-        default=(0.1, 1.0), description="Times that relative errors are taken over, s."
+        default=(0.1, 1.0), description="Durations for relative errors, s."
     )
     rpe_angles_deg: tuple[_Positive, ...] = Field(
-        default=(10.0, 30.0), description="Angles turned that relative errors are taken over, °."
+        default=(10.0, 30.0), description="Rotations for relative errors, °."
     )
 
     @property

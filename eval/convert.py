@@ -103,7 +103,7 @@ def _refuse_unused(options: Options) -> None:
     }
     for flag, is_useless in useless.items():
         if is_useless:
-            raise InputError(f"{flag} with --to {options.to}: has no effect there; leave it out")
+            raise InputError(f"{flag} has no effect with --to {options.to}; leave it out")
 
 
 def _file(source: Path, out: Path, options: Options) -> str:
@@ -157,7 +157,7 @@ def _windows(
     recording: Any = open_recording(source)
     names = list(recording.rig.camera_names)
     if options.stream and options.stream not in names:
-        raise InputError(f"{source}: no stream {options.stream}; there are {names}")
+        raise InputError(f"{source}: no stream {options.stream}; choose from {names}")
     windows = TrainingWindows(
         recording,
         window_s=WINDOW_S if options.window_s is None else options.window_s,
@@ -180,8 +180,8 @@ def _notes(streams: Sequence[tuple[str, EventSource]]) -> Iterator[str]:
     for name, source in streams:
         if source.late:
             yield (
-                f"{name}: {source.late:,} events come after later ones, as they do in the input; "
-                "no map can be made of them: sort by time (stable)"
+                f"{name}: {source.late:,} events come after later ones, as in the input; they "
+                "cannot be mapped: sort by time (stable sort)"
             )
 
 
@@ -191,7 +191,7 @@ def _chosen(readable: Readable, options: Options) -> list[tuple[str, EventSource
         return list(readable.streams)
     names = [name for name, _ in readable.streams]
     if options.stream not in names:
-        raise InputError(f"{readable.path}: no stream {options.stream}; there are {names}")
+        raise InputError(f"{readable.path}: no stream {options.stream}; choose from {names}")
     return [(name, source) for name, source in readable.streams if name == options.stream]
 
 
@@ -205,7 +205,9 @@ def _event_file(
 ) -> int:
     names = [name for name, _ in readable.streams]
     if options.to == "sequence" or not FORMATS[options.to].writes:
-        raise InputError(f"{readable.path}: only events, no poses; cannot become {options.to}")
+        raise InputError(
+            f"{readable.path}: has events but no poses; cannot be converted to {options.to}"
+        )
     if len(chosen) > 1 and FORMATS[options.to].limits.streams == 1:
         raise InputError(
             f"{readable.path}: {len(chosen)} streams ({', '.join(names)}) into {options.to}, which "
@@ -279,19 +281,19 @@ def _depth(source: Path, out: Path, options: Options) -> str:
 
     focal_px = _focal_px(source)
     if options.baseline_m is None:
-        raise InputError(f"{source}: holds no baseline; add --baseline-m")
+        raise InputError(f"{source}: contains no baseline; add --baseline-m")
     write_disparity(out, depth_m, focal_px * options.baseline_m)
     return f"disparity, b·f {focal_px * options.baseline_m:.3f} px·m"
 
 
 def _focal_px(source: Path) -> float:
     if source.suffix != ".npz":
-        raise InputError(f"{source}: holds no focal length; needs a map's depth.npz")
+        raise InputError(f"{source}: contains no focal length; needs a map's depth.npz")
     try:
         with opened_npz(source) as stored:
             return float(parse_json(str(stored["camera"]))["fx_px"])
     except (KeyError, ValueError, OSError, TypeError) as error:
-        raise InputError(f"{source}: holds no camera; needs a map's depth.npz") from error
+        raise InputError(f"{source}: contains no camera; needs a map's depth.npz") from error
 
 
 def _cloud(source: Path, out: Path, to: str) -> str:
@@ -303,7 +305,7 @@ def _cloud(source: Path, out: Path, to: str) -> str:
     o3d = load_open3d()
     cloud = o3d.io.read_point_cloud(source)
     if not cloud.has_points():
-        raise InputError(f"{source}: no points in it, or damaged; make it again")
+        raise InputError(f"{source}: contains no points, or is damaged; export it again")
     if out.suffix != f".{to}":
         raise InputError(f"{out}: needs a name that ends in .{to}")
     with atomic_path(out) as partial:

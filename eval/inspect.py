@@ -146,14 +146,15 @@ def warnings(description: dict[str, Any]) -> list[str]:
             )
         if stream["outside_sensor"]:
             notes.append(
-                f"{name}: {stream['outside_sensor']:,} events lie off the sensor: check its size"
+                f"{name}: {stream['outside_sensor']:,} events lie outside the sensor: check its "
+                "size"
             )
     recording = description["recording"]
     if recording and not recording["poses_cover_events"]:
         least = min(recording["poses_share_of_events_span"])
         notes.append(f"poses cover {least:.1%} of the events' time; the rest cannot be mapped")
     if recording and recording["pose_gaps"]:
-        notes.append(f"{recording['pose_gaps']} gaps between poses are over 5 times the usual step")
+        notes.append(f"{recording['pose_gaps']} gaps between poses exceed 5 times the usual step")
     return notes
 
 

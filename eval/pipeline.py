@@ -263,7 +263,9 @@ def _with_own(
 def _check_run(cases: Sequence[str], settings: Settings, rig: str | None, *, track: bool) -> None:
     """Refuses before the first frame what would fail after the last."""
     if len(set(map(case_name, cases))) != len(cases) or not cases:
-        raise InputError(f"cases {', '.join(cases) or '(none)'}: name at least one, each once")
+        raise InputError(
+            f"cases {', '.join(cases) or '(none)'}: name at least one, without repeats"
+        )
     for case in cases:
         check_case(case, rig, settings.map, settings.sim, track=track)
 
@@ -293,7 +295,7 @@ def check_case(
     methods.methods_by_name(config.methods, len(chosen), mcemvs=config.is_mcemvs)
     if track and len(chosen) < 2:
         raise InputError(
-            f"{scene}: a rig of 1 camera sees no scale to find poses by: choose a stereo rig"
+            f"{scene}: one camera cannot determine the scale of its poses: choose a stereo rig"
         )
     check_device(config.device)
 

@@ -89,8 +89,7 @@ def map_window(
     recording, config = opened(recording), MapperConfig.or_default(config)
     if config.slides:
         raise InputError(
-            "sliding windows were asked for: call map_windows, or leave out window_s and "
-            "window_events"
+            "sliding windows are set: call map_windows, or leave out window_s and window_events"
         )
     window = choose_window(recording, config)
     check_window_fits(recording, window)

@@ -57,10 +57,14 @@ def score(
     config = EvalConfig.or_default(config)
     if isinstance(mapped, WindowResult):
         if recording is None:
-            raise InputError("a window without its recording: needs score(result, recording)")
+            raise InputError(
+                "a window's result without its recording: call score(result, recording)"
+            )
         return _score_window(mapped, opened(recording), config)
     if recording is not None:
-        raise InputError("a map's folder with a recording: a folder knows its own, leave it out")
+        raise InputError(
+            "a map's folder and a recording: the folder knows its recording, leave it out"
+        )
     check_type("mapped", mapped, (StoredMap, str, Path), "a window, a map or a folder's path")
     folder = mapped.path if isinstance(mapped, StoredMap) else Path(mapped)
     return pipeline.score_folder(folder, config)

@@ -136,8 +136,8 @@ def _refuse_model(scene: str, config: SimConfig) -> None:
     asked = sorted(config.model.model_fields_set - {"files", "sha256"})
     if asked:
         raise InputError(
-            f"{', '.join(asked)} given for scene {scene}, which is no model's file: leave it out, "
-            "or name a file in MJCF (.xml) or URDF (.urdf)"
+            f"{', '.join(asked)} given for scene {scene}, but only model files take it: leave it "
+            "out, or name a file in MJCF (.xml) or URDF (.urdf)"
         )
 
 
@@ -158,7 +158,7 @@ def _of_point(point: EntryPoint) -> Scene:
     found = run_point(point, "its scene {} cannot be loaded", lambda scene: scene)
     if not isinstance(found, Scene):
         raise InputError(
-            f"{point.name} = {point.value} is a {type(found).__name__}, no Scene: fix or uninstall "
-            "its package"
+            f"{point.name} = {point.value} is a {type(found).__name__}, not a Scene: fix or "
+            "uninstall its package"
         )
     return found

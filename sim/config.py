@@ -61,7 +61,7 @@ class ShutterConfig(FiniteGroup):
 
 
 class FramesConfig(FiniteGroup):
-    """The pictures that an ordinary camera takes in the place of each event camera."""
+    """Frames of an ordinary camera in the place of each event camera."""
 
     rate_hz: Annotated[float, Field(ge=0, le=10_000)] | None = None
     """Pictures per second, Hz; 0 for none; by default the scene's own, which is 0 for most."""
@@ -77,13 +77,13 @@ class FramesConfig(FiniteGroup):
     """Bits per pixel."""
 
     auto_percentile: Annotated[float, Field(ge=0, le=100)] = 50.0
-    """Automatic gain brings this percentile of a picture's light ..."""
+    """Percentile of a picture's light that automatic gain brings to `auto_level`."""
 
     auto_level: Annotated[float, Field(gt=0, le=1)] = 0.18
-    """... to this share of full scale (a grey card has 0.18) ..."""
+    """Target of automatic gain, as a share of full scale; a grey card has 0.18."""
 
     auto_max_gain: Annotated[float, Field(gt=0)] = 256.0
-    """... but never uses a larger gain than this: dark scenes stay dark."""
+    """Largest automatic gain: dark scenes stay dark."""
 
 
 class ImuConfig(FiniteGroup):
@@ -263,10 +263,10 @@ class SimConfig(PixelConfig):
     lengths, and 2 if it is `linear`."""
 
     light: LightConfig = LightConfig()
-    """How the pictures' light is measured, see the page `lenses`."""
+    """How light is rendered, see the page `lenses`."""
 
     frames: FramesConfig = FramesConfig()
-    """Pictures of an ordinary camera in each event camera's place, see the page `lenses`."""
+    """Frames of an ordinary camera in each event camera's place, see the page `lenses`."""
 
     imu: ImuConfig = ImuConfig()
     """Inertial samples, see the page `motion`."""
@@ -278,8 +278,8 @@ class SimConfig(PixelConfig):
     """Where the rig sits on a model of your own, and what moves it."""
 
     frame_period_us: Annotated[int, Field(ge=1)] | None = None
-    """There is a frame at every multiple of this time as well, µs: as many as an event camera in a
-    running simulation takes that is asked so often."""
+    """Also render a frame at every multiple of this time, µs, as an event camera in a running
+    simulation does that is stepped so often."""
 
     pose_rate_hz: Annotated[float, Field(gt=0)] = 1000.0
     """Stored poses per second, Hz."""
@@ -355,7 +355,7 @@ class VideoConfig(FiniteGroup):
     """File of the images' times, lines `t` or `t name`, instead of the folder's own."""
 
     unit: Literal["s", "ms", "us", "ns"] | None = None
-    """What these times count; without it a decimal point or a header must say so."""
+    """Unit of these times; without it, a decimal point or a header must show it."""
 
     encoding: Encoding | None = None
     """What light values stand for: `srgb`, `gamma`, `linear`, or `log`, its natural logarithm; by
@@ -368,8 +368,8 @@ class VideoConfig(FiniteGroup):
     """Value of intensity 1; by default 255, 65535, or 1 of floats. 12 bits in 16 need 4095."""
 
     upsample: Annotated[str | None, RUNS_CODE] = None
-    """What puts frames between frames: MODULE:FUNCTION, FILE.py:FUNCTION, or the name under which a
-    package registered one."""
+    """Function that interpolates frames: MODULE:FUNCTION, FILE.py:FUNCTION, or the name under which
+    a package registered one."""
 
     @model_validator(mode="after")
     def _of_use(self) -> VideoConfig:
@@ -378,5 +378,5 @@ class VideoConfig(FiniteGroup):
         if self.encoding == "log" and self.full_scale is not None:
             raise ValueError("full_scale has no effect on logarithms: leave it out")
         if self.rate_hz is not None and (self.stamps is not None or self.unit is not None):
-            raise ValueError("rate_hz with stamps or unit: two time bases, leave one out")
+            raise ValueError("rate_hz, and stamps or unit, both set the times: leave one out")
         return self

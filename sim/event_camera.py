@@ -235,7 +235,7 @@ class EventRig:
 
     def _check_begun(self) -> None:
         if self._chunks is None:
-            raise InputError("nothing was seen yet: call step with the model's data first")
+            raise InputError("no events yet: call step with the model's data first")
 
     def _time_us(self, data: Any) -> int:
         t_us = round((float(data.time) - self._start_s) * 1e6)
@@ -335,7 +335,9 @@ def _camera_name(model: Any, mount: str) -> str:
 
 def _pose(T: Pose | None) -> Pose:
     if T is not None and not se3.is_rigid(np.asarray(T)):
-        raise InputError("T_mount_body is no rigid (4, 4) motion: give a rotation and a shift")
+        raise InputError(
+            "T_mount_body is not a rigid (4, 4) transform: give a rotation and a translation"
+        )
     return np.eye(4) if T is None else np.asarray(T, np.float64)
 
 

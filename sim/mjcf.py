@@ -48,7 +48,7 @@ def read_spec(path: Path) -> mujoco.MjSpec:
             return _robot(mj, path)
         return mj.MjSpec.from_file(str(path.resolve()))
     except ValueError as error:
-        raise InputError(f"{path} is no usable MJCF ({_line(error)}): correct it") from error
+        raise InputError(f"{path} is not valid MJCF ({_line(error)}): correct it") from error
 
 
 def _robot(mj: Any, path: Path) -> mujoco.MjSpec:

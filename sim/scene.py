@@ -162,7 +162,7 @@ def replayed(scene: Scene, config: SimConfig) -> tuple[Scene, SimConfig]:
         return scene, config
     recorded, digest = read_poses(path), hashlib.sha256(path.read_bytes()).hexdigest()
     if config.replay.sha256 not in ("", digest):
-        raise InputError(f"{path}: not the file of sha256 {config.replay.sha256}: restore that one")
+        raise InputError(f"{path}: its SHA-256 is not {config.replay.sha256}: restore that file")
     noted = config.replay.model_copy(update={"sha256": digest})
     motion = ReplayedMotion(recorded, noted, _hand_eye(noted), scene.motion)
     return replace(scene, motion=motion), config.model_copy(update={"replay": noted})

@@ -123,7 +123,7 @@ def simulate(
         if note():
             notice(note())
         if config.sampling != job.config.sampling:
-            notice(f"plain frames half a pixel apart: {drawing.why_plain(scene)}")
+            notice(f"rendering plain frames half a pixel apart: {drawing.why_plain(scene)}")
         described = describe(job, renderer)
         folder = stack.enter_context(
             CheckpointFolder(out, described.key, rig, resume=resume, notice=notice)
@@ -177,8 +177,8 @@ def _say_if_empty(job: RenderJob, events: int, notice: Notice) -> None:
     pixels = sum(camera.width_px * camera.height_px for camera in job.rig.cameras)
     if events < _FEW_EVENTS * pixels:
         notice(
-            f"{job.scene.name}: {events} events of {pixels} pixels in {job.duration_us * 1e-6:g} s "
-            "are next to none: make it longer, move faster, or give surfaces textures"
+            f"{job.scene.name}: {events} events of {pixels} pixels in {job.duration_us * 1e-6:g} "
+            "s are very few: make it longer, move faster, or add texture to surfaces"
         )
 
 

@@ -114,7 +114,7 @@ BASELINES: tuple[BaselineEstimator, ...] = (
     ),
     BaselineEstimator(
         "Frames/sgm",
-        "semi-global matching of an ordinary stereo camera's pictures",
+        "semi-global matching of a stereo pair of ordinary frames",
         imported_when_called("eventsweep.emvs.baselines.sgm", "estimate_frames"),
         needs="frames of an ordinary camera",
         confidence="contrast, grey levels",

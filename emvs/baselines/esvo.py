@@ -87,9 +87,9 @@ def _fused(
     if not inside.any():
         estimates = sum(m.estimates for m in maps)
         raise InputError(
-            f"{method}: {estimates} estimates of {len(maps)} maps up to {maps[-1].t_ref_us} µs, "
-            f"but no pixel where {clean_up.least_fusions + 1} of them agree: choose a longer or "
-            "another window, or check the calibration"
+            f"{method}: {estimates} estimates from {len(maps)} maps up to {maps[-1].t_ref_us} "
+            f"µs, but no pixel where {clean_up.least_fusions + 1} of them agree: choose a longer "
+            "or a different window, or check the calibration"
         )
     depth_m = np.divide(1, rho, out=np.zeros(rho.shape), where=inside).astype(np.float32)
     sure = np.divide(1, known.deviation, out=np.zeros(rho.shape), where=inside).astype(np.float32)

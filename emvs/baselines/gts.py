@@ -50,9 +50,9 @@ def estimate(
     good = disparity_px > 0
     if not good.any():
         raise InputError(
-            f"GTS/events: no pair among {len(left.t_us)} and {len(right.t_us)} events from "
-            f"{window.t0_us} to {window.t1_us} µs: choose a longer duration_s, or bring both "
-            "cameras to one clock"
+            f"GTS/events: no events match among the {len(left.t_us)} and {len(right.t_us)} "
+            f"events from {window.t0_us} to {window.t1_us} µs: choose a longer duration_s, or "
+            "put both cameras on one clock"
         )
     i, disparity_px, energy = i[good], disparity_px[good], energy[good]
     points_body = stereo.points_body(left.uv_px[i], disparity_px)

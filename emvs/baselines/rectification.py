@@ -118,12 +118,12 @@ def _check_pair(rig: Rig, i: int, j: int) -> None:
         )
     if not (0 <= i < len(rig) and 0 <= j < len(rig)) or i == j:
         raise InputError(
-            f"rig {rig.name}: cameras {i} and {j} asked for, needs two different ones of "
+            f"rig {rig.name}: cameras {i} and {j} requested: needs two different ones from "
             f"0..{len(rig) - 1}"
         )
     if rig.baseline_m(i, j) == 0:
         raise InputError(
-            f"rig {rig.name}: cameras {i} and {j} are at one point: stereo needs a baseline"
+            f"rig {rig.name}: cameras {i} and {j} are at the same point: stereo needs a baseline"
         )
 
 
@@ -135,14 +135,14 @@ def _orientation(rig: Rig, i: int, j: int) -> Matrix:
     mean = axes[0] + axes[1]
     mean = mean / max(float(np.linalg.norm(mean)), np.finfo(float).tiny)
     slope_deg = float(np.degrees(np.arcsin(min(abs(float(x @ mean)), 1.0))))
-    _check_angle(
-        rig, (i, j), slope_deg, _MAX_SLOPE_DEG, "the baseline rises out of the image plane"
-    )
+    _check_angle(rig, (i, j), slope_deg, _MAX_SLOPE_DEG, "the baseline leaves the image plane")
     z = mean - (x @ mean) * x
     z = z / np.linalg.norm(z)
     for axis in axes:
         turn_deg = float(np.degrees(np.arccos(np.clip(axis @ z, -1, 1))))
-        _check_angle(rig, (i, j), turn_deg, _MAX_TURN_DEG, "an optical axis leaves the common one")
+        _check_angle(
+            rig, (i, j), turn_deg, _MAX_TURN_DEG, "an optical axis deviates from the mean one"
+        )
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
@@ -152,7 +152,7 @@ def _check_angle(
     if angle_deg > limit_deg:
         raise InputError(
             f"rig {rig.name}: cameras {pair[0]} and {pair[1]} cannot be rectified, {what} by "
-            f"{angle_deg:.1f} degrees: needs at most {limit_deg:g}; choose a method that fuses "
+            f"{angle_deg:.1f} degrees: the limit is {limit_deg:g}; choose a method that fuses "
             "volumes, such as Alg1/H"
         )
 
@@ -175,7 +175,9 @@ def _shared_camera(camera: Camera, bearings: list[Matrix]) -> Camera:
     left_px, right_px = max(left_px, -limit_px / 2), min(right_px, limit_px / 2)
     top_px, bottom_px = max(top_px, -limit_px / 2), min(bottom_px, limit_px / 2)
     if bottom_px - top_px < 1 or right_px - left_px < 1:
-        raise InputError("the cameras have no row in common: stereo matching needs a common view")
+        raise InputError(
+            "the rectified cameras share no image row: stereo matching needs overlapping views"
+        )
     # A tolerance, so that a rig that is rectified already keeps its size
     width_px, height_px = (
         int(np.ceil(size - 1e-6)) + 1 for size in (right_px - left_px, bottom_px - top_px)

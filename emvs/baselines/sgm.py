@@ -106,8 +106,8 @@ class _Matcher:
             if surface.newest_us == NEVER_US:
                 raise InputError(
                     f"camera {self._recording.rig.camera_names[camera]} has no events from "
-                    f"{since_us} to {t_us} µs: a time surface needs at least 1 before the "
-                    "reference time; choose another window"
+                    f"{since_us} to {t_us} µs: a time surface needs at least one event before "
+                    "the reference time; choose another window"
                 )
 
     def _matched(self, t_us: int) -> tuple[Image, Image]:
@@ -189,14 +189,14 @@ def photos_at(recording: Recording, window: Window, cameras: tuple[int, int]) ->
         recording = recording.recording
     if not isinstance(recording, HasPhotos) or not len(recording.photo_times_us(cameras[0])):
         raise InputError(
-            f"{name}: has no frames of an ordinary camera, Frames/sgm needs them: "
-            "simulate with frames.rate_hz above 0, or leave this method out"
+            f"{name}: has no frames, which Frames/sgm needs: simulate with frames.rate_hz above "
+            "0, or leave this method out"
         )
     photos = [recording.photo(camera, window.t_ref_us) for camera in cameras]
     if photos[0][:2] != photos[1][:2]:
         raise InputError(
-            f"{name}: frames at {photos[0].t_us} and {photos[1].t_us} µs are not a stereo "
-            "pair: Frames/sgm needs cameras that expose at the same time"
+            f"{name}: frames at {photos[0].t_us} and {photos[1].t_us} µs are not a stereo pair: "
+            "Frames/sgm needs cameras that expose together"
         )
     if not window.t0_us <= photos[0].t_us <= window.t1_us:
         raise InputError(
@@ -260,8 +260,9 @@ def disparity_range_px(stereo: Rectified, view: ReferenceView) -> tuple[int, int
     far, near = np.sort(scale * inverse_depth_at(view.rho, ends).astype(np.float64))
     if near - far < _WORTH_MATCHING_PX:
         raise InputError(
-            f"depths {scale / near:.3g}..{scale / far:.3g} m span {near - far:.2f} px of disparity "
-            f"on a baseline of {stereo.baseline_m:g} m: stereo matching needs at least "
-            f"{_WORTH_MATCHING_PX:g} px; choose a nearer min_depth_m or a method that fuses volumes"
+            f"depths {scale / near:.3g}..{scale / far:.3g} m span {near - far:.2f} px of "
+            f"disparity on a baseline of {stereo.baseline_m:g} m: stereo matching needs at least "
+            f"{_WORTH_MATCHING_PX:g} px; choose a smaller min_depth_m or a method that fuses "
+            "volumes"
         )
     return int(np.floor(far)), int(np.ceil(near))

@@ -55,8 +55,8 @@ class TimeSurface:
         first_us = int(events.t_us[0])
         if first_us < self.newest_us:
             raise InputError(
-                f"time surface: event at {first_us} µs after one at {self.newest_us} µs: "
-                "feed events in order of time"
+                f"time surface: event at {first_us} µs after one at {self.newest_us} µs: feed "
+                "events in time order"
             )
         height_px, width_px = self.last_us.shape
         events.checked(width_px, height_px)
@@ -74,8 +74,8 @@ class TimeSurface:
         """
         if t_us < self.newest_us:
             raise InputError(
-                f"time surface asked for {t_us} µs, but has events up to {self.newest_us} µs: "
-                "ask before feeding later events"
+                f"time surface requested at {t_us} µs, but it holds events up to "
+                f"{self.newest_us} µs: request it before feeding later events"
             )
         surface = np.empty(self.last_us.shape, np.float32)
         decay(self.last_us, t_us, self.decay_s * 1e6, surface)

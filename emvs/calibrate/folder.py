@@ -171,8 +171,8 @@ def _own_format(folder: Path, recording: Recording, rig: Rig) -> list[str]:
     try:
         written = _written_as(folder, recording, rig)
     except InputError as error:
-        return [f"the recording's own format of calibration was not written: {error}"]
-    return [] if written else [f"the calibration is written as {RIG_FILE}, which loses nothing"]
+        return [f"the calibration was not written in the recording's own format: {error}"]
+    return [] if written else [f"the calibration is written as {RIG_FILE}, without loss"]
 
 
 def _written_as(folder: Path, recording: Recording, rig: Rig) -> bool:
@@ -228,9 +228,13 @@ def _lost(refinement: Refinement) -> list[str]:
     kinds = {e.parameter.kind for e in refinement.estimates if not e.refused}
     notes = []
     if "clock" in kinds:
-        notes.append(f"files of calibration hold no clock: {FILE_NAME} does (time_offset_us)")
+        notes.append(
+            f"calibration files cannot store clock offsets: {FILE_NAME} does (time_offset_us)"
+        )
     if "pose clock" in kinds:
-        notes.append(f"files of calibration hold no clock: {POSES_FILE} has the corrected times")
+        notes.append(
+            f"calibration files cannot store clock offsets: {POSES_FILE} has the corrected times"
+        )
     if kinds & {"hand-eye", "lever"}:
         notes.append(f"the hand-eye is in {RIG_FILE} (T_body_cam), which {FILE_NAME} reads")
     return notes

@@ -100,15 +100,15 @@ _REFINABLE = {
         "direction of the baseline", "direction", ("forward", "across"), "deg", 2.0, 1.0, True
     ),
     "baseline": _Refinable(
-        "length of the baseline, as poses give the scale", "baseline", ("",), "%", 6.0, 2.0, True
+        "length of the baseline; the poses give the scale", "baseline", ("",), "%", 6.0, 2.0, True
     ),
     "focal": _Refinable("focal length of all cameras", "focal", ("",), "%", 6.0, 1.5),
     "pose-delay": _Refinable("clock of the poses", "pose clock", ("",), "ms", 40.0, 2.5),
     "hand-eye": _Refinable(
-        "how the first camera is turned on what was tracked", "hand-eye", AXES, "deg", 4.0, 0.5
+        "rotation of the first camera on the tracked body", "hand-eye", AXES, "deg", 4.0, 0.5
     ),
     "lever": _Refinable(
-        "where the first camera sits on what was tracked", "lever", AXES, "mm", 40.0, 8.0
+        "position of the first camera on the tracked body", "lever", AXES, "mm", 40.0, 8.0
     ),
 }  # fmt: skip
 NAMES: Mapping[str, str] = {name: row.meaning for name, row in _REFINABLE.items()}

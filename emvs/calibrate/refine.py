@@ -78,8 +78,8 @@ class RefineConfig:
     def __post_init__(self) -> None:
         if not (self.windows >= 2 and self.window_s > 0 and self.events >= 1000):
             raise InputError(
-                f"windows {self.windows}, window_s {self.window_s:g}, events {self.events}: needs "
-                "at least 2 windows longer than 0 s and 1000 events"
+                f"windows {self.windows}, window_s {self.window_s:g}, events {self.events}: "
+                "needs at least 2 windows, longer than 0 s, with at least 1000 events"
             )
 
 
@@ -268,7 +268,7 @@ class _Refiner:
         if parameter.kind == "pose clock":
             uncertainty = math.hypot(uncertainty, _LAG_MS)
         if abs(value) > _FAR * reach:
-            why = f"the best value lies beyond the search range of {reach:g} {unit}"
+            why = f"the best value lies outside the search range of {reach:g} {unit}"
             return Estimate(parameter, 0.0, uncertainty, why)
         if uncertainty <= needed:
             return Estimate(parameter, value, uncertainty)
@@ -281,11 +281,20 @@ class _Refiner:
         each = ", ".join(f"{rate:.2g}" for rate in np.sqrt((rates**2).mean(axis=0)))
         if parameter.kind == "pose clock":
             change = float(np.sqrt(rates.var(axis=0).sum()))
-            return f"the motion is too even or too short; rates of turn vary by {change:.2g} deg/s"
+            return (
+                f"the motion is too uniform or too short; turn rates vary by only {change:.2g} "
+                "deg/s"
+            )
         if parameter.kind == "hand-eye":
-            return f"short recording, or the camera turns too little, by {each} deg/s about x, y, z"
+            return (
+                f"the recording is too short, or the camera turns too little, by {each} deg/s "
+                "about x, y, z"
+            )
         if parameter.kind == "lever":
-            return f"it shows only where the camera turns, here by {each} deg/s about x, y, z"
+            return (
+                f"it can be determined only where the camera turns, here by {each} deg/s about "
+                "x, y, z"
+            )
         return "too little texture, parallax or motion in these windows"
 
     def _curves(self, refined: Sequence[Estimate]) -> dict[str, tuple[Floats, Floats]]:

@@ -59,8 +59,9 @@ def read_windows(
         progress("windows", done, len(spans))
     if len(windows) < 2:
         raise InputError(
-            f"{recording.name}: {len(windows)} of {len(spans)} windows of {plan.length_s:g} s have "
-            f"{_FEWEST_EVENTS} events of every camera: needs 2, a longer recording or more texture"
+            f"{recording.name}: {len(windows)} of {len(spans)} windows of {plan.length_s:g} s "
+            f"have {_FEWEST_EVENTS} events from every camera: needs 2; use a longer recording or "
+            "one with more texture"
         )
     return tuple(windows)
 
@@ -95,8 +96,8 @@ def _chosen_spans(recording: Recording, plan: WindowPlan) -> list[tuple[int, int
     room_us = last_us - first_us - length_us
     if room_us < 0:
         raise InputError(
-            f"{recording.name}: events and poses share {(last_us - first_us) / 1e6:.3f} s beside "
-            f"a margin for clocks: needs at least {plan.length_s:g} s"
+            f"{recording.name}: events and poses overlap for {(last_us - first_us) / 1e6:.3f} s, "
+            f"less the margin for clock offsets: needs at least {plan.length_s:g} s"
         )
     count = max(1, min(plan.count, 1 + round(2 * room_us / length_us)))
     starts = first_us + np.linspace(0, room_us, count * _CANDIDATES).astype(np.int64)

@@ -70,11 +70,11 @@ def of_poses(recording: Recording) -> list[Alternative]:
         ),
         Alternative(
             "rotations inverted", _poses(_rotations_inverted),
-            "the file holds R_cam_world beside positions in the world: transpose the rotations",
+            "the file stores R_cam_world with positions in the world: transpose the rotations",
         ),
         Alternative(
             "quaternions w first", _poses(_w_last),
-            "the file holds qw qx qy qz: write them as qx qy qz qw",
+            "the file stores qw qx qy qz: write them as qx qy qz qw",
         ),
         Alternative(
             "columns mirrored", lambda r: MirroredRecording(r, columns=True),
@@ -94,7 +94,7 @@ def of_poses(recording: Recording) -> list[Alternative]:
         alternatives += [
             Alternative(
                 "hand-eye inverted", _hand_eye(se3.inverse),
-                "the calibration holds T_cam_body where T_body_cam is meant: invert it",
+                "the calibration stores T_cam_body instead of T_body_cam: invert it",
             ),
             Alternative(
                 "hand-eye beside poses of the camera", _hand_eye(lambda _T: np.eye(4)),
@@ -109,11 +109,11 @@ def of_pair() -> list[Alternative]:
     return [
         Alternative(
             "cameras swapped", lambda r: AlteredRecording(r, streams=(1, 0)),
-            "exchange the event files of the two cameras", True,
+            "swap the event files of the two cameras", True,
         ),
         Alternative(
             "extrinsics inverted", lambda r: AlteredRecording(r, rig=_between(r.rig, se3.inverse)),
-            "the calibration holds T_cam1_cam0 where T_cam0_cam1 is meant: invert it", True,
+            "the calibration stores T_cam1_cam0 instead of T_cam0_cam1: invert it", True,
         ),
         *(
             Alternative(
@@ -207,8 +207,8 @@ def amounts_of_one(*, paired: bool) -> list[Amount]:
     """
     focal = Amount(
         "focal length", "", 1.0, _FOCAL, _focal, 0.1,
-        "the focal lengths fit when multiplied by {amount:.3g}: take the calibration of this lens "
-        "and resolution", 0.06,
+        "the focal lengths fit when multiplied by {amount:.3g}: use the calibration of this "
+        "lens and resolution", 0.06,
     )  # fmt: skip
     return [
         *([focal] if paired else []),
@@ -247,8 +247,8 @@ def amounts_of_pair() -> list[Amount]:
         ),
         Amount(
             "baseline", "", 1.0, _FACTORS, _baseline, 0.1,
-            "multiply the distance between the cameras by {amount:.3g}, or divide the positions of "
-            "the poses by it: their proportion is wrong", of_pair=True,
+            "multiply the distance between the cameras by {amount:.3g}, or divide the "
+            "positions of the poses by it: their ratio is wrong", of_pair=True,
         ),
         *angles,
     ]  # fmt: skip
@@ -364,8 +364,8 @@ def _axes() -> list[Alternative]:
     for name, R_cam_given in turns().items():
         T_given_cam = se3.from_rotation(Rotation.from_matrix(R_cam_given.T), np.zeros(3))
         cure = (
-            "the poses' frame has other axes than the camera (x right, y down, z ahead): state the "
-            f"hand-eye rotation {R_cam_given.T.astype(int).tolist()}"
+            "the axes of the posed body differ from the camera's (x right, y down, z forward): "
+            f"set the hand-eye rotation {R_cam_given.T.astype(int).tolist()}"
         )
         alternatives.append(Alternative(name, _hand_eye_times(T_given_cam), cure))
     return alternatives

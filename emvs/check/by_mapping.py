@@ -121,8 +121,8 @@ def _diagnosis(
 def _unfit(trials: CameraTrials) -> str:
     """Whether poses and events are far apart although no alternative helps, in words."""
     free_gain = float(trials.free_turn_gains.mean())
-    # Bodies that move by themselves look the same.
-    words = "sharper by {} where the camera may turn freely; or most events are of bodies that move"
+    # Moving objects look the same.
+    words = "sharper by {} if the camera may turn freely; or most events are of moving objects"
     return words.format(_percent(free_gain)) if free_gain > _UNFIT else ""
 
 
@@ -137,19 +137,19 @@ def _unexplained(
         f"{' and '.join(map(_amount_words, causes))}"
     )
     if not all(trial.is_inside for trial in causes):
-        return f"{sharper}, which is the end of what was tried"
+        return f"{sharper}, the largest amount tried"
     if not all(trial.is_even for trial in causes):
-        return f"{sharper}, but one window far more than the others"
+        return f"{sharper}, but in one window far more than in the others"
     if not all(trial.is_cause for trial in causes):
-        return f"{sharper}, but each window with another amount"
+        return f"{sharper}, but by a different amount in each window"
     if _is_ambiguous(causes, rivals):
         return f"{sharper}, but about as much with {' or '.join(map(_amount_words, rivals))}"
     left = cured.free_turn_gains
     if _is_much(left, cured.margin(_LEFT_OF_TWO if second else _LEFT)):
-        return f"{sharper}, and then by {_percents(left)} more where the camera may turn freely"
+        return f"{sharper}, and then by {_percents(left)} more if the camera may turn freely"
     left = cured.free_squint_gains
     if _is_much(left, _LEFT_SQUINT):
-        return f"{sharper}, and then by {_percents(left)} more where the second camera may turn"
+        return f"{sharper}, and then by {_percents(left)} more if the second camera may turn"
     alone = cured.gain_alone(conventions)
     if alone > cured.margin(MARGIN):
         return f"{sharper}, but camera 0 alone by {_percent(alone)} more with other poses"
@@ -258,7 +258,7 @@ def _alternatives(recording: Recording, *, first: bool, paired: bool) -> list[Al
     return alternatives
 
 
-_MEANING = "depth is where rays meet, and they meet less sharply than they could"
+_MEANING = "depth comes from where rays meet, and they meet less sharply than they could"
 
 
 def _finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
@@ -268,8 +268,8 @@ def _finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
         return Finding(name, "good", gain, "", words, series=_series(diagnosis.trials))
     if best.verdict == "doubtful" or not diagnosis.unexplained:
         return _named_finding(name, cameras, diagnosis)
-    who = "the cameras do not fit each other" if best.alternative.of_pair else (
-        "poses do not fit these events"
+    who = "the cameras do not agree with each other" if best.alternative.of_pair else (
+        "poses do not agree with the events"
     )  # fmt: skip
     verdict: Verdict = "wrong" if best.verdict == "wrong" else "doubtful"
     return Finding(

@@ -68,9 +68,9 @@ def _centre(camera: Camera) -> Finding:
     return judged(
         "principal-point", verdict, off, "half images",
         f"at ({camera.cx_px:.4g}, {camera.cy_px:.4g}) px of {camera.width_px} x "
-        f"{camera.height_px} px, {off:.0%} of half the image from its middle",
+        f"{camera.height_px} px, {off:.0%} of half the image from its centre",
         meaning="all rays point in wrong directions; 10 px cost a quarter of the accuracy",
-        cure="check cx and cy: in px of this resolution and this crop, not exchanged",
+        cure="check cx and cy: in px at this resolution and crop, not swapped",
         suspect="principal point exchanged" if exchanged else "principal point off",
     )  # fmt: skip
 
@@ -79,9 +79,9 @@ def _other_resolution(camera: Camera, times: float) -> Finding:
     """Of a principal point as far off in rows as in columns: all of K has another scale."""
     return judged(
         "principal-point", "wrong", times, "",
-        f"at ({camera.cx_px:.4g}, {camera.cy_px:.4g}) px: the middle of an image {times:.3g} times "
-        f"as large as {camera.width_px} x {camera.height_px} px",
-        meaning="the calibration is of another resolution: all rays point in wrong directions",
+        f"at ({camera.cx_px:.4g}, {camera.cy_px:.4g}) px: the centre of an image {times:.3g} "
+        f"times as large as {camera.width_px} x {camera.height_px} px",
+        meaning="the calibration is for a different resolution: all rays point in wrong directions",
         cure=f"multiply fx, fy, cx and cy by {1 / times:.3g}, or calibrate at this resolution",
         suspect="calibration of another resolution",
     )  # fmt: skip
@@ -114,7 +114,7 @@ def _field(camera: Camera) -> Finding:
     return judged(
         "field-of-view", verdict, wide, "deg",
         f"{wide:.3g} deg with f {camera.fx_px:.4g} px on {camera.width_px} px",
-        meaning="no such lens: the focal length is in another unit (mm, or widths of the image)",
+        meaning="no lens is like that: the focal length is in another unit (mm, or image widths)",
         cure="write focal lengths in px", suspect="focal length unit",
     )  # fmt: skip
 
@@ -133,9 +133,9 @@ def _folds(camera: Camera) -> Finding:
         "distortion", verdict, lost, "",
         f"{lost:.1%} of the pixels have no ray; the most distorted is moved by {bent:.0%} of half "
         "the diagonal",
-        meaning="the distortion folds the image over itself: events there cannot vote",
-        cure="check that focal length and coefficients are of this lens and resolution, the order "
-        "and number of the coefficients (k1 k2 p1 p2 k3), and the model",
+        meaning="the distortion folds the image onto itself: events there cannot vote",
+        cure="check that focal length and coefficients belong to this lens and resolution, the "
+            "order and number of the coefficients (k1 k2 p1 p2 k3), and the model",
         suspect="distortion folds",
         series=None if (moved_px < _SEEN_PX).all() else Series(moved_px, y_label=_MOVED),
     )  # fmt: skip
@@ -162,7 +162,7 @@ def _baseline(rig: Rig) -> Finding:
         verdict = "wrong"
     return judged(
         "baseline", verdict, length_m, "m", f"cameras 0 and 1 are {length_m:.4g} m apart",
-        meaning="depth from two cameras is proportional to their distance",
+        meaning="stereo depth is proportional to the baseline",
         cure="write T_body_cam in metres; where it is 0, the extrinsics are missing",
         suspect="baseline unit" if length_m > 0 else "extrinsics missing",
     )  # fmt: skip
@@ -176,7 +176,7 @@ def _overlap(rig: Rig) -> Finding:
         "cameras-overlap", above(share, *_DIVERGENCE), angle, "deg",
         f"the optical axes of cameras 0 and 1 are {angle:.3g} deg apart",
         meaning="what only one camera sees cannot be fused",
-        cure="check the rotations of T_body_cam: which camera's pose in which frame",
+        cure="check the rotations in T_body_cam, and which frame they are given in",
         suspect="cameras look apart",
     )  # fmt: skip
 
@@ -209,7 +209,7 @@ def check_rectification(recording: Recording, t0_us: int, t1_us: int) -> Finding
         f"{words} (correlation {agreement[best]:.2f}{'' if clear else ', too low for a verdict'})",
         meaning="the two cameras see a point in different rows and cannot agree on its depth; 0.15 "
         "deg of pitch make stereo worse than one camera",
-        cure="calibrate the extrinsics again; check that the event files are not exchanged",
+        cure="calibrate the extrinsics again; check that the event files are not swapped",
         suspect="rows apart", series=Series(agreement, shifts, "shift, px", "correlation"),
     )  # fmt: skip
 

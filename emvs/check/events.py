@@ -83,9 +83,9 @@ def _off_sensor(names: tuple[str, ...], streams: tuple[Stream, ...]) -> Finding:
         "events-sensor", "wrong", None, "",
         f"{names[k]}: events reach column {x_px} and row {y_px}, off its sensor of {width} x "
         f"{height} px{hint}",
-        meaning="they are of another camera, or the calibration is of another resolution",
-        cure="exchange the event files" if fits else "take the calibration of this sensor; check "
-        "which column is x",
+        meaning="they come from another camera, or the calibration is for another resolution",
+        cure="swap the event files" if fits
+        else "use the calibration of this sensor; check which column is x",
         suspect="cameras swapped" if fits else "events off the sensor",
     )  # fmt: skip
 
@@ -120,10 +120,10 @@ def _rate(stream: Stream) -> Finding:
     ) / 1e6  # fmt: skip
     return judged(
         "events-rate", verdict, per_pixel_hz, "Hz per pixel",
-        f"{significant(per_pixel_hz, 3)} events per second and pixel, usual are {low:g} to "
-        f"{high:g}",
-        meaning="times in another unit than µs make rates 1000 times too high or too low, and "
-        "windows too short or too long",
+        f"{significant(per_pixel_hz, 3)} events per second and pixel; {low:g} to {high:g} is "
+        "usual",
+        meaning="times in a unit other than µs make rates 1000 times too high or too low, and "
+            "windows too short or too long",
         cure="set the unit of the times (time_unit in recording.toml, --time-unit), or lower the "
         "sensor's sensitivity", suspect=suspect,
         series=Series(_thinned(rates_hz), _thinned(at_s), TIME, "events per second"),
@@ -147,8 +147,8 @@ def _time_step(stream: Stream) -> Finding:
     return judged(
         "events-time-step", above(step_us, _STEP_DOUBTFUL_US, _STEP_WRONG_US), float(step_us), "µs",
         f"time stamps are whole multiples of {step_us} µs",
-        meaning="events of one step share one pose, and clocks cannot be compared more finely",
-        cure="record or convert with stamps of 1 µs, one for each event and not for each packet",
+        meaning="events in one step share a pose, and clocks cannot be compared more finely",
+        cure="record or convert with time stamps of 1 µs, per event rather than per packet",
         suspect="coarse time stamps",
     )  # fmt: skip
 
@@ -176,9 +176,9 @@ def _sensor(stream: Stream) -> Finding:
         "events-sensor", above(unused, _UNUSED_DOUBTFUL, _UNUSED_WRONG) if enough else "good",
         unused, "",
         f"events reach column {columns[-1]} and row {rows[-1]} of {width} x {height} px",
-        meaning="the calibration is of another sensor or resolution, or columns and rows are "
-        "exchanged: every ray is wrong",
-        cure="take the calibration of this sensor at this resolution; check which column is x",
+        meaning="the calibration is for another sensor or resolution, or x and y are swapped: "
+        "every ray is wrong",
+        cure="use the calibration of this sensor at this resolution; check which column is x",
         suspect="calibration of another resolution",
         series=Series(np.log1p(stream.pixels), y_label="events per pixel, logarithm"),
     )  # fmt: skip
@@ -189,8 +189,8 @@ def _hot_pixels(stream: Stream) -> Finding:
     share = float(stream.pixels[hot].sum() / stream.events)
     return judged(
         "hot-pixels", above(share, _HOT_DOUBTFUL, _HOT_WRONG), share, "",
-        f"{hot.sum():,} pixels send {share:.1%} of the events, each over {_HOT_RATIO:g} times "
-        "what is usual around it",
+        f"{hot.sum():,} pixels send {share:.1%} of the events, each over {_HOT_RATIO:g} times as "
+        "many as its neighbours",
         meaning="rays of hot pixels make streaks in the volume",
         cure="map with --map.hot-pixels 10, or lower the sensor's sensitivity",
         suspect="hot pixels",
@@ -205,7 +205,7 @@ def _gaps(stream: Stream) -> Finding:
     share = silent / max(sum(map(len, stream.rates)), 1)
     return judged(
         "events-gaps", above(share, _SILENCE_DOUBTFUL, _SILENCE_WRONG), share, "",
-        f"{silent} ms in silences of {_SILENCE_BINS} ms or longer, {share:.1%} of the time",
+        f"{silent} ms in gaps of {_SILENCE_BINS} ms or longer, {share:.1%} of the time",
         meaning="packets were lost, or nothing moved: windows there hold fewer rays",
         cure="record at a lower rate or on a faster disk; map windows without gaps "
         "(--map.start-s, --map.duration-s)", suspect="gaps in the events",
@@ -232,7 +232,7 @@ def _ceiling(stream: Stream) -> Finding:
         f"{share:.1%} of the milliseconds are within {_CEILING_WITHIN:.0%} of the busiest, "
         f"{significant(top * 1e3 / BIN_US, 3)} kev/s" if top else "no events",
         meaning="the sensor's bus or the driver is at its limit: events are late or lost",
-        cure="lower the sensitivity, set the event rate controller off, or move more slowly",
+        cure="lower the sensitivity, turn the event rate controller off, or move more slowly",
         suspect="event rate at its limit",
     )  # fmt: skip
 
@@ -244,7 +244,7 @@ def _refractory(stream: Stream) -> Finding:
     return judged(
         "events-refractory", above(least_us, _REFRACTORY_DOUBTFUL_US, np.inf), least_us, "µs",
         f"99 % of a pixel's events are {least_us:.0f} µs or more apart",
-        meaning="pixels rest long after every event: fast edges leave few of them",
+        meaning="pixels stay silent long after each event: fast edges leave few events",
         cure="shorten the refractory period in the sensor's biases",
         suspect="long refractory period",
     )  # fmt: skip

@@ -59,7 +59,7 @@ def rereadings(poses: Trajectory) -> Iterator[tuple[str, Reread, str]]:
     for k, axis in enumerate("xyz"):
         yield (
             f"{axis} of the positions negated", partial(_negated, k),
-            f"change the sign of {axis} in the positions: R and t are of different worlds",
+            f"change the sign of {axis} in the positions: R and t refer to different worlds",
         )  # fmt: skip
     turns = Rotation.from_quat(poses.quats_xyzw)
     turned_rad = (turns[0].inv() * turns).magnitude().max()
@@ -67,22 +67,23 @@ def rereadings(poses: Trajectory) -> Iterator[tuple[str, Reread, str]]:
         for order, other in permutations(_ORDERS, 2):
             yield (
                 f"Euler angles {order} read as {other}", partial(_reordered, order, other),
-                f"the angles turn about {', then '.join(order)} (fixed axes), and were made into "
-                f"rotations about {', then '.join(other)}: make them again in their own order",
+                f"the angles turn about {', then '.join(order)} (fixed axes), but were converted "
+                f"to rotations as if about {', then '.join(other)}: convert them again in their "
+                "own order",
             )  # fmt: skip
     if turns.magnitude().max() <= _MOST_AS_DEGREES:
         for order in _ORDERS:
             yield (
                 f"Euler angles {order} in radians read as degrees", partial(_magnified, order),
-                "the angles are in radians, and were made into rotations as degrees: make them "
-                "again",
+                "the angles are in radians, but were converted to rotations as degrees: convert "
+                "them again",
             )  # fmt: skip
     if turned_rad >= _LEAST_AS_RADIANS:
         for order in _ORDERS:
             yield (
                 f"Euler angles {order} in degrees read as radians", partial(_reduced, order),
-                "the angles are in degrees, and were made into rotations as radians: make them "
-                "again",
+                "the angles are in degrees, but were converted to rotations as radians: convert "
+                "them again",
             )  # fmt: skip
 
 

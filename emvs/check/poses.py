@@ -49,7 +49,7 @@ def check_poses(recording: Recording, spans_us: tuple[int, int]) -> list[Finding
     if len(poses) < 3:
         few = judged(
             "poses-rate", "wrong", float(len(poses)), "poses", f"{len(poses)} poses in all",
-            meaning="between two poses a straight way is assumed", cure="record more poses",
+            meaning="motion between two poses is assumed straight", cure="record more poses",
             suspect="too few poses",
         )  # fmt: skip
         return [coverage, few]
@@ -72,7 +72,7 @@ def _coverage(poses: Trajectory, events_us: tuple[int, int]) -> Finding:
     elif verdict == "wrong" and 0.3 < ratio < 3:
         late_us = events_us[0] - first_us
         suspect = "clocks apart"
-        cure = f"bring both to one clock: the events begin {late_us} µs after the poses "
+        cure = f"put both on one clock: the events begin {late_us} µs after the poses "
         cure += "(time_offset_us)"
     return judged(
         "poses-coverage", verdict, share, "",
@@ -115,7 +115,7 @@ def _rate(poses: Trajectory) -> Finding:
         verdict = "doubtful"
     return judged(
         "poses-rate", verdict, rate_hz, "Hz", words,
-        meaning="between poses straight motion at constant speed is assumed; heads do not move so",
+        meaning="motion between poses is assumed straight and uniform; heads do not move like that",
         cure="record poses at 50 Hz or more, or map windows without gaps",
         suspect="poses too rare" if rate_hz < _RATE_DOUBTFUL_HZ else "gaps in the poses",
     )  # fmt: skip
@@ -127,7 +127,7 @@ def _frozen(poses: Trajectory) -> Finding:
     share = float(still.mean())
     return judged(
         "poses-frozen", above(share, _FROZEN_DOUBTFUL, _FROZEN_WRONG), share, "",
-        f"{share:.1%} of the poses repeat the one before",
+        f"{share:.1%} of the poses repeat the previous one",
         meaning="a tracker that loses the body repeats its last pose, while the camera moves on",
         cure="remove repeated poses where the body moved; map where it was tracked",
         suspect="poses frozen",
@@ -146,7 +146,8 @@ def _jumps(poses: Trajectory) -> Finding:
     return judged(
         "poses-jumps", "wrong" if count else "good", float(count), "jumps",
         f"{seen} over {_JUMP_TIMES:g} times as long as those around",
-        meaning="the tracker lost the body, or its world moved: windows across a jump are torn",
+        meaning=("the tracker lost the body, or its world moved: windows across a jump show two "
+            "scenes"),
         cure="map windows between the jumps", suspect="poses jump",
         series=Series(1e3 * way_m, poses.t_us[1:] / 1e6, TIME, "step between poses, mm"),
     )  # fmt: skip
@@ -192,8 +193,8 @@ def _motion(poses: Trajectory) -> list[Finding]:
             f"cars stay below {limits[0]:g}",
             meaning="implausible motion: " + ("times or rotations are wrong" if turns
                                             else unit_words),
-            cure="check the order of the quaternion, the unit of the times, and that no angles in "
-            "degrees were read as radians" if turns
+            cure="check the order of the quaternion, the unit of the times, and that no degrees "
+                "were read as radians" if turns
             else "write positions in metres; check poses.unit",
             suspect=suspect,
             series=Series(values, t_s[1 : len(values) + 1], TIME, f"{name[6:]}, {unit}",

@@ -115,7 +115,7 @@ def _events(recording: Recording, thorough: bool, progress: Progress) -> list[Fi
 def _refused(name: str, error: InputError) -> Finding:
     """The reader's refusal as a finding."""
     return Finding(
-        name, "wrong", None, "", str(error), "it cannot be mapped as it is",
+        name, "wrong", None, "", str(error), "it cannot be mapped in this state",
         "follow the message", "refused by the reader",
     )  # fmt: skip
 

@@ -203,8 +203,8 @@ def _begins(recording: Recording) -> list[int]:
     last_us = min(poses[1], min(b for _, b in spans)) - WINDOW_US
     if last_us < first_us:
         raise InputError(
-            f"poses and all cameras' events cover {max(last_us + WINDOW_US - first_us, 0) / 1e6:g} "
-            f"s together: needs {WINDOW_US / 1e6:g} s"
+            f"poses and the events of all cameras overlap for "
+            f"{max(last_us + WINDOW_US - first_us, 0) / 1e6:g} s: needs {WINDOW_US / 1e6:g} s"
         )
     candidates = np.unique(np.linspace(first_us, last_us, _CANDIDATES).astype(np.int64))
     ways = [_way_m(recording, int(t_us)) for t_us in candidates]

@@ -104,7 +104,7 @@ class EventStoreWriter(ClosingWriter):
         for name, column in extra.items():
             if len(column) != count:
                 raise InputError(
-                    f"{len(column)} values of {name} for {count} events: need one each"
+                    f"{len(column)} values of {name} for {count} events: needs one per event"
                 )
         return {name: np.asarray(extra[name], EXTRA_COLUMNS[name]) for name in self._extra}
 
@@ -150,7 +150,7 @@ class EventStoreReader:
             counts = {check_dataset(self.path, file[f"events/{name}"]) for name in _COLUMNS}
             if counts != {self.count}:
                 raise InputError(
-                    f"{path}: columns of different length; the file is damaged, make it again"
+                    f"{path}: columns have different lengths; the file is damaged, create it again"
                 )
             self._offset_us = int(file["t_offset"][()])
             check_dataset(self.path, file["ms_to_idx"])
@@ -251,15 +251,15 @@ def indexed_slice(
     try:
         check_sorted(t_us, start)
     except InputError as error:
-        raise InputError(f"{where}: {error} and make ms_to_idx again") from error
+        raise InputError(f"{where}: {error} and rebuild ms_to_idx") from error
     first, last = np.searchsorted(t_us, slice_us, side="left").tolist()
     early, late = start > 0 and first == 0, stop < count and last == len(t_us)
     own = t_us[rows[0] - start : rows[1] - start]
     if early or late or _elsewhere(own, slice_us, offset_us):
         raise InputError(
-            f"{where}, data set ms_to_idx: contradicts events/t near row "
-            f"{rows[1] if late else rows[0]} (unsorted times or a damaged index): sort the events "
-            "and make the index again"
+            f"{where}, data set ms_to_idx: disagrees with events/t near row "
+            f"{rows[1] if late else rows[0]} (unsorted times or a damaged index): sort the "
+            "events and rebuild the index"
         )
     return first, last
 

@@ -120,7 +120,7 @@ def check_sorted(t_us: NDArray[np.int64], first_row: int = 0) -> None:
         k = int(backwards[0]) + 1
         raise InputError(
             f"event {first_row + k} at {t_us[k]} µs comes after one at {t_us[k - 1]} µs "
-            f"({backwards.size} such steps): sort the events by time (stable)"
+            f"({backwards.size} such steps): sort the events by time (stable sort)"
         )
 
 

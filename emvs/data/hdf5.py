@@ -50,7 +50,9 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except OSError as error:
-        raise InputError(f"{path}: not a complete HDF5 file ({error}); make it again") from error
+        raise InputError(
+            f"{path}: not a complete HDF5 file ({error}); write or download it again"
+        ) from error
     with file:
         try:
             _check_own(path, file)
@@ -77,8 +79,8 @@ def _check_own(path: Path, file: h5py.File) -> None:
         how = _lies_elsewhere(file, name, kind)
         if how is not None:
             raise InputError(
-                f"{path}: {quoted(name.decode(errors='replace'))} lies in another file ({how}); "
-                "write a file that holds its own values"
+                f"{path}: {quoted(name.decode(errors='replace'))} is stored in another file "
+                f"({how}); copy everything into one file"
             )
 
 
@@ -214,10 +216,10 @@ def known_names(
     """Names of optional data sets, in the order of the known ones, and the same as `before`."""
     unknown = sorted(set(given) - set(known))
     if unknown:
-        raise InputError(f"{what} {unknown} unknown: there are {', '.join(known)}")
+        raise InputError(f"unknown {what} {unknown}: choose from {', '.join(known)}")
     if before is not None and set(given) != set(before):
         raise InputError(
-            f"{what} {sorted(given)} after {sorted(before)}: give the same ones each time"
+            f"{what} {sorted(given)} after {sorted(before)}: give the same ones with every packet"
         )
     return tuple(name for name in known if name in given)
 
@@ -230,7 +232,9 @@ def check_dataset(path: Path, data: Any) -> int:
             bytes, or fewer bytes than it declares.
     """
     if not isinstance(data, h5py.Dataset) or not data.shape:
-        raise InputError(f"{path}: a group or single value where a data set should be; damaged")
+        raise InputError(
+            f"{path}: expected a data set, found a group or a single value; the file is damaged"
+        )
     where = f"{path}, data set {data.name}"
     _check_filters(where, data)
     _check_storage(where, data)
@@ -244,13 +248,13 @@ def _check_filters(where: str, data: h5py.Dataset) -> None:
         if not h5py.h5z.filter_avail(code):
             cure = "install Prophesee's ECF plug-in" if code == ECF else "install its plug-in"
             raise InputError(
-                f"{where}: compressed by filter {code:#x}, which is not installed; {cure} and name "
-                "its folder in HDF5_PLUGIN_PATH"
+                f"{where}: compressed with filter {code:#x}, which is not installed; {cure} and "
+                "set HDF5_PLUGIN_PATH to its folder"
             )
         if len(parameters) < _LEAST_PARAMETERS.get(code, 0):
             raise InputError(
                 f"{where}: filter {code} with {len(parameters)} parameters, needs "
-                f"{_LEAST_PARAMETERS[code]}; the file is damaged, fetch it again"
+                f"{_LEAST_PARAMETERS[code]}; the file is damaged, download it again"
             )
 
 
@@ -263,13 +267,13 @@ def _check_storage(where: str, data: h5py.Dataset) -> None:
         size = int(np.prod(data.chunks)) * data.dtype.itemsize
         if size > _MOST_CHUNK:
             raise InputError(
-                f"{where}: chunks of {size} bytes, at most {_MOST_CHUNK} are read; the file is "
-                "damaged, or rewrite it in smaller chunks"
+                f"{where}: chunks of {size} bytes, the limit is {_MOST_CHUNK}; rewrite the file "
+                "with smaller chunks, unless it is damaged"
             )
         needed = int(np.prod([-(-n // c) for n, c in zip(data.shape, data.chunks, strict=True)]))
     if stored < needed:
         unit = "bytes" if data.chunks is None else "chunks"
         raise InputError(
-            f"{where}: {data.shape[0]} rows need {needed} {unit}, {stored} are there; the file "
-            "is incomplete, fetch it again"
+            f"{where}: {data.shape[0]} rows need {needed} {unit}, but only {stored} are stored; "
+            "the file is incomplete, download it again"
         )

@@ -122,8 +122,8 @@ class TruthReader:
         if not rows.size:
             nearest = self.t_us[np.argmin(np.abs(self.t_us - t_us))] if len(self.t_us) else "none"
             raise InputError(
-                f"{self.path}: no ground truth at {t_us} µs (nearest: {nearest}); put the "
-                "reference view on a stored time, or simulate with another truth interval"
+                f"{self.path}: no ground truth at {t_us} µs (nearest: {nearest}); move the "
+                "reference view to a stored time, or simulate with another truth interval"
             )
         with open_hdf5(self.path) as file:
             image: Image = file[name][int(rows[0])]
@@ -171,11 +171,11 @@ class FrameWriter(ClosingWriter):
     def append(self, photo: Photo) -> None:
         """Adds a picture."""
         if photo.image.shape != self._shape:
-            raise InputError(f"picture of shape {photo.image.shape}: this file needs {self._shape}")
+            raise InputError(f"frame of shape {photo.image.shape}: this file needs {self._shape}")
         if not self._last_us <= photo.start_us < photo.end_us:
             raise InputError(
-                f"picture from {photo.start_us} to {photo.end_us} µs, and one before until "
-                f"{self._last_us} µs: pictures come one after the other"
+                f"frame from {photo.start_us} to {photo.end_us} µs, but the previous one ends at "
+                f"{self._last_us} µs: append frames in time order, without overlap"
             )
         self._last_us = photo.end_us
         for name, value in photo._asdict().items():
@@ -193,7 +193,9 @@ class FrameReader:
             self._gain: NDArray[np.float64] = file["gain"][:]
             count = file["image"].shape[0]
         if not len(self._start_us) == len(self._end_us) == len(self._gain) == count:
-            raise InputError(f"{self.path}: times, gains and pictures differ in number")
+            raise InputError(
+                f"{self.path}: times, gains and frames differ in number; create the sequence again"
+            )
 
     def __len__(self) -> int:
         return len(self._gain)

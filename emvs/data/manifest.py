@@ -73,14 +73,14 @@ def read(folder: Path) -> Manifest:
         manifest = Manifest.model_validate_json(read_text(path, TABLE_BYTES))
     except FileNotFoundError as error:
         raise InputError(
-            f"{folder}: no {FILE_NAME}; needs a sequence made by `eventsweep simulate`"
+            f"{folder}: no {FILE_NAME}; needs a sequence that `eventsweep simulate` wrote"
         ) from error
     except (OSError, UnicodeDecodeError, ValidationError) as error:
-        raise InputError(f"{path}: damaged manifest; make the sequence again") from error
+        raise InputError(f"{path}: damaged manifest; create the sequence again") from error
     if manifest.schema_version != SCHEMA_VERSION:
         raise InputError(
-            f"{path}: schema version {manifest.schema_version}, needs {SCHEMA_VERSION}: "
-            "make the sequence again"
+            f"{path}: schema version {manifest.schema_version}, needs {SCHEMA_VERSION}: create "
+            "the sequence again"
         )
     for name, entry in manifest.files.items():
         _check_inside(folder, name)
@@ -93,7 +93,7 @@ def check_hashes(folder: Path, manifest: Manifest) -> None:
     for name, entry in manifest.files.items():
         if hashed(folder / name).sha256 != entry.sha256:
             raise InputError(
-                f"{folder / name}: content changed since it was made; make the sequence again"
+                f"{folder / name}: content changed since it was made; create the sequence again"
             )
 
 
@@ -106,8 +106,8 @@ def _check_inside(folder: Path, name: str) -> None:
         inside = False
     if not inside:
         raise InputError(
-            f"{folder / FILE_NAME}: {quoted(name)} is not a file in this folder; make the sequence "
-            "again, or put the file itself there instead of a link"
+            f"{folder / FILE_NAME}: {quoted(name)} is not a file in this folder; create the "
+            "sequence again, or replace the link by the file itself"
         )
 
 
@@ -116,6 +116,8 @@ def _check_size(path: Path, entry: FileEntry) -> None:
         check_file(path)
         size = path.stat().st_size
     except OSError as error:
-        raise InputError(f"{path}: missing; make the sequence again") from error
+        raise InputError(f"{path}: missing; create the sequence again") from error
     if size != entry.bytes:
-        raise InputError(f"{path}: {size} bytes, should be {entry.bytes}; make the sequence again")
+        raise InputError(
+            f"{path}: {size} bytes, should be {entry.bytes}; create the sequence again"
+        )

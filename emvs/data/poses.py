@@ -63,7 +63,7 @@ def _rows(path: Path) -> NDArray[np.float64]:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not ASCII text"
         raise InputError(
-            f"{path}: cannot be read ({reason}); needs a text file of poses"
+            f"{path}: cannot be read ({reason}); expected a text file of poses"
         ) from error
     rows = []
     for number, line in enumerate(lines, start=1):
@@ -72,7 +72,7 @@ def _rows(path: Path) -> NDArray[np.float64]:
         if words and not is_header:
             rows.append(_row(f"{path}, line {number}", words))
     if not rows:
-        raise InputError(f"{path}: no poses; needs lines `{_COLUMNS}`")
+        raise InputError(f"{path}: no poses; expected lines `{_COLUMNS}`")
     return np.array(rows, np.float64)
 
 
@@ -82,7 +82,7 @@ def _row(where: str, words: list[str]) -> list[float]:
     except ValueError as error:
         raise InputError(f"{where}: {said(error)}; needs numbers `{_COLUMNS}`") from error
     if len(values) != 8:
-        raise InputError(f"{where}: {len(values)} numbers; needs `{_COLUMNS}`")
+        raise InputError(f"{where}: {len(values)} numbers; expected `{_COLUMNS}`")
     return values
 
 

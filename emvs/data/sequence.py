@@ -74,7 +74,7 @@ class Sequence:
         """
         if self._trajectory is None:
             raise InputError(
-                f"{self.path}: has no poses: make it again with calibration and poses of the video"
+                f"{self.path}: has no poses: convert the video again with calibration and poses"
             )
         return self._trajectory
 
@@ -116,10 +116,7 @@ class Sequence:
         """
         frames = self._of(self._frames, camera)
         if frames is None or not len(frames):
-            raise InputError(
-                f"{self.path}: has no frames of an ordinary camera; simulate with "
-                "frames.rate_hz above 0"
-            )
+            raise InputError(f"{self.path}: has no frames; simulate with frames.rate_hz above 0")
         return frames.photo(int(np.argmin(np.abs(frames.t_us - t_us))))
 
     @property

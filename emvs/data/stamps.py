@@ -51,7 +51,8 @@ def read_stamps(path: Path, unit: str | None = None) -> Stamps:
     names = tuple(row[2] for row in rows if row[2])
     if len(names) not in (0, len(rows)):
         raise InputError(
-            f"{path}: {len(names)} of {len(rows)} lines name an image; needs all of them or none"
+            f"{path}: {len(names)} of {len(rows)} lines name an image; needs a name in all lines "
+            "or in none"
         )
     return Stamps(t_us, names, unit)
 
@@ -80,8 +81,7 @@ def _unit(path: Path, header: str, words: list[str]) -> str:
     if any("." in word for word in words):
         return "s"
     raise InputError(
-        f"{path}: whole numbers such as {quoted(words[-1])}, and nothing says what they count: "
-        "set unit to s, ms, us or ns"
+        f"{path}: times such as {quoted(words[-1])} have no unit: set unit to s, ms, us or ns"
     )
 
 
@@ -96,4 +96,4 @@ def _time_us(where: str, word: str, unit: str) -> int:
         if isinstance(error, InputError):
             raise
         reason = quoted(word) if word.isascii() else said(error)
-        raise InputError(f"{where}: {reason} is no time; needs `t` or `t name`") from error
+        raise InputError(f"{where}: {reason} is not a time; expected `t` or `t name`") from error

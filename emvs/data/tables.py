@@ -65,9 +65,11 @@ def read_imu(path: Path) -> ImuSamples:
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: cannot be read as IMU samples ({reason})") from error
     if table.shape[1] != 7 or not np.isfinite(table).all():
-        raise InputError(f"{path}: needs rows of seven finite numbers, t_us, gyro, accel")
+        raise InputError(
+            f"{path}: needs rows of seven finite numbers: t_us, gyro x y z, accel x y z"
+        )
     if not (np.diff(table[:, 0]) > 0).all():
-        raise InputError(f"{path}: times must rise from row to row")
+        raise InputError(f"{path}: times must increase from row to row")
     return ImuSamples(table[:, 0].astype(np.int64), table[:, 1:4], table[:, 4:], T_body_imu)
 
 
@@ -108,4 +110,4 @@ def read_geoms(folder: Path) -> dict[int, Geom]:
     except FileNotFoundError as error:
         raise InputError(f"{path}: not stored; simulate with `segmentation` in `truth`") from error
     except (OSError, UnicodeDecodeError, ValidationError) as error:
-        raise InputError(f"{path}: damaged; make the sequence again") from error
+        raise InputError(f"{path}: damaged; create the sequence again") from error

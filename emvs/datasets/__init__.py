@@ -27,7 +27,7 @@ def open_recording(path: str | Path) -> Recording:
     check_path("path", path)
     path = Path(path)
     if not path.exists():
-        raise NoRecordingError(f"{path}: no such folder; needs a recording")
+        raise NoRecordingError(f"{path}: no such folder; needs a recording's folder")
     if not path.is_dir():
         return _file(path)
     if (path / FILE_NAME).exists():
@@ -45,11 +45,10 @@ def open_recording(path: str | Path) -> Recording:
             f"{path}: looks like the Event Camera Dataset, but lacks {', '.join(missing)}"
         )
     raise NoRecordingError(
-        f"{path}: no recording recognised; needs {FILE_NAME} (a sequence of eventsweep), "
+        f"{path}: not recognised as a recording; needs {FILE_NAME} (a sequence by eventsweep), "
         f"{', '.join(FILES)} (Event Camera Dataset), events/left/events.h5 (DSEC), "
         "*-events_left.h5 (TUM-VIE), *_data.hdf5 (MVSEC), *_data.h5 (M3ED), *.left_event.hdf5 "
-        "(VECtor), dataset_events_t.npy (EVIMO2), events.h5 (EDS), a ROS bag, or a "
-        f"{DESCRIPTOR}"
+        f"(VECtor), dataset_events_t.npy (EVIMO2), events.h5 (EDS), a ROS bag, or a {DESCRIPTOR}"
     )
 
 

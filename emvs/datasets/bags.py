@@ -71,7 +71,7 @@ def _by_poses(
     absent = [name for name in names if kinds.get(name) not in POSE_TYPES]
     if absent:
         raise InputError(
-            f"{path}: camera_info puts all cameras into one place, and there are no poses in "
+            f"{path}: camera_info puts all cameras in the same place, and there are no poses in "
             f"{quoted(*absent)}; put a Kalibr camera chain beside the bag"
         )
     first, *others = (read_bag_poses(path, name) for name in names)
@@ -84,15 +84,15 @@ def _constant(path: Path, name: str, first: Trajectory, other: Trajectory) -> ND
     common_us = np.intersect1d(first.t_us, other.t_us)
     if not len(common_us):
         raise InputError(
-            f"{path}, topic {quoted(name)}: no stamp in common with the first camera's poses; put "
-            "a Kalibr camera chain beside the bag"
+            f"{path}, topic {quoted(name)}: no time stamp in common with the first camera's "
+            "poses; put a Kalibr camera chain beside the bag"
         )
     T_first_other = se3.inverse(first.at(common_us)) @ other.at(common_us)
     off_m = np.abs(T_first_other - T_first_other[0]).max()
     if off_m > _NOT_RIGID_M:
         raise InputError(
-            f"{path}, topic {quoted(name)}: moves by {off_m:.3g} against the first camera; needs a "
-            "rigid rig: put a Kalibr camera chain beside the bag"
+            f"{path}, topic {quoted(name)}: moves by {off_m:.3g} relative to the first camera; "
+            "needs a rigid rig: put a Kalibr camera chain beside the bag"
         )
     return np.asarray(T_first_other[0], np.float64)
 
@@ -105,7 +105,9 @@ def _place(info: Any, where: str) -> NDArray[np.float64]:
         or np.abs(R @ R.T - np.eye(3)).max() > 1e-3
         or abs(np.linalg.det(P[:, :3])) < 1e-9
     ):
-        raise InputError(f"{where}: R is no rotation or P no projection; name a calibration file")
+        raise InputError(
+            f"{where}: R is not a rotation, or P is not a projection; give a calibration file"
+        )
     T_rect_cam = np.eye(4)
     T_rect_cam[:3, :3] = R
     T_rect_cam[:3, 3] = -np.linalg.solve(P[:, :3], P[:, 3])
@@ -166,8 +168,8 @@ def pose_topic(kinds: Mapping[str, str], streams: Sequence[str]) -> PoseTopic:
     if len(found) == 1:
         return PoseTopic(found[0], "")
     if not found:
-        return PoseTopic("", "no poses: no topic of poses, no poses.txt beside it")
-    words = f"poses in {quoted(*found)}: name one as poses.topic in a recording.toml"
+        return PoseTopic("", "no poses: no pose topic in it, no poses.txt beside it")
+    words = f"poses in {quoted(*found)}: choose one with poses.topic in a recording.toml"
     return PoseTopic("", words)
 
 
@@ -211,11 +213,13 @@ def read_bag_poses(path: Path, topic: str = "", shift_us: int = 0) -> Trajectory
     kinds = topics(path)
     found = [name for name, kind in kinds.items() if kind in POSE_TYPES]
     if topic and topic not in found:
-        raise InputError(f"{path}: no poses in {topic!r}; there are {', '.join(found) or 'none'}")
+        raise InputError(
+            f"{path}: no poses in {topic!r}; topics with poses: {', '.join(found) or 'none'}"
+        )
     if not topic and len(found) != 1:
         raise InputError(
-            f"{path}: poses in {quoted(*found) or 'no topic'}; needs one: name it as poses.topic "
-            "in a recording.toml, or name a file of poses there"
+            f"{path}: poses in {quoted(*found) or 'no topic'}; needs one: set poses.topic in a "
+            "recording.toml, or name a pose file there"
         )
     topic = topic or found[0]
     rows, part = [], POSE_TYPES[kinds[topic]]
@@ -225,7 +229,7 @@ def read_bag_poses(path: Path, topic: str = "", shift_us: int = 0) -> Trajectory
         t_us = stamp.sec * 1_000_000 + round(stamp.nanosec / 1000) + shift_us
         rows.append((t_us, at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w))
         if len(rows) > _MOST_POSES:
-            raise InputError(f"{path}, topic {topic}: more than {_MOST_POSES} poses: cut the bag")
+            raise InputError(f"{path}, topic {topic}: more than {_MOST_POSES} poses: split the bag")
     if not rows:
         raise InputError(f"{path}, topic {topic}: no poses; record it again")
     t_us_all = np.array([row[0] for row in rows], np.int64)

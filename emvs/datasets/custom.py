@@ -181,7 +181,7 @@ def read_hand_eye(path: Path, imu_cam: Path | None = None) -> NDArray[np.float64
         T_imu_marker = pose_of(value0["T_imu_marker"], "value0.T_imu_marker")
     if imu_cam is None:
         raise InputError(
-            f"{path} says where the marker sits on the IMU, but not the camera: give the camera "
+            f"{path} gives the marker's place on the IMU, but not the camera's: give the camera "
             "calibration as well (imu_cam)"
         )
     return se3.inverse(T_imu_marker) @ read_imu_cam(imu_cam)

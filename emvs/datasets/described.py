@@ -59,7 +59,7 @@ def open_tumvie(folder: Path) -> PosedRecording:
     vio = find_optional(folder, _VIO, "the VIO poses")
     poses = mocap or vio
     if poses is None:
-        raise InputError(f"{folder}: lacks poses; needs {_MOCAP[0]} or {_VIO[0]}")
+        raise InputError(f"{folder}: no poses; needs {_MOCAP[0]} or {_VIO[0]}")
     hand_eye = None
     if mocap is not None:
         hand_eye = _relative(folder, find_one(folder, _MARKER, "the marker calibration"))
@@ -90,7 +90,7 @@ def open_vector(folder: Path) -> PosedRecording:
     lenses = calibration_folder(folder, _VECTOR_LENSES[0])
     scale = "large" if left.name.startswith(_VECTOR_LARGE) else "small"
     pattern, key = _VECTOR_TRACKED[scale]
-    tracked = find_one(lenses, [pattern], "where the left frame camera sits on what was tracked")
+    tracked = find_one(lenses, [pattern], "pose of the left frame camera on the tracked body")
     joint = find_one(lenses, [f"{scale}_scale_joint_camera_extrinsic*.yaml"], "the cameras' places")
     T_cam0_tracked = _motion(tracked, "cam0", key)
     T_cam0_event = [_motion(joint, f"cam{k}", f"T_cam0_cam{k}") for k in (2, 3)]
@@ -130,13 +130,14 @@ def calibration_folder(folder: Path, pattern: str) -> Path:
         if len(found) > 1:
             names = ", ".join(place.name for place in found)
             raise InputError(
-                f"{folder}: calibrations in {names}; put that of this sequence into its folder"
+                f"{folder}: several calibrations, in {names}; copy the one for this sequence "
+                "into its folder"
             )
         if found:
             return found[0]
     raise InputError(
-        f"{folder}: lacks the calibration; needs {pattern} in it, or in a folder `*calib*` in it "
-        "or beside it"
+        f"{folder}: no calibration; needs {pattern} in it, or in a folder `*calib*` in it or "
+        "beside it"
     )
 
 

@@ -67,7 +67,7 @@ def open_dsec(folder: Path) -> PosedRecording:
         return recording
     if stamps is None or images is None:
         lacks, there = (_STAMPS[0], images) if stamps is None else (f"{_IMAGES[0]}/", stamps)
-        raise InputError(f"{folder}: lacks {lacks}, but has {there}; fetch it, or take both away")
+        raise InputError(f"{folder}: has {there}, but not {lacks}; download it, or remove both")
     from dataclasses import replace
 
     return replace(recording, truth=DsecDisparity(images, stamps, calibration, camera))
@@ -84,7 +84,7 @@ def check_rectify_map(path: Path, calibration: Path, camera: Camera) -> None:
         shape = (camera.height_px, camera.width_px, 2)
         if not isinstance(data, h5py.Dataset) or data.shape != shape:
             raise InputError(
-                f"{path}: needs a data set rectify_map of shape {shape}; fetch it again"
+                f"{path}: needs a data set rectify_map of shape {shape}; download it again"
             )
         check_dataset(path, data)
         with np.errstate(invalid="ignore"):  # a damaged number may be one that signals
@@ -97,8 +97,8 @@ def check_rectify_map(path: Path, calibration: Path, camera: Camera) -> None:
     if wrong.any():
         row, column = np.unravel_index(int(np.argmax(wrong)), wrong.shape)
         raise InputError(
-            f"{path}: row {16 * row}, column {16 * column} lies {off_px[row, column]:.3g} px off "
-            f"what {calibration.name} says; fetch both files of the same sequence"
+            f"{path}: row {16 * row}, column {16 * column} lies {off_px[row, column]:.3g} px "
+            f"from where {calibration.name} puts it; download both files of the same sequence"
         )
 
 
@@ -116,11 +116,11 @@ class DsecDisparity:
             text = read_text(self._stamps, TABLE_BYTES, "ascii")
             t_us = np.array([int(word) for word in text.split()], np.int64)
         except (OSError, ValueError, OverflowError) as error:
-            raise InputError(f"{self._stamps}: needs one whole time in µs per line") from error
+            raise InputError(f"{self._stamps}: needs one integer time in µs per line") from error
         if len(t_us) != len(self._images):
             raise InputError(
                 f"{self._stamps}: {len(t_us)} times for {len(self._images)} disparity images; "
-                "fetch them again"
+                "download them again"
             )
         return t_us
 
@@ -149,14 +149,16 @@ def rectification_of(calibration: Path) -> tuple[Camera, NDArray[np.float64], fl
         extrinsics = entry_of(values, "extrinsics", "file", dict)
         turned = _rows(extrinsics.get("R_rect0"), (3, 3), "R_rect0")
         if np.abs(turned @ turned.T - np.eye(3)).max() > 1e-3 or np.linalg.det(turned) < 0:
-            raise InputError("extrinsics.R_rect0 is no rotation: correct it")
+            raise InputError("extrinsics.R_rect0 is not a rotation: correct it")
         to_depth = entry_of(values, "disparity_to_depth", "file", dict).get("cams_03")
         Q = _rows(to_depth, (4, 4), "disparity_to_depth.cams_03")
         if Q[3, 2] == 0 or Q[2, 3] <= 0:
             raise InputError("disparity_to_depth.cams_03 has no baseline: correct it")
         if abs(Q[3, 3]) > 1e-6 * abs(Q[3, 2]):
-            raise InputError("disparity_to_depth.cams_03 shifts disparities (row 3, column 3): "
-                             "needs principal points that agree")  # fmt: skip
+            raise InputError(
+                "disparity_to_depth.cams_03 shifts disparities (row 3, column 3): needs equal "
+                "principal points"
+            )
         size = entry.get("resolution")
         camera = camera_of(size, four, "pinhole", [], "camRect0.resolution", "camRect0")
     return camera, turned, float(Q[2, 3] / abs(Q[3, 2]))
@@ -166,7 +168,7 @@ def read_disparity(path: Path, focal_baseline_px_m: float) -> NDArray[np.float32
     """Reads DSEC's disparity image as z-depth, m, NaN where it is 0."""
     image = read_png(path)
     if image.dtype != np.uint16 or image.ndim != 2:
-        raise InputError(f"{path}: no 16-bit grey image; fetch it again")
+        raise InputError(f"{path}: not a 16-bit grey image; download it again")
     disparity_px = image.astype(np.float64) / DISPARITY_SCALE
     with np.errstate(divide="ignore"):
         depth_m = focal_baseline_px_m / disparity_px
@@ -177,7 +179,7 @@ def _rows(values: Any, shape: tuple[int, int], key: str) -> NDArray[np.float64]:
     try:
         array = np.array(values, np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{key} holds something that is not a number: correct it") from error
+        raise InputError(f"{key} contains a value that is not a number: correct it") from error
     if array.shape != shape or not np.isfinite(array).all():
         raise InputError(f"{key} has shape {array.shape}: needs {shape} finite numbers")
     return array
@@ -260,5 +262,8 @@ def write_disparity(path: Path, depth_m: NDArray[np.float32], focal_baseline_px_
     with np.errstate(divide="ignore", invalid="ignore"):
         units = np.rint(np.where(known, focal_baseline_px_m / depth_m, 0) * DISPARITY_SCALE)
     if units.max(initial=0) > 65535:
-        raise InputError(f"{path}: a disparity of {units.max() / 256:.1f} px; 16 bits hold 255.99")
+        raise InputError(
+            f"{path}: a disparity of {units.max() / 256:.1f} px does not fit 16 bits (at most "
+            "255.99 px); choose another format"
+        )
     write_image(path, ".png", units.astype(np.uint16))

@@ -121,11 +121,11 @@ class SortedText(TextReader):
             events.checked(*self._size_px)
         except InputError as error:
             line = self.line_at(offset)
-            raise InputError(f"{self.path}, counted from line {line}: {error}") from error
+            raise InputError(f"{self.path}, from line {line} on: {error}") from error
         if events.t_us[0] < last_us:
             raise InputError(
                 f"{self.path}, line {self.line_at(offset)}: event at {events.t_us[0]} µs comes "
-                f"after one at {last_us} µs: sort the events by time (stable)"
+                f"after one at {last_us} µs: sort the events by time (stable sort)"
             )
 
 
@@ -144,7 +144,7 @@ def _read_calibration(path: Path, size_px: tuple[int, int]) -> Camera:
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a calibration ({said(error)})") from error
     if len(values) != 9:
-        raise InputError(f"{path}: {len(values)} numbers; needs fx fy cx cy k1 k2 p1 p2 k3")
+        raise InputError(f"{path}: {len(values)} numbers; expected fx fy cx cy k1 k2 p1 p2 k3")
     fx, fy, cx, cy, *terms = values
     with located(path):
         return Camera(*size_px, fx, fy, cx, cy, "radtan", tuple(terms))

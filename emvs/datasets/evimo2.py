@@ -78,7 +78,7 @@ def _read_object(path: Path, name: str) -> dict[str, Any]:
         raise InputError(f"{where}: of type {array.kind}; needs one object")
     values = object_values(data, where)
     if not isinstance(values, dict):
-        raise InputError(f"{where}: needs a mapping; fetch it again")
+        raise InputError(f"{where}: needs a mapping; download it again")
     return values
 
 
@@ -119,7 +119,7 @@ def _trajectory(path: Path, meta: dict[str, Any]) -> Trajectory:
     with located(f"{path}, meta"):
         poses = list(_poses(entry_of(meta, "full_trajectory", "meta", list)))
         if not poses:
-            raise InputError("full_trajectory has no pose of the camera; fetch it again")
+            raise InputError("full_trajectory has no camera pose; download it again")
         t_us, positions_m, quats_xyzw = (np.array(column) for column in zip(*poses, strict=True))
         return Trajectory(t_us.astype(np.int64), positions_m, quats_xyzw)
 

@@ -91,7 +91,9 @@ def write_recording(
     if write is None and not (kind in FORMATS and FORMATS[kind].writes):
         raise InputError(f"{out}: layout {kind!r} is unknown; choose {', '.join(kinds())}")
     if kind in ("dsec", "tumvie", "mvsec") and len(job.rig) != 2:
-        raise InputError(f"{out}: {kind} has two cameras, {job.recording.name} {len(job.rig)}")
+        raise InputError(
+            f"{out}: layout {kind} needs two cameras, {job.recording.name} has {len(job.rig)}"
+        )
     if kind == "sequence":
         _sequence(job, out, force=force, inputs=inputs)
         return
@@ -222,7 +224,10 @@ def _covered(job: RecordingExport, camera: int, span_us: tuple[int, int]) -> tup
         if len(part):
             first_us, last_us = min(first_us, int(part.t_us.min())), int(part.t_us.max())
     if not first_us < last_us:
-        raise InputError(f"{job.recording.name}: the poses cover no events of camera {camera}")
+        raise InputError(
+            f"{job.recording.name}: the poses cover no events of camera {camera}: check that "
+            "both use one clock"
+        )
     return first_us, last_us
 
 

@@ -36,7 +36,9 @@ def nearest_truth_us(recording: TruthRecording, t_ref_us: int, tolerance_us: int
     if getattr(recording, "truth_any_time", False) and times_us[0] <= t_ref_us <= times_us[-1]:
         return t_ref_us
     if not len(times_us):
-        raise InputError(f"{recording.name}: a recording without ground truth; nothing to score by")
+        raise InputError(
+            f"{recording.name}: a recording without ground truth; there is nothing to score against"
+        )
     nearest_us = int(times_us[np.argmin(np.abs(times_us - t_ref_us))])
     off_us = nearest_us - t_ref_us
     if abs(off_us) > tolerance_us:

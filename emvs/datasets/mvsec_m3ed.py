@@ -74,7 +74,7 @@ def open_m3ed(folder: Path) -> PosedRecording:
     t_us, T_cam_world = _matrices(poses, _M3ED_POSES)  # the world is the first camera's frame
     depth = None if depth_file is None else DepthStack(depth_file, _M3ED_DEPTH, rig.cameras[0])
     if depth is not None and not depth.there:
-        raise InputError(f"{depth_file}: lacks {_M3ED_DEPTH.data}; fetch it again")
+        raise InputError(f"{depth_file}: lacks {_M3ED_DEPTH.data}; download it again")
     return PosedRecording(
         path=folder,
         layout="M3ED",
@@ -101,11 +101,11 @@ def _m3ed_rig(path: Path) -> Rig:
 def _plain(file: h5py.File, name: str) -> dict[str, Any]:
     """The small data sets of a group, as a file of a calibration would hold them."""
     if not isinstance(file.get(name), h5py.Group):
-        raise InputError(f"lacks {name}; fetch it again")
+        raise InputError(f"lacks {name}; download it again")
     values: dict[str, Any] = {}
     for key, node in file[name].items():
         if not isinstance(node, h5py.Dataset) or node.size is None or node.size > _MOST_VALUES:
-            raise InputError(f"{name}/{key} is no calibration's value; fetch it again")
+            raise InputError(f"{name}/{key} is not a valid calibration value; download it again")
         value = node[()]
         value = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
         values[key] = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
@@ -118,7 +118,7 @@ def _matrices(path: Path, stack: _Stack) -> tuple[NDArray[np.int64], NDArray[np.
     with opened_hdf5(path) as file:
         missing = [name for name in names if name not in file]
         if missing:
-            raise InputError(f"{path}: lacks {', '.join(missing)}; fetch it again")
+            raise InputError(f"{path}: lacks {', '.join(missing)}; download it again")
         check_columns(path, file, names[:1], 3)
         check_columns(path, file, names[1:], 1)
         shape = file[stack.data].shape
@@ -131,7 +131,7 @@ def _matrices(path: Path, stack: _Stack) -> tuple[NDArray[np.int64], NDArray[np.
         wrong = np.abs(turned @ turned.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     if not np.isfinite(T).all() or not (wrong < 1e-3).all():
         bad = int(np.argmax(~(wrong < 1e-3)))
-        raise InputError(f"{path}: pose {bad} is not a rigid motion; fetch the file again")
+        raise InputError(f"{path}: pose {bad} is not a rigid motion; download the file again")
     return t_us, T
 
 
@@ -145,7 +145,9 @@ def _trajectory(
 def _times(path: Path, values: object, count: int, per_us: float) -> NDArray[np.int64]:
     t_us = np.asarray(values, np.float64).ravel() * per_us
     if len(t_us) != count or not (np.abs(t_us) < _LARGEST_US).all():
-        raise InputError(f"{path}: {len(t_us)} times for {count} entries; needs a finite one each")
+        raise InputError(
+            f"{path}: {len(t_us)} times for {count} entries; needs a finite time for each"
+        )
     return np.round(t_us).astype(np.int64)
 
 
@@ -159,7 +161,10 @@ class DepthStack:
             missing = [name for name in names if name not in file]
             self.there = len(missing) < 2
             if len(missing) == 1:
-                raise InputError(f"{path}: lacks {missing[0]}, but has its partner; fetch it again")
+                raise InputError(
+                    f"{path}: has only one of two data sets, {missing[0]} is missing; download "
+                    "it again"
+                )
             for name in names if self.there else ():
                 check_columns(path, file, (name,), 3 if name == stack.data else 1)
             shape = file[stack.data].shape if self.there else (0, 0, 0)

@@ -56,7 +56,7 @@ def open_truth(
 ) -> StoredTruth | SurfaceTruth:
     """Opens what `[truth]` names, below a folder; the rig's first camera is the one with truth."""
     if bool(table.depth) == bool(table.surface):
-        raise InputError(f"{folder}: [truth] needs one of the keys depth and surface")
+        raise InputError(f"{folder}: [truth] needs one of the keys depth or surface")
     if table.surface:
         return SurfaceTruth(folder / table.surface, table, rig, trajectory)
     if not table.times:
@@ -67,7 +67,9 @@ def open_truth(
         by_name = {path.name: path for path in files}
         missing = [name for name in names if Path(name).name not in by_name]
         if missing:
-            raise InputError(f"{folder / table.times}: no map {missing[0]!r} in {table.depth!r}")
+            raise InputError(
+                f"{folder / table.times}: no depth map {missing[0]!r} in {table.depth!r}"
+            )
         files = [by_name[Path(name).name] for name in names]
     if len(files) != len(times_us) or not files:
         raise InputError(
@@ -132,11 +134,11 @@ class SurfaceTruth:
             return lambda view, T_world_cam: _depth_of_mesh(o3d, scene, view, T_world_cam)
         points = np.asarray(o3d.io.read_point_cloud(str(self._path)).points) * self._unit_m
         if not len(points) or not np.isfinite(points).all():
-            raise InputError(f"{self._path}: neither a mesh nor a cloud of finite points")
+            raise InputError(f"{self._path}: neither a mesh nor a point cloud with finite points")
         if self._radius_m is None:
             raise InputError(
-                f"{self._path}: a point cloud; needs the key point_radius_m, about the distance "
-                "between its points, so that near ones hide what lies behind"
+                f"{self._path}: a point cloud; set the key point_radius_m to about the distance "
+                "between its points, so that near points hide what lies behind"
             )
         radius_m = self._radius_m
         return lambda view, T_world_cam: depth_of_points(points, radius_m, view, T_world_cam)
@@ -165,7 +167,7 @@ def _read_times(path: Path, table: TruthTable) -> tuple[NDArray[np.int64], tuple
     stamps = read_stamps(path, table.time_unit)
     t_us = np.array(stamps.t_us, np.int64) + table.time_offset_us
     if not (np.diff(t_us) > 0).all():
-        raise InputError(f"{path}: times must rise from line to line")
+        raise InputError(f"{path}: times must increase from line to line")
     return t_us, stamps.names
 
 
@@ -184,7 +186,8 @@ def _read_map(path: Path, unit_m: float | None) -> NDArray[np.float32]:
         raise InputError(f"{path}: {image.ndim}D {image.dtype}; needs one channel of 16 bits")
     if unit_m is None:
         raise InputError(
-            f"{path}: whole numbers; needs the key unit_m: 0.001 for millimetres, 0.0002 for TUM's"
+            f"{path}: integer depths; set the key unit_m: 0.001 for millimetres, 0.0002 for TUM "
+            "RGB-D"
         )
     return _known(image.astype(np.float64), unit_m)
 

@@ -56,8 +56,8 @@ class EventSource:
         reader = open_events(self.path, self.columns)
         if not self.stream and len(reader.streams) != 1:
             raise InputError(
-                f"{self.path}: streams {', '.join(reader.streams)}; say which one is meant (key "
-                "`stream`)"
+                f"{self.path}: several streams, {', '.join(reader.streams)}; choose one with the "
+                "key `stream`"
             )
         self.stream = self.stream or reader.streams[0]
         if self.stream not in reader.streams:

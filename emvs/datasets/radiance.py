@@ -47,7 +47,10 @@ def write_transforms(
     """
     models = sorted({_MODELS[camera.model] for camera in recording.rig.cameras})
     if len(models) > 1:
-        raise InputError(f"{folder}: lenses {', '.join(models)}; nerfstudio takes one kind of them")
+        raise InputError(
+            f"{folder}: different lens models, {', '.join(models)}; nerfstudio supports one "
+            "model for all cameras"
+        )
     frames: list[dict[str, Any]] = []
     for k, camera in enumerate(recording.rig.cameras):
         own_us = _picture_times_us(recording, k)

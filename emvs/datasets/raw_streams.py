@@ -40,7 +40,8 @@ def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
     path = Path(path)
     if columns is not None and (path.is_dir() or path.suffix == ".toml"):
         raise InputError(
-            f"{path}: columns are stated of an event file; in a recording.toml, by keys"
+            f"{path}: columns can be given for an event file only; for a recording, set them in "
+            "a recording.toml"
         )
     alone = (path / TIMES).exists() and not (path / INFO).exists()
     is_events = alone or (path / "metadata.yaml").exists()

@@ -100,7 +100,7 @@ def lacks(path: Path) -> str:
     `open_bag_recording`.
     """
     if not is_bag(path):
-        return "its name ends neither in .bag nor in .mcap"
+        return "its name ends in neither .bag nor .mcap"
     kinds, streams = topics(path), sorted(open_events(path).streams)
     calibration = find_optional(path.parent, _CALIBRATIONS, "the calibration")
     missing = [name for name in map(info_topic, streams) if name not in kinds]
@@ -122,7 +122,7 @@ def open_bag_recording(path: Path) -> PosedRecording:
     poses = find_optional(beside, _POSES, "the poses")
     streams = tuple(sorted(open_events(path).streams))
     if len(streams) > 64:
-        raise InputError(f"{path}: {len(streams)} topics of events; name some in a recording.toml")
+        raise InputError(f"{path}: {len(streams)} event topics; choose some in a recording.toml")
     topic = "" if poses else pose_topic(topics(path), streams).name
     what = Descriptor(
         name=path.stem,

@@ -73,7 +73,9 @@ class TrainingWindows:
         if not 0 <= camera < len(opened.rig):
             raise InputError(f"{opened.name}: no camera {camera}, there are {len(opened.rig)}")
         if not hasattr(opened, "truth_times_us"):
-            raise InputError(f"{opened.name}: a recording without ground truth; nothing to learn")
+            raise InputError(
+                f"{opened.name}: a recording without ground truth; there is nothing to learn from"
+            )
         self.recording: Any = opened
         self.window_s, self.stride_s, self.camera = window_s, stride_s, camera
         self._transform = transform
@@ -125,7 +127,9 @@ class TrainingWindows:
         recording, name = self.recording, self.recording.name
         times_us = np.sort(recording.truth_times_us(self.camera))
         if not len(times_us):
-            raise InputError(f"{name}: no ground truth of camera {self.camera}; nothing to learn")
+            raise InputError(
+                f"{name}: no ground truth for camera {self.camera}; there is nothing to learn from"
+            )
         first_us, last_us = recording.event_span_us(self.camera)
         pose_first_us, pose_last_us = recording.trajectory.span_us
         covered = (times_us - round(self.window_s * 1e6) >= first_us) & (times_us <= last_us)

@@ -187,8 +187,8 @@ class VoxelCloud:
         half = 1 << (_BITS - 1)
         if cell.size and not np.abs(cell).max() < half - 1:
             raise InputError(
-                f"a point {np.abs(cell).max() * self._voxel_m:.3g} m from the origin does not fit "
-                f"voxels of {self._voxel_m:g} m: choose larger ones, or limit the depth"
+                f"a point {np.abs(cell).max() * self._voxel_m:.3g} m from the origin does not "
+                f"fit voxels of {self._voxel_m:g} m: choose larger voxels, or limit the depth"
             )
         x, y, z = (cell.astype(np.int64) + half).T
         keys: NDArray[np.int64] = (x << 2 * _BITS) | (y << _BITS) | z

@@ -71,12 +71,15 @@ class Precision:
             lists = [np.array(table[name], np.float64) for name in _LISTS]
             most_step_px = float(table["most_step_px"])
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"no table of precision ({error}); make it again") from error
+            raise InputError(f"invalid precision table ({error}); calibrate again") from error
         known = all(column.ndim == 1 and column.shape == lists[0].shape for column in lists)
         if not known or not lists[0].size or not all(np.isfinite(column).all() for column in lists):
-            raise InputError("no table of precision: needs three finite lists of one length")
+            raise InputError("invalid precision table: needs three finite lists of the same length")
         if not 0 < most_step_px < np.inf:
-            raise InputError(f"no table of precision: most_step_px is {most_step_px:g}")
+            raise InputError(
+                f"invalid precision table: most_step_px is {most_step_px:g}, needs a finite "
+                "number above 0"
+            )
         score, error_px, precision = lists
         return cls(score, error_px, precision, most_step_px, table.get("by_scatter") is True)
 
@@ -182,7 +185,7 @@ def stated(
         if config.min_precision is not None:
             raise InputError(
                 f"min_precision: {depth_map.method} has no calibrated reliability here, or the "
-                "rig no parallax; leave it out"
+                "rig has no parallax; leave it out"
             )
         return depth_map
     fitted = depth_map.scatter_px is not None or not table.by_scatter

@@ -130,8 +130,8 @@ def _check_any(name: str, counts: RayCounts, window: Window, min_events: int) ->
         can = str(counts.rays) if counts.rays else "none"
         raise InputError(
             f"camera {name} has {counts.events} events in the window of "
-            f"{(window.t1_us - window.t0_us) / 1e6:.6f} s, and {can} that can vote: needs at least "
-            f"{min_events} (1025 or more in the mcemvs setting); choose another window or "
+            f"{(window.t1_us - window.t0_us) / 1e6:.6f} s, {can} of which can vote: needs at "
+            f"least {min_events} (1025 or more in the mcemvs setting); choose another window or "
             "check poses and calibration"
         )
 

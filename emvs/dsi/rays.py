@@ -212,7 +212,7 @@ def knots(trajectory: Trajectory, T_world_rv: NDArray[np.float64]) -> Knots:
         InputError: a trajectory of one pose.
     """
     if len(trajectory) < 2:
-        raise InputError("trajectory with one pose: needs at least 2 to pose events between them")
+        raise InputError("trajectory with one pose: needs at least 2, to interpolate between them")
     T_world_body = se3.from_quat_xyzw(trajectory.positions_m, trajectory.quats_xyzw)
     T_rv_body = se3.inverse(T_world_rv) @ T_world_body
     position_m, quat = se3.to_quat_xyzw(T_rv_body)

@@ -159,13 +159,13 @@ def open_events(path: str | Path, columns: ColumnMap | None = None) -> BlockRead
     if path.is_dir():
         return _plain(path, _folder(path), columns)
     if not path.exists():
-        raise InputError(f"{path}: no such file; needs a file of events")
+        raise InputError(f"{path}: no such file; needs an event file")
     if not path.is_file():
         raise InputError(f"{path}: is a pipe or device; copy its content into a file first")
     with opened(path) as file:
         head = file.read(16)
     if not head:
-        raise InputError(f"{path}: is empty; fetch it again")
+        raise InputError(f"{path}: is empty; download it again")
     table = _table(head)
     return _plain(path, _file(path, head), columns) if table is None else table(path, columns)
 
@@ -173,7 +173,7 @@ def open_events(path: str | Path, columns: ColumnMap | None = None) -> BlockRead
 def _plain(path: Path, reader: BlockReader, columns: ColumnMap | None) -> BlockReader:
     if columns is not None:
         raise InputError(
-            f"{path}: is {reader.format}, which says itself what it holds; leave `columns` and "
+            f"{path}: is {reader.format}, which defines its own columns; leave `columns` and "
             "`time_unit` out"
         )
     return reader

@@ -47,7 +47,7 @@ class Aedat4Reader(BlockReader):
         self._numbers, sizes = _streams(path, tree)
         super().__init__(path, tuple(self._numbers))
         if not self.streams:
-            raise InputError(f"{path}: no stream of events (EVTS); record it with events")
+            raise InputError(f"{path}: no event stream (EVTS); record with events switched on")
         self.width_px, self.height_px = sizes[self.streams[0]] or (None, None)
 
     def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
@@ -57,8 +57,8 @@ class Aedat4Reader(BlockReader):
         stop = self._stop if 0 < self._stop <= size else size
         if self._stop > size:
             raise InputError(
-                f"{self.path}, byte {size}: cut off, its table should begin at byte {self._stop}; "
-                "fetch it again"
+                f"{self.path}, byte {size}: cut off before its packet table at byte "
+                f"{self._stop}; download it again"
             )
         with opened(self.path) as file:
             at = file.seek(self._start)
@@ -79,8 +79,9 @@ class Aedat4Reader(BlockReader):
         number, length = struct.unpack("<ii", data) if len(data) == 8 else (-1, -1)
         if length < 0 or at + 8 + length > stop or length > MOST_BYTES:
             raise InputError(
-                f"{self.path}, byte {at}: a packet of {length} bytes with {max(0, stop - at - 8)} "
-                "left; the file is cut off or damaged, fetch it again"
+                f"{self.path}, byte {at}: a packet of {length} bytes, but "
+                f"{max(0, stop - at - 8)} are left; the file is cut off or damaged, download it "
+                "again"
             )
         return number, length
 
@@ -96,7 +97,7 @@ class Aedat4Reader(BlockReader):
 def _header(path: Path, file: BinaryIO) -> tuple[int, int, ElementTree.Element]:
     """Compression, where the table begins (-1: nowhere), and the tree of streams."""
     if file.read(len(MAGIC)) != MAGIC:
-        raise InputError(f"{path}, byte 0: no AEDAT4 file; older versions must be converted first")
+        raise InputError(f"{path}, byte 0: not an AEDAT4 file; convert older versions first")
     size = file.read(4)
     length = int.from_bytes(size, "little")
     if length > _MOST_HEADER:
@@ -107,11 +108,15 @@ def _header(path: Path, file: BinaryIO) -> tuple[int, int, ElementTree.Element]:
         raise InputError(f"{path}, header: compression {compression} is unknown; needs 0 to 4")
     text = bytes(table.vector(2, 1))
     if b"<!" in text:
-        raise InputError(f"{path}, header: XML with declarations; no recorder writes them, damaged")
+        raise InputError(
+            f"{path}, header: XML with declarations, which no recorder writes; damaged"
+        )
     try:
         tree = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise InputError(f"{path}, header: damaged XML ({said(error)}); fetch it again") from error
+        raise InputError(
+            f"{path}, header: damaged XML ({said(error)}); download it again"
+        ) from error
     return compression, table.number(1, "q", -1), tree
 
 
@@ -228,7 +233,7 @@ class FlatbufferTable:
         size = self._unpack("<I", 0)
         if size + 4 > len(data):
             raise InputError(
-                f"{where}: {size} bytes declared, {len(data) - 4} there; the file is damaged"
+                f"{where}: {size} bytes declared, {len(data) - 4} present; the file is damaged"
             )
         self._at = 4 + self._unpack("<I", 4)
         self._vtable = self._at - self._unpack("<i", self._at)
@@ -249,7 +254,7 @@ class FlatbufferTable:
         if at + 4 + count * itemsize > len(self._data):
             raise InputError(
                 f"{self._where}: {count} items of {itemsize} bytes declared, "
-                f"{len(self._data) - at - 4} bytes there; the file is damaged"
+                f"{len(self._data) - at - 4} bytes present; the file is damaged"
             )
         return self._data[at + 4 : at + 4 + count * itemsize]
 
@@ -261,7 +266,7 @@ class FlatbufferTable:
 
     def _unpack(self, code: str, at: int) -> int:
         if not 0 <= at <= len(self._data) - struct.calcsize(code):
-            raise InputError(f"{self._where}: an offset leads out of the buffer; damaged")
+            raise InputError(f"{self._where}: an offset points outside the buffer; damaged")
         return int(struct.unpack_from(code, self._data, at)[0])
 
 

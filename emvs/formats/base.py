@@ -85,14 +85,14 @@ class Checker:
         before = self._last_us.get(stream, 0)
         if not self._limits.keeps_order and first < before:
             raise InputError(
-                f"{self._path}, stream {stream!r}: a packet begins at {first} µs, before the last "
-                f"event written ({before} µs): sort the events by time (stable)"
+                f"{self._path}, stream {stream!r}: a packet begins at {first} µs, before the "
+                f"last event written ({before} µs): sort the events by time (stable sort)"
             )
         if last - self._first_us.setdefault(stream, first) > self._limits.max_span_us:
             raise InputError(
                 f"{self._path}, stream {stream!r}: time {last} µs lies more than "
-                f"{self._limits.max_span_us} µs after the first event; this format's index by "
-                "milliseconds would outgrow the events: cut the recording or choose npz"
+                f"{self._limits.max_span_us} µs after the first event; this format's millisecond "
+                "index would be larger than the events: cut the recording or choose npz"
             )
         self._last_us[stream] = last
 

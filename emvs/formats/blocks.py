@@ -116,7 +116,7 @@ class BlockReader:
         """Refuses a stream that the file does not have."""
         if stream not in self.streams:
             raise InputError(
-                f"{self.path}: no stream {stream!r}; there are {quoted(*self.streams) or 'none'}"
+                f"{self.path}: no stream {stream!r}; choose from {quoted(*self.streams) or 'none'}"
             )
 
     def _index(self, stream: str) -> list[IndexedBlock]:
@@ -142,8 +142,8 @@ def checked_times(events: Events, where: str) -> Events:
     if bad.size:
         k = int(bad[0])
         raise InputError(
-            f"{where}: event {k} at {events.t_us[k]} µs; needs 0 to 2^62 µs: the file is damaged "
-            "or its epoch is not its start, shift its times"
+            f"{where}: event {k} at {events.t_us[k]} µs; needs 0 to 2^62 µs: shift the times if "
+            "they count from another epoch, otherwise the file is damaged"
         )
     return events
 
@@ -164,12 +164,12 @@ def unpacked(data: bytes | memoryview, compression: str, where: str) -> bytes:
             parts.append(frame.decompress(b"", max_length=_STEP))
     except _FAULTS as error:
         raise InputError(
-            f"{where}: cannot be decompressed ({said(error)}); damaged, fetch it again"
+            f"{where}: cannot be decompressed ({said(error)}); damaged, download it again"
         ) from error
     if not frame.eof:
         raise InputError(
-            f"{where}: its compressed frame does not end, or holds more than {MOST_BYTES} "
-            "bytes; the file is damaged, fetch it again"
+            f"{where}: its compressed frame has no end, or unpacks to more than {MOST_BYTES} "
+            "bytes; the file is damaged, download it again"
         )
     return b"".join(parts)
 
@@ -261,6 +261,6 @@ def _refuse(where: str, name: str, values: Numbers, bad: NDArray[np.bool_], need
     if bad.any():
         k = int(np.argmax(bad))
         raise InputError(
-            f"{where}: {name} of event {k} is {values[k]}, needs {needs}: the file is damaged or "
-            "its columns mean something else"
+            f"{where}: {name} of event {k} is {values[k]}, needs {needs}: the file is damaged, "
+            "or its columns are assigned wrongly"
         )

@@ -142,7 +142,7 @@ def _kalibr(values: dict[str, Any]) -> list[_Entry]:
     chain = values.get("intrinsics", values)
     extrinsics = values.get("extrinsics", {})
     if not isinstance(chain, dict) or "cam0" not in chain:
-        raise InputError(f"no camera in it: {FORMATS}")
+        raise InputError(f"contains no camera: {FORMATS}")
     found: list[_Entry] = []
     T_common_cam = np.eye(4)
     while (name := f"cam{len(found)}") in chain:

@@ -16,7 +16,7 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera, Model
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, read_text
 
-FORMATS = "needs a file of Kalibr, Basalt, DSEC, OpenCV or ROS, or a rig.json"
+FORMATS = "needs a Kalibr, Basalt, DSEC, OpenCV or ROS calibration, or a rig.json"
 """What a calibration may be, for messages."""
 _LARGEST_PX = 20_000
 _MOST_VALUES = 100_000
@@ -59,9 +59,9 @@ def parsed(path: Path) -> dict[str, Any]:
         _check_plain(values)
     except (ValueError, RecursionError, yaml.YAMLError) as error:
         reason = said(error, 120)
-        raise InputError(f"{path}: not usable JSON or YAML ({reason}): correct the file") from error
+        raise InputError(f"{path}: not valid JSON or YAML ({reason}): correct the file") from error
     if not isinstance(values, dict):
-        raise InputError(f"{path}: holds no calibration: {FORMATS}")
+        raise InputError(f"{path}: contains no calibration: {FORMATS}")
     return values
 
 
@@ -76,13 +76,15 @@ def _check_plain(values: Any) -> None:
         value, depth = waiting.pop()
         left -= len(value) + 1 if isinstance(value, dict | list) else 0
         if left < 0 or depth > _MOST_DEPTH:
-            raise ValueError(f"more than {_MOST_VALUES} values, or deeper than {_MOST_DEPTH}")
+            raise ValueError(
+                f"more than {_MOST_VALUES} values, or nested deeper than {_MOST_DEPTH}"
+            )
         if isinstance(value, dict):
             waiting += [(inner, depth + 1) for pair in value.items() for inner in pair]
         elif isinstance(value, list):
             waiting += [(inner, depth + 1) for inner in value]
         elif isinstance(value, str) and len(value) > _MOST_LETTERS:
-            raise ValueError(f"a word of {len(value)} letters")
+            raise ValueError(f"a text of {len(value)} characters")
         elif isinstance(value, int | float) and _LARGEST < abs(value) < float("inf"):
             raise ValueError("a number beyond 1e100")
 
@@ -106,7 +108,10 @@ def camera_of(
         raise InputError(f"{size_key} is {width:g}x{height:g}: needs whole numbers above 0")
     fx, fy, cx, cy = four
     if not (-width < cx < 2 * width and -height < cy < 2 * height):
-        raise InputError(f"{key}: principal point ({cx:g}, {cy:g}) is far off the sensor")
+        raise InputError(
+            f"{key}: principal point ({cx:g}, {cy:g}) is far off the sensor: needs pixels of "
+            "this sensor"
+        )
     with located(key):
         return Camera(int(width), int(height), fx, fy, cx, cy, model, tuple(terms))
 
@@ -117,7 +122,7 @@ def matrix(rows: Any, key: str) -> NDArray[np.float64]:
         T = np.array(rows, np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"{key} holds something that is not a number: needs 4x4 numbers"
+            f"{key} contains a value that is not a number: needs 4x4 numbers"
         ) from error
     if T.shape != (4, 4) or not se3.is_rigid(T):
         raise InputError(f"{key} is not a rigid motion: needs a 4x4 matrix with a rotation")
@@ -134,7 +139,7 @@ def near_rigid(values: Any, key: str) -> NDArray[np.float64]:
         T = np.array(values, np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(
-            f"{key} holds something that is not a number: needs 4x4 numbers"
+            f"{key} contains a value that is not a number: needs 4x4 numbers"
         ) from error
     T = T.reshape(4, 4) if T.shape == (16,) else T
     if T.shape != (4, 4) or not (np.abs(T) < _LARGEST_M).all() or not se3.is_rigid(T, 1e-3):

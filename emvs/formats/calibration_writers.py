@@ -51,7 +51,9 @@ def kalibr_camera(camera: Camera, name: str) -> dict[str, Any]:
     """One camera of a chain."""
     terms = [float(v) for v in camera.distortion]
     if len(terms) == 5 and terms[4]:
-        raise InputError(f"{name}: k3 is {terms[4]:g}; Kalibr has no such term: choose opencv")
+        raise InputError(
+            f"{name}: k3 is {terms[4]:g}; Kalibr has no such coefficient: choose opencv"
+        )
     return {
         "camera_model": "pinhole",
         "distortion_model": _KALIBR[camera.model],
@@ -93,7 +95,8 @@ def pose_values(T: NDArray[np.float64]) -> dict[str, float]:
 def _basalt_camera(camera: Camera, k: int) -> dict[str, Any]:
     if camera.model == "radtan" and any(camera.distortion):
         raise InputError(
-            f"cam{k}: a radial-tangential lens has no Basalt form here: choose kalibr or opencv"
+            f"cam{k}: radial-tangential lenses cannot be written for Basalt: choose kalibr or "
+            "opencv"
         )
     kind = "pinhole" if camera.model == "radtan" else camera.model
     terms = camera.distortion if kind == "kb4" else ()

@@ -50,7 +50,9 @@ def read_depth(path: Path) -> NDArray[np.float32]:
         raise
     except Exception as error:  # numpy ends in many kinds of exception on damaged files
         reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: not a depth map ({reason}); needs depth.npz or a npy") from error
+        raise InputError(
+            f"{path}: not a depth map ({reason}); needs a depth.npz or a .npy file"
+        ) from error
     return np.asarray(np.where(depth_m > 0, depth_m, np.nan), np.float32)
 
 
@@ -66,7 +68,7 @@ def read_exr(path: Path) -> dict[str, NDArray[np.float32]]:
             channels = file.channels().items()
             return {name: np.asarray(channel.pixels, np.float32) for name, channel in channels}
     except Exception as error:  # whatever the library raises for damage
-        raise InputError(f"{path}: not a complete EXR ({said(error)}); make it again") from error
+        raise InputError(f"{path}: not a complete EXR ({said(error)}); export it again") from error
 
 
 def write_depth_png(path: Path, depth_m: NDArray[np.float32]) -> None:
@@ -75,8 +77,8 @@ def write_depth_png(path: Path, depth_m: NDArray[np.float32]) -> None:
     units = np.rint(np.where(known, depth_m, 0) / PNG_UNIT_M)
     if units.max(initial=0) > 65535:
         raise InputError(
-            f"{path}: depth up to {np.nanmax(depth_m):g} m; millimetres in 16 bits end at "
-            "65.535 m: choose depth-npy, depth-tiff or depth-exr"
+            f"{path}: depth up to {np.nanmax(depth_m):g} m, but 16-bit millimetres end at 65.535 "
+            "m: choose depth-npy, depth-tiff or depth-exr"
         )
     write_image(path, ".png", units.astype(np.uint16))
 
@@ -175,7 +177,7 @@ def _names_damage(path: Path) -> Iterator[None]:
         raise
     except _DAMAGE as error:
         raise InputError(
-            f"{path}: not a complete PNG image ({said(error)}); fetch it again"
+            f"{path}: not a complete PNG image ({said(error)}); download it again"
         ) from error
 
 

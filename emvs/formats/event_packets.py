@@ -72,7 +72,7 @@ class Fields:
 def message_fields(data: bytes | memoryview, ros2: bool, where: str) -> Iterator[Fields]:
     """Yields a message's fields behind its header; one that ends too early is refused."""
     if ros2 and bytes(data[:2]) != b"\x00\x01":
-        raise InputError(f"{where}: coded other than little-endian CDR; record the bag again")
+        raise InputError(f"{where}: not encoded as little-endian CDR; record the bag again")
     fields = Fields(data, ros2)
     try:
         for _ in range(2 if ros2 else 3):  # ROS1 counts messages before the stamp
@@ -93,7 +93,7 @@ def packet_head(data: bytes | memoryview, ros2: bool, where: str) -> PacketHead:
     excess = len(data) - fields.at - size
     if excess < 0 or (excess and not ros2) or excess > 3:  # CDR may pad to four bytes
         raise InputError(
-            f"{where}: {size} bytes of events declared, {len(data) - fields.at} are there; the "
+            f"{where}: {size} bytes of events declared, {len(data) - fields.at} present; the "
             "message is damaged, record the bag again"
         )
     return PacketHead(width, height, time_base_ns, encoding, is_bigendian, fields.at, size)
@@ -105,12 +105,15 @@ def packet_events(data: bytes | memoryview, ros2: bool, where: str, state: State
     if head.encoding not in ENCODINGS or head.is_bigendian:
         order = ", big-endian" * head.is_bigendian
         raise InputError(
-            f"{where}: events coded as {quoted(head.encoding)}{order}; known are "
-            f"{', '.join(ENCODINGS)}, little-endian: convert the bag with event_camera_tools"
+            f"{where}: events encoded as {quoted(head.encoding)}{order}; supported: "
+            f"{', '.join(ENCODINGS)}, little-endian; convert the bag with event_camera_tools"
         )
     word = 8 if head.encoding == "mono" else 2
     if head.size % word:
-        raise InputError(f"{where}: {head.size} bytes of {head.encoding}, words of {word}; damaged")
+        raise InputError(
+            f"{where}: {head.size} bytes of {head.encoding} are no multiple of its {word}-byte "
+            "words; damaged"
+        )
     if head.encoding != "evt3" and head.time_base_ns >= _MOST_NS:
         raise InputError(
             f"{where}: time_base {head.time_base_ns} ns; needs less than 2^62 ns, damaged"
@@ -142,8 +145,8 @@ def _libcaer_cmp(words: np.ndarray, base_ns: int, where: str) -> Events:
     if unknown.any():
         k = int(np.argmax(unknown))
         raise InputError(
-            f"{where}, word {k}: 0x{words[k]:04X} is of no known kind, or an event without its "
-            "column or base; damaged, record the bag again"
+            f"{where}, word {k}: 0x{words[k]:04X} is unknown, or an event before its column or "
+            "time base; damaged, record the bag again"
         )
     vectors = np.cumsum(is_vector)
     row = (value & 0x7FF)[base] + np.where(is_vector, 8 * (vectors - vectors[base] - 1), 0)

@@ -65,7 +65,9 @@ def _camera(
         raise InputError(f"lens model {lens!r:.60} of {key}: needs {', '.join(_LENSES)}")
     K = _table(values, key, 3)
     if K[0, 1] or not np.array_equal(K[2], [0, 0, 1]) or K[1, 0]:
-        raise InputError(f"{key} has skew, or another last row than 0 0 1: not a camera's")
+        raise InputError(
+            f"{key} has skew, or a last row other than 0 0 1: not a supported camera matrix"
+        )
     model, kept = _lens(_LENSES[lens], terms, key)
     four = [float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])]
     return camera_of(size, four, model, kept, of, key)

@@ -77,8 +77,8 @@ class RawReader(BlockReader):
         excess = (self.path.stat().st_size - self._start) % self._coding.word.itemsize
         if excess:
             raise InputError(
-                f"{self.path}, byte {self.path.stat().st_size - excess}: cut off in the middle of "
-                f"an event word; fetch it again, or remove the last {excess} bytes"
+                f"{self.path}, byte {self.path.stat().st_size - excess}: cut off in the middle "
+                f"of an event word; download it again, or remove the last {excess} bytes"
             )
 
     def scan(self, _stream: str) -> Iterator[tuple[Any, Events]]:
@@ -131,8 +131,8 @@ def decode_words(
     used, count, unknown = coding.decode(words, state, x, y, t_us, p)
     if unknown:
         raise InputError(
-            f"{where(used)}: {int(words[used]):#x} is no word of {coding.name.upper()}; the file "
-            "is damaged or of another format, fetch it again"
+            f"{where(used)}: {int(words[used]):#x} is not a word of {coding.name.upper()}; the "
+            "file is damaged or in another format, download it again"
         )
     return used, Events(x, y, t_us, p).slice(0, count)
 
@@ -153,7 +153,7 @@ def _coding(path: Path, header: RawHeader, file: BinaryIO) -> tuple[_Coding, int
     if header.kind:
         known = ", ".join(kind for kind in CODINGS if kind != "DAT")
         raise InputError(
-            f"{path}: coded as {quoted(header.kind)}, known are {known}: convert it first"
+            f"{path}: encoded as {quoted(header.kind)}; supported: {known}; convert it first"
         )
     kind, size = (*file.read(2), 0, 0)[:2]
     if kind not in (0x00, 0x0C) or size != 8:
@@ -205,7 +205,7 @@ def _header(path: Path, fields: dict[str, str], offset: int) -> RawHeader:
     kind, *options = (fields.get("format") or "").split(";")
     named = dict(option.partition("=")[::2] for option in options)
     if "legacy" in (named.get("endianness"), fields.get("endianness")):
-        raise InputError(f"{path}: words in legacy order; convert it with the maker's tools first")
+        raise InputError(f"{path}: words in legacy order; convert it with Prophesee's tools first")
     if not kind and "evt" in fields:
         kind = "EVT" + fields["evt"].removesuffix(".0").replace(".", "")
     size = _size(path, fields, named)

@@ -75,8 +75,8 @@ class RosbagReader(BlockReader):
             yield (first_ns, last_ns + 1, before), Events.concat(waiting)
         if messages != self._counts[stream]:
             raise InputError(
-                f"{self.path}, topic {quoted(stream)}: {messages} messages found, its index says "
-                f"{self._counts[stream]}; {_CURE}"
+                f"{self.path}, topic {quoted(stream)}: {messages} messages found, but its index "
+                f"lists {self._counts[stream]}; {_CURE}"
             )
 
     def load(self, stream: str, place: Any) -> Events:
@@ -119,7 +119,9 @@ class RosbagReader(BlockReader):
             ):
                 where = f"{self.path}, topic {quoted(stream)}, message {number} at {stamp_ns} ns"
                 if stamp_ns < last_ns:  # slices, which are found by these times, would lose it
-                    raise InputError(f"{where}: recorded before the one in front of it; {_CURE}")
+                    raise InputError(
+                        f"{where}: recorded earlier than the message before it; {_CURE}"
+                    )
                 before, last_ns = state.copy(), stamp_ns
                 if is_packed:
                     events = event_packets.packet_events(data, self._ros2, where, state)
@@ -230,7 +232,7 @@ def array_head(data: bytes | memoryview, ros2: bool, where: str) -> ArrayHead:
     size = (16 * count - 3 if count else 0) if ros2 else EVENT_BYTES * count
     if start + size > len(data) or (not ros2 and start + size != len(data)):
         raise InputError(
-            f"{where}: {count} events need {size} bytes, {len(data) - start} are there; the "
+            f"{where}: {count} events need {size} bytes, {len(data) - start} are present; the "
             "message is damaged, record the bag again"
         )
     return ArrayHead(width, height, count, start)
@@ -246,7 +248,7 @@ def array_events(data: bytes | memoryview, ros2: bool, where: str) -> Events:
     bad = decode_array(raw, 16 if ros2 else EVENT_BYTES, 2 if ros2 else 0, x, y, t_us, p)
     if bad >= 0:
         raise InputError(
-            f"{where}: event {bad} of {n} has 10^9 nanoseconds or more, or a polarity beyond 1; "
+            f"{where}: event {bad} of {n} has 10^9 nanoseconds or more, or a polarity above 1; "
             "the message is damaged, record the bag again"
         )
     return Events(x, y, t_us, p)

@@ -124,7 +124,7 @@ class Trajectory:
         if early > 0 or late > 0:
             by = f"{early} µs before the first" if early > 0 else f"{late} µs after the last"
             raise InputError(
-                f"pose asked for {by} pose ({first}..{last} µs): poses are never extrapolated, "
+                f"pose requested {by} pose ({first}..{last} µs): poses are never extrapolated, "
                 "choose a time inside"
             )
 

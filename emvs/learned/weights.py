@@ -111,7 +111,7 @@ def _manifest(path: Path, network: str) -> Mapping[str, Any]:
     stated = manifest.get("network") if isinstance(manifest, dict) else None
     if stated != network:
         raise InputError(
-            f"{beside}: weights of {stated!r}, needed are those of {network!r}; choose others"
+            f"{beside}: weights for {stated!r}, but {network!r} is needed; choose others"
         )
     known: Mapping[str, Any] = manifest
     return known
@@ -124,10 +124,13 @@ def _arrays(path: Path, known: Sequence[Mapping[str, tuple[int, ...]]]) -> dict[
     if shapes not in [dict(needed) for needed in known]:
         needed = known[0]
         differing = sorted(n for n in {*shapes, *needed} if shapes.get(n) != needed.get(n))
-        raise InputError(f"{path}: other arrays than the network needs: {', '.join(differing)}")
+        raise InputError(
+            f"{path}: arrays differ from what the network needs: {', '.join(differing)}; choose "
+            "other weights"
+        )
     for name, array in arrays.items():
         if array.dtype != np.float32 or not np.isfinite(array).all():
-            raise InputError(f"{path}: {name} must be float32 and finite; train it again")
+            raise InputError(f"{path}: {name} must be float32 and finite; train again")
     return {name: np.ascontiguousarray(array) for name, array in arrays.items()}
 
 

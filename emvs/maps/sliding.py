@@ -307,7 +307,7 @@ class _Run:
 def _check_entry(path: Path, window: Window, device: Device) -> None:
     entry = read_entry(path)
     if (entry.t0_us, entry.t1_us) != (window.t0_us, window.t1_us):
-        raise InputError(f"{path}: is another window; remove it, and map again")
+        raise InputError(f"{path}: belongs to another window; remove it, and map again")
     if entry.device != device.name:
         raise InputError(
             f"{path}: was mapped on {entry.device}, not {device.name}: choose that device, or "

@@ -125,13 +125,13 @@ def open_store(
 def _is_to_be_begun(path: Path, head: MapInfo) -> bool:
     """Whether what is left of a run that was to replace another is of other settings."""
     if path.is_symlink():
-        raise InputError(f"{path}: is a link where unfinished work is kept: remove it")
+        raise InputError(f"{path}: is a link, but unfinished work is kept there: remove it")
     if not path.is_dir():
         return False
     foreign = strangers(path)
     if foreign:
         raise InputError(
-            f"{path}: is for unfinished work, but holds {named(foreign)}: move it away"
+            f"{path}: is for unfinished work, but contains {named(foreign)}: move it away"
         )
     try:
         return next(_differences(read_info(path), head), None) is not None

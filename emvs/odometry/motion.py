@@ -125,8 +125,8 @@ class Gyroscope:
         t_us = np.concatenate([self._t_us, samples.t_us])
         if not (np.diff(t_us[max(len(self) - 1, 0) :]) > 0).all():
             raise InputError(
-                f"inertial samples from {samples.t_us[0]} µs: times must rise, and be later than "
-                "those pushed before"
+                f"inertial samples from {samples.t_us[0]} µs: times must increase, and be later "
+                "than those already pushed"
             )
         self._t_us = t_us
         rates = samples.gyro_rad_s @ samples.T_body_imu[:3, :3].T

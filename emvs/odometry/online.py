@@ -135,7 +135,7 @@ def check_packet(events: Sequence[Events], rig: Rig, since_us: int | None, t_us:
     if len(events) != len(rig):
         raise InputError(f"events of {len(events)} cameras: needs a packet for each of {len(rig)}")
     if since_us is not None and t_us < since_us:
-        raise InputError(f"pushed up to {since_us} µs, then to {t_us} µs: push in order of time")
+        raise InputError(f"pushed up to {since_us} µs, then to {t_us} µs: push in time order")
     for name, camera, packet in zip(rig.camera_names, rig.cameras, events, strict=True):
         packet.checked(camera.width_px, camera.height_px)
         if not len(packet):
@@ -145,7 +145,7 @@ def check_packet(events: Sequence[Events], rig: Rig, since_us: int | None, t_us:
             since = "any time" if since_us is None else f"{since_us} µs"
             raise InputError(
                 f"camera {name}: events from {first_us} to {last_us} µs in a packet from {since} "
-                f"to before {t_us} µs: push in order of time, every event once"
+                f"to before {t_us} µs: push in time order, every event once"
             )
 
 

@@ -104,7 +104,7 @@ def track(
             changes.append(Change(tracker.since_us, tracker.status, tracker.reason))
         progress("track", (end_us - first_us) // 1000, (last_us + 1 - first_us) // 1000)
     if not poses:
-        raise InputError(f"{recording.name}: found no place to begin from: {tracker.reason}")
+        raise InputError(f"{recording.name}: tracking could not start: {tracker.reason}")
     return Tracked(
         Trajectory.from_matrices(
             [pose.t_us for pose in poses], np.stack([pose.T_world_body for pose in poses])

@@ -99,7 +99,9 @@ class Tracker:
         on_map: Callable[[OnlineMap], None] | None = None,
     ) -> None:  # fmt: skip
         if len(rig) == 1 and first_map is None:
-            raise InputError("rig of 1 camera: it sees no scale; give a first_map of the place")
+            raise InputError(
+                "rig of 1 camera: one camera cannot determine scale; give a first_map of the scene"
+            )
         self._rig, self._config = rig, TrackConfig.or_default(config)
         self._sizes, self._first_map = Sizes.of(rig), first_map
         self._origin = np.eye(4) if T_world_body is None else np.asarray(T_world_body, np.float64)
@@ -256,9 +258,9 @@ class Tracker:
         """Goes on as it moved, for a moment; then it is lost."""
         assert self._motion is not None
         reason = (
-            f"events and map agree to {fit.closeness:.2f}, by chance to 0.36: {fit.events_near} of "
-            f"{fit.events} events are near lines of the map, {fit.points_near} of {fit.points} map "
-            "points near lines of events"
+            f"events and map agree to {fit.closeness:.2f} (0.36 is chance): {fit.events_near} of "
+            f"{fit.events} events are near lines of the map, {fit.points_near} of {fit.points} "
+            "map points near lines of events"
         )
         if self.status is not Status.COASTING:
             self._change(Status.COASTING, reason, batch.t_us)

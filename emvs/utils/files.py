@@ -45,8 +45,8 @@ def names_full_disk(path: Path) -> Iterator[None]:
         if not (isinstance(error, DiskFull) or _is_full(error)):
             raise
         raise DiskFull(
-            f"{path}: no space left on device, {bytes_text(free_bytes(path))} are free: free some "
-            "room or choose another output"
+            f"{path}: no space left on device, {bytes_text(free_bytes(path))} are free: free "
+            "some space or choose another output"
         ) from error
 
 

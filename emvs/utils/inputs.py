@@ -67,7 +67,7 @@ def inside(folder: Path, name: str) -> Path:
     for part in parts:
         path /= part
         if os.path.islink(path):  # noqa: PTH114 - `is_symlink` raises where a name is too long
-            raise InputError(f"{path}: is a link; put there what it leads to")
+            raise InputError(f"{path}: is a link; replace it by what it points to")
     return path
 
 

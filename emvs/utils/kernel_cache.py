@@ -57,9 +57,7 @@ def use_kernel_cache() -> Path:
             if is_new:
                 _remove_old(home, folder)
             return folder
-    raise InputError(
-        "compiled kernels: no folder can be written to; set NUMBA_CACHE_DIR to one that can"
-    )
+    raise InputError("no writable folder for compiled kernels: set NUMBA_CACHE_DIR to one")
 
 
 def kernel_version() -> str:

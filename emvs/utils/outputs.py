@@ -254,7 +254,7 @@ def check_parent(path: Path) -> None:
     """Refuses, without making anything, an output below a file or where nobody may write."""
     place = real(path)
     if path.is_symlink():
-        raise InputError(f"{path} is a link to {place}, which is not there: {_ANOTHER}")
+        raise InputError(f"{path} is a broken link to {place}: {_ANOTHER}")
     parent = next(folder for folder in place.parents if os.path.lexists(folder))
     if not parent.is_dir():
         raise InputError(f"cannot make the folder {place.parent}: {parent} is a file; {_ANOTHER}")
@@ -269,7 +269,7 @@ def _why_not(place: Path, inputs: tuple[Path | str | None, ...], *, folder: bool
         if stat.S_ISDIR(mode):
             return "is a folder, the output is a file"
         if not stat.S_ISREG(mode):
-            return "is no plain file"
+            return "is not a regular file"
         return _touching(place, inputs)
     if not stat.S_ISDIR(mode):
         return "is a file, the output is a folder"
@@ -350,7 +350,7 @@ def _put(
     """Puts what was made in its place, after checking once more; else keeps it beside."""
     try:
         if real(path) != place:
-            raise InputError(f"{path} now leads elsewhere, to {real(path)}")
+            raise InputError(f"{path} now points elsewhere, to {real(path)}")
         check_output(path, force=force, inputs=inputs, folder=folder)
         if folder:
             _swap(made, place, work / REPLACED)
@@ -381,7 +381,9 @@ def _swap(made: Path, place: Path, replaced: Path) -> None:
         # Out of everybody's way now: what came since the last check is found here.
         theirs = strangers(replaced)
         if theirs:
-            raise InputError(f"{place} now holds what eventsweep did not write ({named(theirs)})")
+            raise InputError(
+                f"{place} now contains files that eventsweep did not write ({named(theirs)})"
+            )
         _rename(made, place)
     finally:
         if not made.exists():

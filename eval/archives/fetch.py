@@ -102,8 +102,8 @@ class AddressSource:
         sent, kind = _number(str(headers.get("Content-Length")), size), headers.get_content_type()
         if sent != size or kind == "text/html":
             raise InputError(
-                f"{self._address}/{name}: the server sends {sent} bytes of {printable(kind)}, "
-                f"should be {size} bytes of the archive: try again later, or ask its publisher"
+                f"{self._address}/{name}: the server sends {sent} bytes of {printable(kind)} "
+                f"instead of the archive's {size} bytes: try again later, or ask its publisher"
             )
 
 
@@ -170,8 +170,8 @@ class _Redirects(urllib.request.HTTPRedirectHandler):
         wanted = ("https",) if req.type == "https" else ("http", "https")
         if urlsplit(newurl).scheme not in wanted:
             raise InputError(
-                f"{req.full_url}: leads to {printable(newurl)}, only {' and '.join(wanted)} are "
-                "followed from there: give the address itself"
+                f"{req.full_url}: redirects to {printable(newurl)}, but only "
+                f"{' and '.join(wanted)} is followed from there: give the final address"
             )
         return super().redirect_request(req, fp, code, msg, headers, newurl)
 
@@ -186,7 +186,7 @@ def source_of(place: str) -> Source:
     if urlsplit(place).scheme in ("http", "https"):
         return AddressSource(place)
     if not Path(place).is_dir():
-        raise InputError(f"{place}: no such folder, and no address; needs https://... or a folder")
+        raise InputError(f"{place}: neither a folder nor an address; needs https://... or a folder")
     return FolderSource(Path(place))
 
 
@@ -224,7 +224,7 @@ def fetch(
     text = _read_manifest(source, place)
     manifest = manifests.parse(text, f"{place}/{FILE_NAME}")
     if version and manifest.version != version:
-        raise InputError(f"{place}: is archive {manifest.version}, asked for is {version}")
+        raise InputError(f"{place}: is archive {manifest.version}, but {version} was requested")
     wanted = manifest.chosen(subset, cases, seeds)
     with claimed(out), made_parent(out / FILE_NAME, make=False), names_full_disk(out):
         _check_same(out, manifest)
@@ -264,7 +264,7 @@ def verify(folder: Path) -> tuple[ArchiveManifest, tuple[PackedSequence, ...]]:
     for packed in there:
         if not is_whole(inside(folder, packed.file), packed):
             path = folder / packed.file
-            raise InputError(f"{path}: was changed or is not whole: fetch it again")
+            raise InputError(f"{path}: was changed or is incomplete: fetch it again")
     return manifest, there
 
 
@@ -274,7 +274,10 @@ def _read_manifest(source: Source, place: str) -> bytes:
         with file:
             text = file.read(TABLE_BYTES + 1)
     if len(text) > TABLE_BYTES:
-        raise InputError(f"{place}/{FILE_NAME}: more than {TABLE_BYTES} bytes are no manifest")
+        raise InputError(
+            f"{place}/{FILE_NAME}: more than {TABLE_BYTES} bytes, which is no manifest; correct "
+            "the address"
+        )
     return text
 
 
@@ -293,8 +296,8 @@ def _check_room(out: Path, missing: Sequence[PackedSequence]) -> None:
     needed, free = sum(packed.bytes for packed in missing), free_bytes(out)
     if needed > free:
         raise InputError(
-            f"{out}: {bytes_text(needed)} are to be fetched, {bytes_text(free)} are free: free "
-            "some room or choose another folder"
+            f"{out}: {bytes_text(needed)} to download, but {bytes_text(free)} are free: free "
+            "some space or choose another folder"
         )
 
 
@@ -311,7 +314,7 @@ def _fetch_file(source: Source, place: str, out: Path, wanted: PackedSequence) -
         if not is_whole(partial, wanted):
             partial.unlink(missing_ok=True)
             raise InputError(
-                f"{place}/{wanted.file}: is not what the manifest says (sha256): ask its publisher"
+                f"{place}/{wanted.file}: does not match the manifest's SHA-256: ask its publisher"
             )
         flush(partial)
         checked = partial.stat()
@@ -319,7 +322,9 @@ def _fetch_file(source: Source, place: str, out: Path, wanted: PackedSequence) -
             try:
                 link_new(partial, target)
             except FileExistsError as error:
-                raise InputError(f"{target}: appeared meanwhile: move it away") from error
+                raise InputError(
+                    f"{target}: was created during the download: move it away"
+                ) from error
         now = target.stat()
         if (now.st_size, now.st_mtime_ns) != (checked.st_size, checked.st_mtime_ns):
             raise InputError(f"{target}: was changed while it was fetched: move it away")
@@ -372,6 +377,6 @@ def _as_input_error(what: str) -> Iterator[None]:
         reason = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
         code = f"HTTP {error.code}, " if isinstance(error, urllib.error.HTTPError) else ""
         raise InputError(
-            f"{what}: cannot be fetched ({code}{printable(str(reason))}): correct the "
-            "address, or try again: what is there is kept"
+            f"{what}: cannot be fetched ({code}{printable(str(reason))}): correct the address, "
+            "or try again: finished files are kept"
         ) from error

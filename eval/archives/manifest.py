@@ -149,7 +149,7 @@ class ArchiveManifest(FrozenModel):
             and (not subset or (entry.case in its_cases and entry.seed in its_seeds))
         )
         if not found:
-            raise InputError(f"the archive of {self.suite} has nothing of what is asked for")
+            raise InputError(f"the archive of {self.suite} has none of the requested sequences")
         return found
 
 
@@ -158,10 +158,10 @@ def parse(text: bytes | str, where: str) -> ArchiveManifest:
     try:
         found = ArchiveManifest.model_validate_json(text)
     except ValidationError as error:
-        raise InputError(f"{where}: no manifest of an archive ({first_fault(error)})") from error
+        raise InputError(f"{where}: not an archive's manifest ({first_fault(error)})") from error
     if found.schema_version != SCHEMA_VERSION:
         raise InputError(
-            f"{where}: schema version {found.schema_version}, needs {SCHEMA_VERSION}: make or "
+            f"{where}: schema version {found.schema_version}, needs {SCHEMA_VERSION}: create or "
             "fetch the archive again"
         )
     return found

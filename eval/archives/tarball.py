@@ -84,13 +84,13 @@ def unpack(path: Path, out: Path, expected: Mapping[str, Expected]) -> None:
     with _opened(path, most) as tar, names_full_disk(out):
         while (member := tar.next()) is not None:
             if member.name in seen:
-                raise InputError(f"{path}: {quoted(member.name)} is in it twice: make it again")
+                raise InputError(f"{path}: {quoted(member.name)} appears twice: create it again")
             _check_expected(path, member, expected)
             seen.add(member.name)
             _copy(path, _file(tar, member), out / member.name, expected[member.name])
     missing = [name for name, entry in expected.items() if name not in seen and entry.sha256]
     if missing:
-        raise InputError(f"{path}: {quoted(missing[0])} is not in it: make or fetch it again")
+        raise InputError(f"{path}: {quoted(missing[0])} is missing: create or fetch it again")
 
 
 def first_member(path: Path, name: str, most_bytes: int) -> bytes:
@@ -99,7 +99,7 @@ def first_member(path: Path, name: str, most_bytes: int) -> bytes:
         member = tar.next()
         if member is None or member.name != name or not member.isreg():
             found = "nothing" if member is None else quoted(member.name)
-            raise InputError(f"{path}: begins with {found}, needs {name} first: make it again")
+            raise InputError(f"{path}: begins with {found}, needs {name} first: create it again")
         if member.size > most_bytes:
             raise InputError(f"{path}: {name} of {member.size} bytes, at most {most_bytes}")
         return _file(tar, member).read()
@@ -113,14 +113,14 @@ def sha256_of(path: Path) -> str:
 def _check_expected(path: Path, member: tarfile.TarInfo, expected: Mapping[str, Expected]) -> None:
     name = quoted(member.name)
     if member.name not in expected:
-        raise InputError(f"{path}: holds {name}, which does not belong there: make it again")
+        raise InputError(f"{path}: contains {name}, which does not belong there: create it again")
     if not member.isreg() or member.issparse():
-        raise InputError(f"{path}: {name} is no plain file: make it again")
+        raise InputError(f"{path}: {name} is not a regular file: create it again")
     entry = expected[member.name]
     if member.size > entry.bytes or (entry.sha256 and member.size != entry.bytes):
         should = "should be" if entry.sha256 else "at most"
         raise InputError(
-            f"{path}: {name} has {member.size} bytes, {should} {entry.bytes}: make it again"
+            f"{path}: {name} has {member.size} bytes, {should} {entry.bytes}: create it again"
         )
 
 
@@ -139,7 +139,7 @@ def _copy(path: Path, content: IO[bytes], place: Path, expected: Expected) -> No
             digest.update(block)
             file.write(block)
     if expected.sha256 and digest.hexdigest() != expected.sha256:
-        raise InputError(f"{path}: {quoted(place.name)} was changed: make or fetch it again")
+        raise InputError(f"{path}: {quoted(place.name)} was changed: create or fetch it again")
 
 
 @contextmanager
@@ -157,7 +157,7 @@ def _opened(path: Path, most_bytes: int) -> Iterator[tarfile.TarFile]:
         raise InputError(f"{path}: no such file") from error
     except _FAULTS as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: damaged archive ({reason}): make or fetch it again") from error
+        raise InputError(f"{path}: damaged archive ({reason}): create or fetch it again") from error
 
 
 class _Bounded(io.RawIOBase):
@@ -174,5 +174,5 @@ class _Bounded(io.RawIOBase):
         found = self._stream.read(wanted)
         self._left -= len(found)
         if self._left < 0:
-            raise InputError(f"{self._path}: unpacks to more than it may hold: make it again")
+            raise InputError(f"{self._path}: unpacks to more than its limit: create it again")
         return found

@@ -35,7 +35,7 @@ _NOT_NOW = frozenset(
 # What calls it may itself be running inside an import, which ends only when the command does.
 _OUTERMOST = "eventsweep.eval.cli.main"
 _SOON_S = 0.05
-_INTERRUPTED = "interrupted: no half-written output; the same command takes up finished parts"
+_INTERRUPTED = "interrupted: no half-written output; run the same command to resume"
 
 # The libraries name their parameters; these are their flags.
 _FLAGS = {
@@ -121,8 +121,8 @@ def incomplete(maps: Iterable[MapInfo], *, allowed: bool) -> int:
     total = len(skipped) + sum(len(info.windows) for info in maps)
     first = f"{skipped[0].name}: {skipped[0].reason}"
     words = (
-        f"{len(skipped)} of {total} windows could not be mapped ({first}); the others are there; "
-        "where that is no fault, add --allow-skipped"
+        f"{len(skipped)} of {total} windows could not be mapped ({first}); the others are "
+        "complete; if that is expected, add --allow-skipped"
     )
     return _say(with_flags(words), INCOMPLETE)
 

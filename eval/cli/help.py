@@ -22,7 +22,7 @@ Shown = Literal["as declared", "nothing", "short", "all"]
 ALL = "--help-all"
 HELP_FLAGS = ("--help", "-h", ALL)
 RARE = Parameter(show=False)
-"""Of a flag that most users never need: only `--help-all` shows it."""
+"""Hides an advanced flag: only `--help-all` shows it."""
 
 # Of several hundred settings, all of them rare, those that a first map is likely to need.
 _COMMON_SETTINGS = frozenset({

@@ -100,7 +100,7 @@ def seed_numbers(text: str | None, flag: str) -> tuple[int, ...] | None:
             raise InputError(f"{flag} {text}: needs numbers such as 0,1,5 or 100-109")
         seeds += range(int(first), int(last or first) + 1)
     if not seeds or len(set(seeds)) != len(seeds):
-        raise InputError(f"{flag} {text}: needs at least one number, each once")
+        raise InputError(f"{flag} {text}: needs at least one number, without repeats")
     return tuple(seeds)
 
 

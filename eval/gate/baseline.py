@@ -54,13 +54,13 @@ def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> B
         raise InputError("a new baseline needs --reason: why may the numbers change?")
     if measured.failures:
         name, why = next(iter(measured.failures.items()))
-        raise InputError(f"no baseline of a run with failed jobs: {name}: {why}")
+        raise InputError(f"a run with failed jobs cannot become a baseline: {name}: {why}")
     undefined = [
         numbers.key for numbers in measured.series.values() if not _whole(numbers, measured)
     ]
     if undefined or not measured.series:
         what = f"{undefined[0]} is undefined or lacks seeds" if undefined else "there is no number"
-        raise InputError(f"no baseline of an incomplete result: {what}")
+        raise InputError(f"an incomplete result cannot become a baseline: {what}")
     history = before.history if before else ()
     now = BaselineChange(date=datetime.now(UTC).date().isoformat(), reason=" ".join(reason.split()))
     return Baseline(

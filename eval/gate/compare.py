@@ -190,7 +190,7 @@ def _nothing_compared(verdicts: Sequence[Judgement], choice: Choice) -> Iterator
     deciding = [one for one in verdicts if one.decides and one.status != "new"]
     if any(one.status in COMPARED for one in deciding):
         return
-    why = f"the baseline has no number that decides, of {', '.join(choice.metrics)}"
+    why = f"the baseline has no deciding number of {', '.join(choice.metrics)}"
     if deciding:
         lost = f"{deciding[0].key} is {deciding[0].status}, {deciding[0].why}"
         why = f"none of the {len(deciding)} numbers that decide could be compared: {lost}"

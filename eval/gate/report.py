@@ -17,7 +17,7 @@ from eventsweep.eval.numbers import display_unit, in_display_unit
 from eventsweep.eval.suite.results import EVENTS
 
 HEADINGS = ("verdict", "case", "method", "metric", "baseline", "now", "change", "allowed", "why")
-CAPTION = "all that is not the same; what stands in brackets is shown and decides nothing"
+CAPTION = "everything that changed; numbers in brackets are shown but do not decide"
 MOST_LINES = 25
 VerdictLine = tuple[str, ...]
 # XML 1.0 has no way at all to write most control characters.
@@ -49,8 +49,9 @@ def _of_input(red: Sequence[Judgement]) -> str:
     if not cases:
         return ""
     return (
-        f". THE INPUT CHANGED ({', '.join(cases)}): other events than the baseline's reached the "
-        "mapper, so these depths say nothing of it; if that is meant, a new baseline says why"
+        f". THE INPUT CHANGED ({', '.join(cases)}): the mapper received other events than the "
+        "baseline's, so these depths cannot judge it; if that is intended, write a new baseline "
+        "with the reason"
     )
 
 

@@ -157,8 +157,8 @@ class DaskWorkers:
         """A scheduler that ends takes all its futures along; they would look like failed jobs."""
         if self._client.status != "running":
             raise InputError(
-                "the scheduler is gone: start it again and repeat the command; what was done is in "
-                "the cache"
+                "the scheduler is gone: start it again and repeat the command; finished jobs "
+                "are in the cache"
             )
 
     def _outcome(self, name: str, future: Future[Any]) -> Outcome:
@@ -177,8 +177,8 @@ def _do_same_code(job: Job, cache: str, code: str) -> Outcome:
     if here != code:
         return Failed(
             job.name,
-            f"worker {socket.gethostname()} has other code ({here}, not {code}): install the same "
-            "version on all machines",
+            f"worker {socket.gethostname()} runs different code ({here}, not {code}): install "
+            "the same version on all machines",
         )
     return do(job, cache)
 

@@ -23,7 +23,8 @@ class TrainingConfig(ParameterGroup):
     """What a network is trained on, and how."""
 
     network: NetworkName = Field(
-        default="learned", description="learned: that of the Learned methods; derd: that of DERD/H"
+        default="learned",
+        description="learned: the network of the Learned methods; derd: that of DERD/H",
     )
     uniform_in: Literal["linear", "inverse"] = Field(
         default="inverse",
@@ -34,18 +35,20 @@ class TrainingConfig(ParameterGroup):
         default=(), description="only sequences of these scenes; by default of all"
     )
     candidates: int = Field(
-        default=3000, ge=1, description="candidates that are drawn from each window, at most"
+        default=3000, ge=1, description="most candidates drawn from each window"
     )
     epochs: int = Field(
-        default=8, ge=1, description="how often every candidate is seen; derd: by default 3"
+        default=8, ge=1, description="how often every candidate is used; derd: by default 3"
     )
-    batch: int = Field(default=256, ge=2, description="candidates of one step; derd: by default 64")
+    batch: int = Field(default=256, ge=2, description="candidates per step; derd: by default 64")
     learning_rate: Positive = Field(
         default=3e-3,
         description="largest rate of the one-cycle schedule; derd: the only rate, by default 0.001",
     )
     seed: int = Field(default=0, ge=0, description="of weights, order and flips")
-    threads: int = Field(default=1, ge=1, description="threads of torch; they change the bits")
+    threads: int = Field(
+        default=1, ge=1, description="threads of torch; they change the last bits of the result"
+    )
     device: Literal["cpu", "cuda"] = Field(default="cpu", description="where the network learns")
 
     @model_validator(mode="before")

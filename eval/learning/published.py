@@ -28,10 +28,10 @@ _MULTIPIXEL = (9, 100)
 def convert(paths: Sequence[Path], folder: Path) -> Path:
     """Writes `derd.npz` and `derd.json` from one of the authors' files, or the mean of two."""
     if len(paths) > MOST_MODELS:
-        raise InputError(f"{len(paths)} published files: at most {MOST_MODELS}, whose mean counts")
+        raise InputError(f"{len(paths)} published files: at most {MOST_MODELS} can be averaged")
     weights = folder / "derd.npz"
     if weights.exists():
-        raise InputError(f"{weights}: is there already; choose another folder")
+        raise InputError(f"{weights}: exists already; choose another folder")
     arrays: dict[str, NDArray[np.float32]] = {}
     for k, path in enumerate(paths):
         arrays |= {f"{k}.{name}": one for name, one in _model(path).items()}
@@ -56,7 +56,7 @@ def _model(path: Path) -> dict[str, NDArray[np.float32]]:
         raise InputError(f"{path}: weights of the 3 x 3 pixel variant; needs those of one pixel")
     if found != dict(LAYERS):
         differing = sorted(n for n in {*found, *LAYERS} if found.get(n) != LAYERS.get(n))
-        raise InputError(f"{path}: other arrays than DERD-Net has: {', '.join(differing[:4])}")
+        raise InputError(f"{path}: arrays differ from DERD-Net's: {', '.join(differing[:4])}")
     return {name: np.asarray(state[name].to("cpu").float().numpy()) for name in LAYERS}
 
 
@@ -81,5 +81,5 @@ def _state(path: Path) -> Mapping[str, Any]:
         ) from error
     state = saved.get(STATE, saved) if isinstance(saved, dict) else None
     if not isinstance(state, dict):
-        raise InputError(f"{path}: holds no state of a model; needs a published .pth file")
+        raise InputError(f"{path}: contains no model state; needs a published .pth file")
     return state

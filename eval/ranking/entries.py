@@ -267,7 +267,9 @@ def read_source(asked: str) -> Source:
             raise InputError(f"{asked}: a {DATA_NAME} has labels of its own; leave {label}= out")
         return Source(folder, read_data(path).entries)
     if path.name != FILE_NAME and not (path / FILE_NAME).is_file():
-        raise InputError(f"{path}: no result of a suite; needs {FILE_NAME} or {DATA_NAME} in it")
+        raise InputError(
+            f"{path}: not the result of a suite; needs {FILE_NAME} or {DATA_NAME} in it"
+        )
     label = label or folder.resolve().name
     return Source(folder, (read_suite(path, lambda result: of_suite(result, label)),))
 

@@ -85,8 +85,8 @@ def sentences(refinement: Refinement, sides: Sequence[MappedWith]) -> list[str]:
     if all(len(side.residuals_px) for side in sides):
         values = [float(np.median(np.abs(side.residuals_px))) for side in sides]
         lines.append(
-            f"Matched patches lie {values[0]:.2f} rows off their epipolar lines in the median "
-            f"with the calibration as given, {values[1]:.2f} with the refined one."
+            f"Matched patches lie {values[0]:.2f} rows off their epipolar lines (median) with "
+            f"the calibration as given, {values[1]:.2f} with the refined one."
         )
     return lines
 

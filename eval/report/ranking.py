@@ -292,7 +292,7 @@ class _Findings:
         """Why a single camera is ahead of fusion: as far as the numbers say."""
         reasons = [self._by_pixels(single), self._by_partner(single, metric), self._by_parallax()]
         known = [reason for reason in reasons if reason]
-        reason = "; ".join(known) if known else "the numbers here do not say why"
+        reason = "; ".join(known) if known else "these numbers do not show why"
         return f"{single} is ahead of {REFERENCE} by {column(metric).title}: {reason}."
 
     def _by_pixels(self, single: str) -> str:
@@ -302,7 +302,7 @@ class _Findings:
             return ""
         if mine.value >= theirs.value:
             return f"it reports other pixels, and is not ahead on the {support} that both report"
-        return f"not by its choice of pixels, it is ahead on the {support} that both report, too"
+        return f"not by its choice of pixels: it is also ahead on the {support} that both report"
 
     def _by_partner(self, single: str, metric: str) -> str:
         """Fusion needs every camera: one that is worse alone costs it."""

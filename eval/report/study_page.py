@@ -97,7 +97,9 @@ def write_study_report(folder: Path) -> Path:
     """Writes `report.html` for all studies of a folder and returns its path."""
     paths = find_studies(folder)
     if not paths:
-        raise InputError(f"{folder}: no study; `eventsweep study NAME --out {folder}` writes one")
+        raise InputError(
+            f"{folder}: not a study; `eventsweep study NAME --out {folder}` writes one"
+        )
     check_files(folder, (REPORT_NAME,), force=True)
     studies = [read_study(path) for path in paths]
     figures = [_figure(path.with_suffix(".svg")) for path in paths]
@@ -112,7 +114,7 @@ def study_page(studies: list[StoredStudy], figures: list[str], files: tuple[str,
     names = [study.study for study in studies]
     return Page(
         title=names[0] if len(names) == 1 else f"{len(names)} studies",
-        subtitle="One thing is perturbed by growing amounts: how every method's error grows.",
+        subtitle="One property is perturbed by growing amounts: how each method's error grows.",
         sections=tuple(
             _section(*shown, k) for k, shown in enumerate(zip(studies, figures, strict=True))
         ),
@@ -175,8 +177,9 @@ def _overview(studies: list[StoredStudy]) -> Grid:
         cells = (_breaking(study, method) for method in methods)
         lines.append((GridCell(study.study), GridCell(study.unit), *cells))
     about = (
-        "Where each method breaks: the amount, in the unit of its line, at which its mean error "
-        f"reaches {BREAKS_AT:g} times the unperturbed one. “never” means not within what was tried."
+        "Where each method breaks: the amount, in the unit of its row, at which its mean error "
+        f"reaches {BREAKS_AT:g} times the unperturbed one. “never” means not within the amounts "
+        "tried."
     )
     return Grid(heads, tuple(lines), about)
 

@@ -140,9 +140,9 @@ def sentences(scored: Scored) -> Iterator[str]:
         values = found.values
         yield (
             f"{method}: ATE {significant(100 * values['ate_rmse'], 3)} cm, "
-            f"{significant(values['ate_share'], 3)} % of a way of {significant(values['way'], 3)} "
-            f"m; drift {significant(values['drift'], 3)} %; {values['time_covered']:.1f} % of the "
-            f"time covered, {len(found.matched):,} poses."
+            f"{significant(values['ate_share'], 3)} % of a path of "
+            f"{significant(values['way'], 3)} m; drift {significant(values['drift'], 3)} %; "
+            f"{values['time_covered']:.1f} % of the time covered, {len(found.matched):,} poses."
         )
 
 

@@ -79,7 +79,7 @@ def _npz(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
     except DAMAGED_NPY as error:
         raise _damaged(path, error) from error
     if "depth_m" not in arrays:
-        raise InputError(f"{path}: holds no array depth_m: name it so, in metres")
+        raise InputError(f"{path}: contains no array depth_m: name it so, in metres")
     numbers = _plain(path, arrays["depth_m"])
     mask = arrays.get("mask")
     if mask is None:

@@ -49,7 +49,7 @@ class NumberStore(SpooledTemporaryFile[bytes]):
         except OSError as error:
             raise InputError(
                 f"{tempfile.gettempdir()}: cannot keep the scores of a window there "
-                f"({error.strerror}): free some room, or set TMPDIR to another folder"
+                f"({error.strerror}): free some space, or set TMPDIR to another folder"
             ) from error
         return partial(self._kept, start, numbers.nbytes, numbers.dtype)
 

@@ -130,7 +130,7 @@ def _listed(path: Path, files: Sequence[Path]) -> list[str]:
     times = path.read_text(encoding="utf-8", errors="replace").split()
     bad = [time for time in times if not _STEM.fullmatch(time)]
     if bad or len(times) != len(files):
-        reason = f"{bad[0]!r} is no time" if bad else f"it has {len(times)} of them"
+        reason = f"{bad[0]!r} is not a time" if bad else f"it has {len(times)} of them"
         raise InputError(
             f"{path}: needs one time per line for each of {len(files)} files in order of names, "
             f"but {reason}"

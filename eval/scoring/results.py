@@ -104,7 +104,7 @@ def _check_columns(given: list[Any]) -> None:
     unknown = [name for name in given if name not in COLUMNS or given.count(name) > 1]
     if missing or unknown:
         wrong = f"lacks {', '.join(missing)}" if missing else f"has {_short(unknown)}"
-        raise InputError(f"the table {wrong}: needs each once of {', '.join(COLUMNS)}")
+        raise InputError(f"the table {wrong}: needs each of these once: {', '.join(COLUMNS)}")
 
 
 def _checked(column: pd.Series[Any], name: str) -> pd.Series[Any]:

@@ -106,8 +106,8 @@ def check_view(config: MapperConfig, what: str) -> None:
     """Refuses maps, named by `what`, of another view than camera 0's."""
     if not config.is_camera_0_view:
         raise InputError(
-            f"{what}: its reference view is not camera 0's, which ground truth is for: map "
-            "with reference_shift 0 and without view_* to score"
+            f"{what}: its reference view is not camera 0's, which the ground truth belongs to: "
+            "map with reference_shift 0 and without view_* to score"
         )
 
 

@@ -195,9 +195,9 @@ def _check_unit(name: str, truth: Truth, rho: NDArray[np.floating]) -> None:
     median_m = float(np.median(known_m)) if known_m.size else near_m
     if not near_m / UNIT_FACTOR <= median_m <= far_m * UNIT_FACTOR:
         raise InputError(
-            f"{name}: its median true depth would be {median_m:.3g} m, but its map's planes lie at "
-            f"{near_m:.3g} to {far_m:.3g} m: set unit_m in [truth] (0.001 for millimetres), or map "
-            "at the depths that there are"
+            f"{name}: its median true depth would be {median_m:.3g} m, but its map's planes lie "
+            f"at {near_m:.3g} to {far_m:.3g} m: set unit_m in [truth] (0.001 for millimetres), "
+            "or map the depth range of the scene"
         )
 
 

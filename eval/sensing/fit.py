@@ -27,7 +27,7 @@ from eventsweep.eval.sensing.thresholds import (
 from eventsweep.sim.config import PixelConfig
 from eventsweep.sim.sensor.sensor import Sensor
 
-_WITHOUT_FRAMES = "events alone do not say how much the light changed; needs frames"
+_WITHOUT_FRAMES = "events alone do not show how much the light changed; needs frames"
 _POLARITIES = "contrast_threshold_pos", "contrast_threshold_neg"
 # A search for thresholds that make as many events: steps, and how near is near enough.
 _STEPS, _NEAR_ENOUGH, _LARGEST = 12, 0.01, 3.0
@@ -92,7 +92,7 @@ def fit_sensor(
     sensor = recording.rig.cameras[camera]
     events = recording.events(camera, first_us, last_us + 1)
     if not len(events):
-        raise InputError(f"{recording.name}: no event of camera {camera}; nothing can be fitted")
+        raise InputError(f"{recording.name}: no event of camera {camera}; there is nothing to fit")
     pixels = _pixels(events, (sensor.height_px, sensor.width_px), (first_us, last_us))
     return fit_pixels(pixels, frames_of(recording, camera, pixels.span_us))
 

@@ -68,7 +68,7 @@ def part_of_span(
     end_us = last_us if duration_s is None else min(last_us, begin_us + round(duration_s * 1e6))
     if not first_us <= begin_us < end_us:
         raise InputError(
-            f"{name}: from {start_s or 0:g} s for {duration_s or 0:g} s of a recording "
-            f"of {(last_us - first_us) * 1e-6:g} s: choose a part of it"
+            f"{name}: from {start_s or 0:g} s for {duration_s or 0:g} s of a recording of "
+            f"{(last_us - first_us) * 1e-6:g} s: choose a part within it"
         )
     return begin_us, end_us

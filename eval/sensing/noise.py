@@ -95,7 +95,7 @@ def quiet_noise(
     for k in range(2):
         width = half_width(drawn[:, k], value[k], systematic)
         sure = width < 0.75 * value[k]
-        why = f"{value[k]:.2g} ± {width:.2g} Hz in quiet pixels: not to be told from none"
+        why = f"{value[k]:.2g} ± {width:.2g} Hz in quiet pixels: indistinguishable from none"
         estimate = Estimate(names[k], "Hz", float(value[k]) / factor, width / factor)
         found.append(estimate if sure else refused(names[k], "Hz", why))
     return QuietNoise((*found, spread), rate_hz, light)
@@ -149,7 +149,7 @@ def hot_estimates(pixels: PixelEvents) -> list[Estimate]:
     names, count = ("hot_pixel_fraction", "hot_pixel_rate_hz"), int(hot.sum())
     busy_hz = float(np.quantile(pixels.counts, 0.9)) / pixels.seconds
     seen_hz = HOT_RATIO * busy_hz
-    hidden = f"pixels under {seen_hz:.3g} Hz would not stand out from the scene"
+    hidden = f"pixels under {seen_hz:.3g} Hz would not be distinguishable from the scene"
     if not count:
         why = f"no pixel is hot; {hidden}"
         return [refused(names[0], "", why), refused(names[1], "Hz", why)]

@@ -239,7 +239,7 @@ def threshold_estimates(pairs: Pairs) -> list[Estimate]:
     names = ("contrast_threshold_pos", "contrast_threshold_neg", "threshold_sigma", "bandwidth_hz")
     units = ("", "", "", "Hz")
     if pairs.number < _FEW_PAIRS:
-        why = f"{pairs.number} pairs of events near frames tell of it; needs {_FEW_PAIRS}"
+        why = f"{pairs.number} pairs of events lie near frames; needs {_FEW_PAIRS}"
         return [refused(*each, why) for each in zip(names, units, strict=True)]
     value, drawn = resampled(pairs.moments, solved)
     relative = _spread(pairs.halves, value[:2])
@@ -250,7 +250,7 @@ def threshold_estimates(pairs: Pairs) -> list[Estimate]:
         c = float(value[k] * factor)
         width = half_width(drawn[:, k] * factor, c, SYSTEMATIC["threshold"])
         sure = c > 0.01 and width < _MOST_RELATIVE * c
-        why = f"{c:.3g} ± {width:.2g}: frames and events do not fit together"
+        why = f"{c:.3g} ± {width:.2g}: frames and events do not agree"
         found.append(Estimate(names[k], "", c, width) if sure else refused(names[k], "", why))
     return [*found, _sigma(relative, value[:2]), _bandwidth(value[2], drawn[:, 2])]
 
@@ -272,8 +272,11 @@ def _bandwidth(tau_s: float, drawn: NDArray[Any]) -> Estimate:
     spread = float(np.nanstd(drawn))
     if not tau_s > 4 * spread or not tau_s > 1e-4:
         bound = 1 / (2 * np.pi * max(tau_s + 2 * spread, 1e-5))
-        return refused("bandwidth_hz", "Hz", f"events lag {1e6 * tau_s:.0f} ± {2e6 * spread:.0f} "
-                       f"µs at full scale: no sure cut-off below {bound:.0f} Hz")  # fmt: skip
+        return refused(
+            "bandwidth_hz", "Hz",
+            f"events lag {1e6 * tau_s:.0f} ± {2e6 * spread:.0f} µs at full scale: no significant "
+            f"cut-off below {bound:.0f} Hz",
+        )  # fmt: skip
     value = 1 / (2 * np.pi * tau_s)
     width = half_width(
         1 / (2 * np.pi * np.maximum(drawn, tau_s / 4)), value, SYSTEMATIC["bandwidth"]

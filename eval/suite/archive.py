@@ -54,8 +54,8 @@ class SequenceArchive:
         self.manifest = manifests.read(folder)
         if not self.manifest.truth:
             raise InputError(
-                f"{folder}: holds no ground truth: it is for methods to read; whoever made it can "
-                "score"
+                f"{folder}: contains no ground truth, so it cannot be scored: ask whoever made "
+                "it to score"
             )
 
     @property
@@ -77,12 +77,12 @@ class SequenceArchive:
             raise InputError(f"{self.folder}: has no sequence of {case} with seed {seed}")
         if packed.drawn_from != drawn_from(suite, case):
             raise InputError(
-                f"{self.folder}: {case} was drawn from another definition than that of "
-                f"{suite.name}: use the suite {self.manifest.suite}"
+                f"{self.folder}: {case} was simulated from a different definition than "
+                f"{suite.name}'s: use the suite {self.manifest.suite}"
             )
         path = inside(self.folder, packed.file)
         if not path.is_file():
-            raise InputError(f"{path}: is not there: fetch {case} with seed {seed}")
+            raise InputError(f"{path}: is missing: fetch {case} with seed {seed}")
         files = {name: entry.model_dump() for name, entry in packed.files.items()}
         parameters = {**packed.drawn_from, "seed": seed, "files": files}
         stage = "eventsweep.eval.suite.stages.unpack"
@@ -161,8 +161,8 @@ def read_secret(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read ({error.strerror}); needs a secret") from error
     if len(secret.strip()) < SECRET_BYTES:
         raise InputError(
-            f"{path}: {len(secret.strip())} bytes are no secret, needs {SECRET_BYTES} or more: "
-            "head -c 32 /dev/urandom makes one"
+            f"{path}: {len(secret.strip())} bytes are too few for a secret, needs {SECRET_BYTES} "
+            "or more: head -c 32 /dev/urandom makes one"
         )
     return secret
 

@@ -85,7 +85,9 @@ class CaseSpec(FrozenModel):
     @classmethod
     def _by_name(cls, scene: str) -> str:
         if is_model_file(scene):
-            raise ValueError("a suite's scenes have names, `eventsweep list scenes`: no files")
+            raise ValueError(
+                "suites name their scenes (`eventsweep list scenes`), files are not allowed"
+            )
         return scene
 
     @model_validator(mode="after")
@@ -138,7 +140,9 @@ class Suite(FrozenModel):
         for name, case in self.cases.items():
             _refuse_unknown(f"cases.{name}.mappers", case.mappers, self.mappers)
             if case.track and TRACK in case.mappers:
-                raise ValueError(f"cases.{name}.mappers: call none {TRACK!r} beside track = true")
+                raise ValueError(
+                    f"cases.{name}.mappers: no mapper may be called {TRACK!r} with track = true"
+                )
         for name, mapper in self.mappers.items():
             if mapper.get("device") == "auto":
                 raise ValueError(
@@ -234,4 +238,4 @@ def read(path: Path) -> Suite:
 def _refuse_unknown(where: str, names: tuple[str, ...], known: Mapping[str, Any]) -> None:
     for name in names:
         if name not in known:
-            raise ValueError(f"{where}: no {shown(name)}, there are {quoted(*known)}")
+            raise ValueError(f"{where}: no {shown(name)}, choose from {quoted(*known)}")

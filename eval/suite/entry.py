@@ -62,22 +62,22 @@ def read_entry(folder: Path) -> Entry:
     except ValidationError as error:
         fault = first_fault(error)
         raise InputError(
-            f"{path}: {fault}; it holds {', '.join(Entry.model_fields)}: make it again"
+            f"{path}: {fault}; it holds {', '.join(Entry.model_fields)}: create it again"
         ) from error
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not TOML ({error}): make it again") from error
+        raise InputError(f"{path}: not TOML ({error}): create it again") from error
 
 
 def package_of(folder: Path) -> Path:
     """The package of an entry, whose bytes are those that the entry names."""
     entry, path = read_entry(folder), inside(folder, PACKAGE)
     if not path.is_file():
-        raise InputError(f"{path}: is missing: make the entry again")
+        raise InputError(f"{path}: is missing: create the entry again")
     check_file(path, MOST_BYTES)
     found = sha256_of(path)
     if found != entry.sha256:
         raise InputError(
-            f"{path}: its SHA-256 is {found}, {ENTRY} names {entry.sha256}: make the entry again"
+            f"{path}: its SHA-256 is {found}, {ENTRY} names {entry.sha256}: create the entry again"
         )
     return path
 
@@ -130,7 +130,8 @@ def check_apart(found: Iterable[tuple[Path, SubmissionFacts]]) -> None:
         other = by_method.setdefault(facts.method, folder)
         if other != folder:
             raise InputError(
-                f"{folder}: {other} is called {facts.method!r}, too: give the method another name"
+                f"{folder}: {other} is called {facts.method!r} as well: give the method another "
+                "name"
             )
 
 

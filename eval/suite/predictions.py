@@ -226,8 +226,8 @@ class _Medians:
         first, also = self.files.setdefault(digest, (path, shown))
         if also != shown:
             raise InputError(
-                f"{path}: holds the very depth map of {'/'.join(first.parts[-3:])}: give each view "
-                "its own"
+                f"{path}: is identical to the depth map of {'/'.join(first.parts[-3:])}: give "
+                "each view its own"
             )
         assert view.true_depth_m is not None  # an assignment knows its scene
         near_m, far_m = view.true_depth_m
@@ -239,9 +239,9 @@ class _Medians:
     def check(self, folder: Path) -> None:
         if self.inverted > self.upright:
             raise InputError(
-                f"{folder}: {self.upright} of {self.total} depth maps have a median that the scene "
-                f"can have, but {self.inverted} of their inverses: write z-depth in metres, not "
-                "inverse depth"
+                f"{folder}: {self.upright} of {self.total} depth maps have a median that the "
+                f"scene can have, but {self.inverted} of their inverses: write z-depth in metres "
+                "instead of inverse depth"
             )
 
 
@@ -254,7 +254,7 @@ def _check_cases(folder: Path, suite: Suite) -> None:
             )
         for seed in _folders(case):
             if not _SEED.fullmatch(seed.name):
-                raise InputError(f"{seed}: needs a name such as seed0, of the seed's sequence")
+                raise InputError(f"{seed}: needs a name such as seed0")
 
 
 def _folders(folder: Path) -> list[Path]:

@@ -228,11 +228,11 @@ def _parsed(path: Path, text: bytes) -> SubmissionManifest:
         manifest = SubmissionManifest.model_validate_json(text)
     except ValidationError as error:
         fault = first_fault(error)
-        raise InputError(f"{path}: its manifest: {fault}: make it again") from error
+        raise InputError(f"{path}: its manifest: {fault}: create it again") from error
     if manifest.schema_version != SCHEMA_VERSION:
         raise InputError(
-            f"{path}: schema version {manifest.schema_version}, needs {SCHEMA_VERSION}: make it "
-            "again"
+            f"{path}: schema version {manifest.schema_version}, needs {SCHEMA_VERSION}: create "
+            "it again"
         )
     return manifest
 
@@ -257,8 +257,8 @@ def unpack_submission(path: Path, asked: Asked, out: Path) -> SubmissionManifest
         raise InputError(f"{path}: is for {manifest.suite}, not for {asked.suite.name}")
     if asked.archive and manifest.archive and manifest.archive != asked.archive:
         raise InputError(
-            f"{path}: is for archive {manifest.archive}, not for {asked.archive}: those are other "
-            "sequences"
+            f"{path}: is for archive {manifest.archive}, not for {asked.archive}: those are "
+            "different sequences"
         )
     views = _claimed(path, manifest, asked).views()
     _check_files(path, manifest, views)
@@ -276,35 +276,37 @@ def _claimed(path: Path, manifest: SubmissionManifest, asked: Asked) -> Asked:
     # Every pair of a case and a seed is looked up: none twice, no seed that no suite asks for.
     twice = repeated(manifest.cases) or repeated(map(str, manifest.seeds))
     if twice is not None:
-        raise InputError(f"{path}: {quoted(twice)} is listed twice: make it again")
+        raise InputError(f"{path}: {quoted(twice)} is listed twice: create it again")
     parts = [subset.seeds for subset in asked.suite.subsets.values()]
     known = {*asked.seeds, *asked.suite.seeds, *chain.from_iterable(parts)}
     strange = next((seed for seed in manifest.seeds if seed not in known), None)
     for case in manifest.cases:
         if case not in asked.suite.cases:
-            raise InputError(f"{path}: {asked.suite.name} has no case {case!r}: make it again")
+            raise InputError(f"{path}: {asked.suite.name} has no case {case!r}: create it again")
     for what, wanted, there in (
         ("the case", asked.cases, manifest.cases),
         ("the seed", asked.seeds, manifest.seeds),
     ):
         lacking = [str(one) for one in wanted if one not in there]
         if lacking:
-            raise InputError(f"{path}: {what} {', '.join(lacking)} is missing: make it with all")
+            raise InputError(
+                f"{path}: {what} {', '.join(lacking)} is missing: create it with all of them"
+            )
     if strange is not None:
-        raise InputError(f"{path}: {asked.suite.name} has no seed {strange}: make it again")
+        raise InputError(f"{path}: {asked.suite.name} has no seed {strange}: create it again")
     return Asked(asked.suite, manifest.cases, manifest.seeds)
 
 
 def _check_files(path: Path, manifest: SubmissionManifest, views: Mapping[str, TargetView]) -> None:
     for name, view in views.items():
         if name not in manifest.files:
-            raise InputError(f"{path}: {name} is missing: make it again")
+            raise InputError(f"{path}: {name} is missing: create it again")
         size, most = manifest.files[name].bytes, _most_bytes(view)
         if size > most:
-            raise InputError(f"{path}: {name} of {size} bytes, at most {most}: make it again")
+            raise InputError(f"{path}: {name} of {size} bytes, at most {most}: create it again")
     strange = next((name for name in manifest.files if name not in views), None)
     if strange is not None:
-        raise InputError(f"{path}: {quoted(strange)} is no view of the suite: make it again")
+        raise InputError(f"{path}: {quoted(strange)} is no view of the suite: create it again")
 
 
 def _most_bytes(view: TargetView) -> int:
@@ -317,13 +319,13 @@ def _check_arrays(path: Path, file: Path, name: str, view: TargetView) -> None:
         with zipfile.ZipFile(file) as arrays:
             members = arrays.infolist()
     except DAMAGED_NPY as error:
-        raise InputError(f"{path}: {name} is damaged ({error}): make it again") from error
+        raise InputError(f"{path}: {name} is damaged ({error}): create it again") from error
     most = _most_bytes(view)
     names = [member.filename for member in members]
     if not set(names) <= _ARRAYS or len(set(names)) < len(names):
         raise InputError(f"{path}: {name} holds other arrays than depth_m, mask and confidence")
     if sum(member.file_size for member in members) > most:
-        raise InputError(f"{path}: {name} unpacks to more than {most} bytes: make it again")
+        raise InputError(f"{path}: {name} unpacks to more than {most} bytes: create it again")
 
 
 def opened(

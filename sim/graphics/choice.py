@@ -101,9 +101,9 @@ def choose(installed: tuple[str, ...], root: Path = Path("/")) -> Choice:
             return Choice("egl", environment)
     first = tried[0]
     if isinstance(first, Driver):
-        return Choice("egl", note=f"the GPU offers no EGL here, so {first.renderer} draws")
+        return Choice("egl", note=f"the GPU offers no EGL here, so {first.renderer} renders")
     if "osmesa" in installed:
-        return Choice("osmesa", note=f"EGL does not start ({first}), so software draws")
+        return Choice("osmesa", note=f"EGL does not start ({first}), so software renders")
     raise InputError(
         f"EGL does not start ({first}): fix the GPU's driver, or render in software, on Debian: "
         "apt-get install libosmesa6"

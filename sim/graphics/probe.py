@@ -48,7 +48,7 @@ def _draw(gl: Any) -> None:
     gl.glClear(gl.GL_COLOR_BUFFER_BIT)
     seen = gl.glReadPixels(0, 0, _SIZE_PX, _SIZE_PX, gl.GL_RGBA, gl.GL_UNSIGNED_BYTE)
     if bytes(seen) != bytes(_COLOUR) * _SIZE_PX**2:
-        raise RuntimeError("it drew another colour than asked for")
+        raise RuntimeError("it drew the wrong colour")
 
 
 if __name__ == "__main__":

@@ -64,7 +64,9 @@ def run_dynamics(
     mj = import_mujoco()
     step_s, count = model.opt.timestep, int(np.ceil(duration_s / model.opt.timestep - 1e-9)) + 1
     if model.nq == 0 and model.nmocap == 0:
-        raise InputError("the model has no joints, so it has no motion of its own: give another")
+        raise InputError(
+            "the model has no joints, so it has no motion of its own: choose another motion"
+        )
     if step_s < 1e-6 or count > _MOST_STATES:
         raise InputError(
             f"{duration_s:g} s in steps of {step_s:g} s: needs steps of at least 1e-6 s, and at "
@@ -98,7 +100,7 @@ def read_joints(path: Path, model: Any, key: str = "") -> StateTrack:
         )
     t_us = np.rint((table[:, names.index(_TIME)]) * 1e6).astype(np.int64)
     if len(t_us) < 2 or not (np.diff(t_us) > 0).all():
-        raise InputError(f"{path}: {_TIME} must rise, by 1 µs or more, in at least two rows")
+        raise InputError(f"{path}: {_TIME} must increase by 1 µs or more, over at least two rows")
     qpos, mocap = state_of(start)
     states = np.tile(qpos, (len(t_us), 1))
     for column, name in enumerate(names):
@@ -119,7 +121,7 @@ def load_controller(name: str) -> Controller:
         heed_interrupt(error)
         raise InputError(f"controller {name!r}: {error}: give {FUNCTION}") from error
     if not callable(found):
-        raise InputError(f"controller {name!r} is no function: give {FUNCTION}")
+        raise InputError(f"controller {name!r} is not a function: give {FUNCTION}")
     control: Controller = found
     return control
 
@@ -163,7 +165,9 @@ def _place_of(mj: Any, model: Any, name: str, path: Path) -> int:
     joint = model.joint(name)
     kinds = mj.mjtJoint
     if int(joint.type[0]) not in (int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)):
-        raise InputError(f"{path}: joint {name!r} is free or a ball: give hinges and slides")
+        raise InputError(
+            f"{path}: joint {name!r} is a free or ball joint: name hinge and slide joints only"
+        )
     return int(joint.qposadr[0])
 
 

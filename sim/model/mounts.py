@@ -93,7 +93,7 @@ def rig_of_cameras(model: Any, names: tuple[str, ...]) -> Rig:
     mounts = [find_mount(model, f"camera:{name}") for name in names]
     if len({mount.body for mount in mounts}) > 1:
         raise InputError(
-            f"cameras {', '.join(names)} hang on different bodies: choose those of one"
+            f"cameras {', '.join(names)} are on different bodies: choose cameras of one body"
         )
     data = mj.MjData(model)
     mj.mj_kinematics(model, data)

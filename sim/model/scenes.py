@@ -156,7 +156,7 @@ def _noted(path: Path, config: SimConfig) -> SimConfig:
     if said.sha256 not in ("", digest):
         others = [line.partition(" ")[2] for line in said.files if line not in files]
         which = f", {others[0]} is another" if others else ""
-        raise InputError(f"{path}: not the file of sha256 {said.sha256}{which}: restore that one")
+        raise InputError(f"{path}: its SHA-256 is not {said.sha256}{which}: restore that file")
     noted = said.model_copy(update={"sha256": digest, "files": files})
     update: dict[str, object] = {"model": noted}
     replay = config.replay
@@ -190,7 +190,9 @@ class _Drive:
                 f"{DYNAMICS}, a table of joints (.csv), poses in TUM format, {', '.join(STYLES)}"
             )
         if self._config.controller and what != DYNAMICS:
-            raise InputError(f"a controller without --motion {DYNAMICS}: add it, or leave it out")
+            raise InputError(
+                f"a controller needs --motion {DYNAMICS}: add that, or leave the controller out"
+            )
         if what in STYLES and self._recorded is not None:
             raise InputError(f"--motion {what} and a recorded trajectory: give one of the two")
 

@@ -45,7 +45,7 @@ def not_drawn(model: Any) -> str:
     """What a compiled model has that is not drawn, in one line; empty where all is."""
     counts = {"skins": model.nskin, "flexes": model.nflex, "tendons": _spatial_tendons(model)}
     there = [f"{count} {what}" for what, count in counts.items() if count]
-    return f"not drawn are {', '.join(there)}: only geoms have exact depth" if there else ""
+    return f"{', '.join(there)} are not rendered: only geoms have exact depth" if there else ""
 
 
 def _spatial_tendons(model: Any) -> int:
@@ -73,8 +73,8 @@ def survey(
     seen = _looked(scene, rig, config, seed)
     if not seen.depths_m:
         raise InputError(
-            f"no camera of rig {rig.name} sees a surface of {scene.name}: mind where the rig is "
-            "mounted and looks (bodies and sites look along x, z up)"
+            f"no camera of rig {rig.name} sees a surface of {scene.name}: check where the rig is "
+            "mounted and where it points (bodies and sites look along x, z up)"
         )
     _tell(scene, min(seen.depths_m), float(np.mean(seen.edges)), notice)
     known_m = range_of(seen.still_m) or range_of(seen.depths_m)
@@ -139,7 +139,7 @@ def _tell(scene: Scene, near_m: float, edges: float, notice: Callable[[str], Non
         )
     if MUJOCO.why_plain(scene) == MIRRORS:
         notice(
-            f"{scene.name}: a surface mirrors, which takes plain frames close together: set the "
+            f"{scene.name}: a surface is reflective, which needs closely spaced frames: set the "
             "reflectance of its material to 0 for a simulation several times as fast"
         )
 

@@ -192,8 +192,8 @@ class CurveMotion:
     def _check(self, first_s: float, last_s: float) -> None:
         if not (first_s >= -1e-9 and last_s <= self.duration_s + 1e-9):
             raise InputError(
-                f"asked for the pose between {first_s} and {last_s} s, but the motion spans 0 to "
-                f"{self.duration_s} s: ask within, or make the motion longer"
+                f"pose requested between {first_s} and {last_s} s, but the motion spans 0 to "
+                f"{self.duration_s} s: stay within, or make the motion longer"
             )
 
 

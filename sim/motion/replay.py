@@ -87,7 +87,7 @@ class Replay:
         if not 0 < length_s <= t_s[-1] - self.start_s + 1e-9:
             wanted = "anything" if self.duration_s is None else f"{self.duration_s:g} s"
             raise InputError(
-                f"asked for {wanted} from {self.start_s:g} s on, but the trajectory lasts "
+                f"{wanted} requested from {self.start_s:g} s on, but the trajectory lasts "
                 f"{t_s[-1]:.3f} s: start earlier or replay less"
             )
         margin_s = _MEMORY_PERIODS / min(self.position_hz, self.rotation_hz)
@@ -123,7 +123,7 @@ class Replay:
             pose = getattr(self, name)
             if pose is not None and not se3.is_rigid(np.asarray(pose)):
                 raise InputError(
-                    f"{name} is not a rigid (4, 4) motion: give a rotation and a shift"
+                    f"{name} is not a rigid (4, 4) transform: give a rotation and a translation"
                 )
 
     def _check_steps(self, recorded: Trajectory, t_s: Array, near: slice) -> None:
@@ -174,7 +174,7 @@ def hand_eye(T_imu_marker: Array, T_imu_cam: Array) -> Array:
     """
     for name, pose in (("T_imu_marker", T_imu_marker), ("T_imu_cam", T_imu_cam)):
         if not se3.is_rigid(np.asarray(pose)):
-            raise InputError(f"{name} is not a rigid (4, 4) motion: check the calibration")
+            raise InputError(f"{name} is not a rigid (4, 4) transform: check the calibration")
     T_marker_cam: Array = se3.inverse(T_imu_marker) @ T_imu_cam
     return T_marker_cam
 

@@ -142,8 +142,8 @@ class CheckpointFolder:
         if self._resume and job.exists():
             if _json(job) != wanted:
                 raise InputError(
-                    f"{self.path} holds unfinished work of other parameters, scene or versions: "
-                    "finish it with those, or set resume=False to discard it"
+                    f"{self.path} holds unfinished work with other parameters, scene or "
+                    "versions: finish it with those, or set resume=False to discard it"
                 )
             self._find_checkpoints()
             return
@@ -164,7 +164,7 @@ class CheckpointFolder:
         for path in paths:
             checkpoint = read_checkpoint(path)
             if checkpoint is None or checkpoint.first_chunk != self.next_chunk:
-                self._notice(f"{path} is damaged: what follows from it is made again")
+                self._notice(f"{path} is damaged: everything after it is simulated again")
                 break
             self.finished.append(checkpoint)
         while self.finished and not self.finished[-1].has_state:
@@ -182,14 +182,14 @@ def checkpoint_path(out: Path) -> Path:
 def _refuse_foreign(path: Path) -> None:
     """Refuses a link in the place of the work folder, and a folder with anything else in it."""
     if path.is_symlink() or (path.exists() and not path.is_dir()):
-        raise InputError(f"{path}: unfinished work is kept there, but it is no folder: remove it")
+        raise InputError(f"{path}: is not a folder, but unfinished work is kept there: remove it")
     names = (file.relative_to(path).as_posix() for file in path.rglob("*"))
     foreign = sorted(
         name for name in names if not _OURS.fullmatch(name) or (path / name).is_symlink()
     )
     if foreign:
         raise InputError(
-            f"{path}: is for unfinished work, but holds {named(foreign)}: move it away"
+            f"{path}: is for unfinished work, but contains {named(foreign)}: move it away"
         )
 
 

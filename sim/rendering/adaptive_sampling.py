@@ -151,9 +151,9 @@ def _advance(
             step_us = max(shortest_us, step_us // 2)
             moved_px = forward_px(step_us)
     raise InputError(
-        f"pixels move {moved_px:.2f} px in {step_us} µs at t = {now.t_us} µs, allowed are "
-        f"{limit_px}: slow the motion, move surfaces away, lower min_frame_interval_us or "
-        "raise max_displacement_px"
+        f"pixels move {moved_px:.2f} px in {step_us} µs at t = {now.t_us} µs, the limit is "
+        f"{limit_px}: slow the motion, move surfaces away, lower min_frame_interval_us or raise "
+        "max_displacement_px"
     )
 
 

@@ -47,8 +47,8 @@ class GLObjects:
         longest_px = int(gl.glGetIntegerv(gl.GL_MAX_TEXTURE_SIZE))
         if max(width_px, height_px) > longest_px:
             raise InputError(
-                f"a picture of {width_px}x{height_px} samples is needed, this graphics library "
-                f"has {longest_px} along a side: lower supersample"
+                f"an image of {width_px}x{height_px} samples is needed, but this graphics "
+                f"library allows {longest_px} per side: lower supersample"
             )
         number = int(gl.glGenTextures(1))
         self._made.callback(gl.glDeleteTextures, [number])

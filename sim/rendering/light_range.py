@@ -13,8 +13,8 @@ from eventsweep.sim.rendering.base import Frame, Renderer
 FEW = 0.05
 """Share of pixels that may be darker or brighter than 8 bits can tell."""
 IN_FLOATS = (
-    "{name}: {percent:.0f} % of the view is too dark or too bright for 8 bits, "
-    "so light is drawn in floats"
+    "{name}: {percent:.0f} % of the view is too dark or too bright for 8 bits, so light is "
+    "rendered in floating point"
 )
 """What is said then."""
 # A step of 8 bits, in log intensity, as a share of the contrast threshold.

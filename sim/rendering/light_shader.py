@@ -108,8 +108,8 @@ class NoShader(InputError):
 
     def __init__(self, reason: str) -> None:
         super().__init__(
-            f"this graphics library cannot work light out in a shader ({reason}): let the CPU do "
-            "it, by StereoRenderer's argument shader=False"
+            f"this graphics library cannot compute light in a shader ({reason}): use the CPU "
+            "with StereoRenderer(..., shader=False)"
         )
         self.reason = reason
 

@@ -168,7 +168,7 @@ def time_before(before_us: int | None, t_us: int) -> int:
     check_whole("t_us", t_us)
     if t_us <= before_us:
         raise InputError(
-            f"frame at {t_us} µs after one at {before_us} µs: times must rise by at least 1 µs"
+            f"frame at {t_us} µs after one at {before_us} µs: times must increase by at least 1 µs"
         )
     return before_us
 

@@ -49,7 +49,9 @@ def imu_samples(
     if T_body_imu is None:
         T_body_imu = se3.from_quat_xyzw(config.position_m, config.quat_xyzw)
     if not se3.is_rigid(T_body_imu):
-        raise InputError("T_body_imu is not a rigid (4, 4) motion: give a rotation and a shift")
+        raise InputError(
+            "T_body_imu is not a rigid (4, 4) transform: give a rotation and a translation"
+        )
     body = curve_of(motion, duration_s)
     count = int(np.floor(duration_s * config.rate_hz + 1e-9)) + 1
     t_us = np.rint(np.arange(count) / config.rate_hz * 1e6).astype(np.int64)

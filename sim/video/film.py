@@ -86,7 +86,7 @@ class Film:
             low, high = float(light.min()), float(light.max())
             if not (low >= 0 and np.isfinite(high)):
                 raise InputError(
-                    f"{self.frames.path}: {frame.name} stands for light from {low:g} to {high:g} "
+                    f"{self.frames.path}: {frame.name} decodes to light from {low:g} to {high:g} "
                     f"({self.light.said}); needs finite values of at least 0"
                 )
             yield frame, light

@@ -75,7 +75,7 @@ def open_frames(path: Path, video: VideoConfig) -> Frames:
     if path.is_dir():
         return _folder(path, video)
     if path.suffix.lower() in READERS:
-        raise InputError(f"{path}: is one image; events need several, name their folder")
+        raise InputError(f"{path}: is a single image; events need several, give their folder")
     if video.stamps is not None or video.unit is not None:
         raise InputError(f"{path}: stamps and unit are for images; for a video set rate_hz")
     return VideoFile(path, video)
@@ -102,7 +102,7 @@ def _check_follows(before: Frame, frame: Frame, where: Path) -> None:
     if frame.t_us <= before.t_us:
         raise InputError(
             f"{where}: {frame.name} is at {frame.t_us} µs and {before.name} at {before.t_us} µs: "
-            "times must rise by at least 1 µs; sort them, or set rate_hz"
+            "times must increase by at least 1 µs; sort them, or set rate_hz"
         )
     seen, now = before.image, frame.image
     if (seen.shape, seen.dtype) != (now.shape, now.dtype):
@@ -147,7 +147,8 @@ class ImageFolder:
 def _folder(path: Path, video: VideoConfig) -> ImageFolder:
     if video.slow_motion != 1:
         raise InputError(
-            f"{path}: slow_motion is for video files; images have times, or set rate_hz"
+            f"{path}: slow_motion is for video files; images have times of their own, or set "
+            "rate_hz"
         )
     listed = video.stamps or next(
         (path / name for name in STAMP_FILES if (path / name).exists()), None
@@ -208,7 +209,7 @@ def _by_stamps(path: Path, images: list[Path], listed: Path, stamps: Stamps) -> 
     files = tuple(_named(listed, name) for name in stamps.names)
     _check_several(path, files)
     left_out = len({*images} - {*files})
-    notes = [f"{path}: {left_out} images that {listed.name} does not name, left out"] * (
+    notes = [f"{path}: {left_out} images left out, which {listed.name} does not name"] * (
         left_out > 0
     )
     return ImageFolder(path, files, stamps.t_us, base, notes)
@@ -223,7 +224,7 @@ def _named(listed: Path, name: str) -> Path:
             if (place / name).is_file():
                 return place / name
     kinds = ", ".join(READERS)
-    raise InputError(f"{listed}: {quoted(name)} is no image of this folder; needs {kinds}")
+    raise InputError(f"{listed}: {quoted(name)} is not an image in this folder; needs {kinds}")
 
 
 def _check_one_kind(path: Path, images: list[Path]) -> None:
@@ -254,9 +255,9 @@ class VideoFile:
     def __init__(self, path: Path, video: VideoConfig) -> None:
         check_file(path)
         if _starts(path, _PLAYLIST):
-            raise InputError(f"{path}: is no video, but a playlist that names others: give one")
+            raise InputError(f"{path}: is a playlist, not a video: give one of its videos")
         if video.rate_hz is None and _starts(path, _BARE):
-            raise InputError(f"{path}: a video stream without time base; set rate_hz")
+            raise InputError(f"{path}: no time base in its video stream; set rate_hz")
         self.path, self._video = path, video
         capture = self._opened()
         self._declared = int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT)))
@@ -297,15 +298,15 @@ class VideoFile:
         if not self._read or lost <= 0:
             return []
         return [
-            f"{self.path}: {self._read} frames came of {self._declared} that it declares; its end "
-            "may be missing"
+            f"{self.path}: {self._read} of {self._declared} declared frames could be read; its "
+            "end may be missing"
         ]
 
     def _opened(self) -> cv2.VideoCapture:
         with quiet_opencv(), _local_files_only():
             capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
         if not capture.isOpened():
-            raise InputError(f"{self.path}: is no video that can be opened; {_CURE}")
+            raise InputError(f"{self.path}: cannot be opened as a video; {_CURE}")
         return capture
 
 

@@ -60,7 +60,7 @@ def _jpeg(path: Path) -> Image:
     except InputError:
         raise
     except Exception as error:  # Pillow ends in many kinds of exception on damaged files
-        raise InputError(f"{path}: not a complete JPEG ({said(error)}); make it again") from error
+        raise InputError(f"{path}: not a complete JPEG ({said(error)}); export it again") from error
 
 
 def _tiff(path: Path) -> NDArray[Any]:
@@ -73,9 +73,11 @@ def _decoded(path: Path, data: bytes) -> NDArray[Any]:
         with quiet_opencv():
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise InputError(f"{path}: not a complete image ({said(error)}); make it again") from error
+        raise InputError(
+            f"{path}: not a complete image ({said(error)}); export it again"
+        ) from error
     if image is None:
-        raise InputError(f"{path}: not a complete {path.suffix[1:].upper()} image; make it again")
+        raise InputError(f"{path}: not a complete {path.suffix[1:].upper()} image; export it again")
     if image.ndim == 3 and image.shape[2] >= 3:
         image = image[..., [2, 1, 0, *range(3, image.shape[2])]]
     return np.asarray(image)
@@ -101,7 +103,7 @@ def _npy(path: Path) -> NDArray[Any]:
     except InputError:
         raise
     except _DAMAGED as error:
-        raise InputError(f"{path}: not a complete npy ({said(error)}); make it again") from error
+        raise InputError(f"{path}: not a complete npy ({said(error)}); export it again") from error
 
 
 def _exr(path: Path) -> Image:
@@ -135,6 +137,6 @@ def _checked(path: Path, image: NDArray[Any]) -> Image:
         raise InputError(f"{path}: values of {image.dtype}; needs 8 or 16 bits, or float32")
     if image.ndim == 3 and image.shape[2] == 4:
         if (image[..., 3] != _OPAQUE[image.dtype]).any():
-            raise InputError(f"{path}: has transparent pixels; put it onto a background first")
+            raise InputError(f"{path}: has transparent pixels; flatten it onto a background first")
         image = image[..., :3]
     return image[..., 0] if image.ndim == 3 and image.shape[2] == 1 else image

@@ -36,8 +36,8 @@ class Light:
         self.encoding: Encoding = video.encoding or ("srgb" if whole else "linear")
         if self.encoding == "log" and whole:
             raise InputError(
-                f"encoding log of {kind} images: whole numbers are no logarithms; needs float "
-                "images that hold ln of intensity"
+                f"encoding log of {kind} images: integers cannot hold logarithms; needs float "
+                "images with ln of intensity"
             )
         gamma = video.gamma or _DEFAULT_GAMMA
         decoders: dict[Encoding, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {

@@ -47,8 +47,8 @@ class View:
     def __post_init__(self) -> None:
         if self.calibration is None and (self.poses or self.camera) is not None:
             raise InputError(
-                "poses and camera without calibration: a map needs both the lens and its way; "
-                "give the calibration as well"
+                "poses and camera are given, but no calibration: a map needs both; give the "
+                "calibration as well"
             )
 
 
@@ -127,7 +127,7 @@ def record(
     view = view or View()
     kind = format_of(out, to)
     if kind != SEQUENCE and view.calibration is not None:
-        raise InputError(f"{out}: a file of events holds no calibration or poses; leave them out")
+        raise InputError(f"{out}: an event file cannot hold calibration or poses; leave them out")
     inputs = tuple(p for p in (source, view.calibration, view.poses, video.stamps) if p is not None)
     check_output(out, force=force, inputs=inputs, folder=kind == SEQUENCE)
     film = Film(open_frames(source, video), pixels, video, seed)
@@ -211,8 +211,8 @@ def _rig(view: View, film: Film) -> Rig:
     name = view.camera or (names[0] if len(rig) == 1 else None)
     if name not in names:
         raise InputError(
-            f"{view.calibration}: cameras {', '.join(names)}; say which of them took the video "
-            "(camera)"
+            f"{view.calibration}: cameras {', '.join(names)}; set camera to the one that took "
+            "the video"
         )
     seen = rig.cameras[names.index(name)]
     if (seen.width_px, seen.height_px) != size_px:
@@ -231,7 +231,7 @@ def _pose_notes(view: View, poses: Trajectory | None, span_us: tuple[int, int]) 
     if both_us <= 0:
         raise InputError(
             f"{view.poses}: poses from {first_us} to {last_us} µs, frames from {span_us[0]} to "
-            f"{span_us[1]} µs: needs both on one clock"
+            f"{span_us[1]} µs: put both on one clock"
         )
     share = both_us / (span_us[1] - span_us[0])
     return [f"{view.poses}: poses cover {share:.1%} of the frames' time"] * (share < 1)
@@ -243,7 +243,7 @@ def _pace_note(film: Film) -> list[str]:
         return []
     return [
         f"{film.frames.path}: without every second frame {pace.lost_at_half_rate:.0%} of the "
-        f"events would be missing, more than {TOO_FAST:.0%}: images move too far from frame to "
-        "frame, and a camera would have seen more in between; film faster, or put frames in "
-        "between (upsample)"
+        f"events would be missing, more than {TOO_FAST:.0%}: the image moves too far between "
+        "frames, and an event camera would have seen more; film at a higher rate, or "
+        "interpolate frames (upsample)"
     ]

@@ -71,8 +71,8 @@ def _between(before: Frame, after: Frame, upsample: Upsampler, name: str) -> Ite
         t_us, image = _checked(pair, after, where)
         if not last_us < t_us < after.t_us:
             raise InputError(
-                f"{where}: a frame at {t_us} µs; needs rising times between {before.t_us} and "
-                f"{after.t_us} µs"
+                f"{where}: a frame at {t_us} µs; needs increasing times between {before.t_us} "
+                f"and {after.t_us} µs"
             )
         last_us = t_us
         yield Frame(t_us, image, f"the frame at {t_us} µs of {name}")

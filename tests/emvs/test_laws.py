@@ -140,5 +140,5 @@ def test_nearest_votes_find_the_plane_too():
 
 
 def test_the_compatibility_setting_votes_as_the_authors_do():
-    with pytest.raises(ValueError, match="voting nearest: needs bilinear"):
+    with pytest.raises(ValueError, match="voting nearest is not supported: set voting bilinear"):
         MapperConfig(compatibility="mcemvs", voting="nearest")

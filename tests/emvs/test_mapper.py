@@ -262,7 +262,7 @@ def test_a_camera_that_looks_away_is_refused_and_one_that_looks_elsewhere_is_not
     away = np.diag([-1.0, 1, -1, 1])
     rig = Rig("away", recording.rig.cameras * 2, (np.eye(4), away))
     both = replace(recording, rig=rig, streams=recording.streams * 2)
-    with pytest.raises(InputError, match="none that can vote"):
+    with pytest.raises(InputError, match="none of which can vote"):
         map_window(both, CONFIG)
 
 

@@ -517,8 +517,11 @@ def test_functions_cannot_change_the_votes():
     ("values", "words"),
     [
         ({"reference": "end", "reference_s": 0.1}, "leave one of them out"),
-        ({"compatibility": "mcemvs", "spacing": "linear"}, "only inverse and both"),
-        ({"compatibility": "mcemvs", "polarity": "separate"}, "only inverse and both"),
+        ({"compatibility": "mcemvs", "spacing": "linear"}, "set spacing inverse and polarity both"),
+        (
+            {"compatibility": "mcemvs", "polarity": "separate"},
+            "set spacing inverse and polarity both",
+        ),
         ({"reference_shift": 1.5}, "reference_shift"),
         ({"spacing": "log"}, "spacing"),
     ],

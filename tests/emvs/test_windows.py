@@ -74,7 +74,7 @@ def test_windows_by_count_hold_that_many_events(length, stride):
     world = distinct_times()
     config = with_(window_s=None, stride_s=None, window_events=length, stride_events=stride)
     if length > len(world.streams[0]):
-        with pytest.raises(InputError, match="choose fewer"):
+        with pytest.raises(InputError, match="choose a smaller one"):
             plan_windows(world, config)
         return
     plan = plan_windows(world, config)
@@ -147,7 +147,7 @@ def test_impossible_windows_are_refused_in_one_line(values, words):
         ({"window_events": 100}, "leave one of them out"),
         ({"window_s": None, "stride_s": 0.1}, "stride_s without window_s"),
         ({"stride_events": 100}, "stride_events without window_events"),
-        ({"reference_s": 0.1}, "reference_s with sliding windows"),
+        ({"reference_s": 0.1}, "reference_s is for a single window"),
     ],
 )
 def test_contradicting_settings_are_refused(values, words):
@@ -330,7 +330,7 @@ def test_a_run_goes_on_past_windows_with_too_few_events(tmp_path):
     for window in info.skipped:
         assert (window.t0_us, window.t1_us) >= (100_000, 200_000)
         assert "cam1" in window.reason
-        assert "none that can vote" in window.reason
+        assert "none of which can vote" in window.reason
         assert "\n" not in window.reason
         assert not (tmp_path / "map" / window.name).exists()
     # A window that is not touched is the same as ever.

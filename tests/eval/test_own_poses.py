@@ -97,7 +97,7 @@ def test_a_window_without_poses_is_an_empty_map_and_one_with_some_uses_those(map
     )
 
 
-@pytest.mark.parametrize("reason", ["found no place to begin from", None])
+@pytest.mark.parametrize("reason", ["tracking could not start", None])
 def test_no_poses_are_a_score_of_nothing_covered(mapped, tmp_path, reason):
     """Also where there are too few of them."""
     recording, stored, *_ = mapped
@@ -124,7 +124,7 @@ def perfect(recording, *_arguments, **_settings):
 
 
 def no_place(*_arguments, **_settings):
-    raise InputError("found no place to begin from: too dark")
+    raise InputError("tracking could not start: too dark")
 
 
 def values_of(rows, method, window="all"):
@@ -177,14 +177,14 @@ def test_a_tracker_that_finds_nothing_ends_no_run_and_is_counted(tmp_path):
     assert values_of(rows, "Alg1/H track")["points"] == 0
     assert values_of(rows, "Alg1/H")["points"] > 0
     note = results.configuration["planes"]["track"]["notes"]
-    assert note == ["found no place to begin from: too dark"]
+    assert note == ["tracking could not start: too dark"]
 
 
 def test_a_mapper_called_track_would_be_mistaken_for_poses(tmp_path, capsys):
     text = suite_text(case("wall", track=True, mappers=["track"]), mappers={"track": {}})
     (tmp_path / "s.toml").write_text(text)
     assert main(["suite", str(tmp_path / "s.toml"), "--out", str(tmp_path / "o")]) == 2
-    assert "call none 'track'" in capsys.readouterr().err
+    assert "no mapper may be called 'track'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("tracker", [pytest.param(perfect, marks=pytest.mark.slow), no_place])

@@ -122,7 +122,7 @@ def test_light_at_the_first_call_decides_how_it_is_drawn(path, tmp_path, brightn
         ridden_events = list(ridden(spec.compile(), camera, steps=2))
     assert len(ridden_events) == 2
     assert ("in float" in Sequence.open(record).manifest.renderer) is floats
-    assert any("drawn in floats" in line for line in said) is floats
+    assert any("rendered in floating point" in line for line in said) is floats
 
 
 def test_a_call_that_does_not_go_on_is_refused(model):

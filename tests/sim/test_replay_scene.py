@@ -138,7 +138,7 @@ def test_the_hash_is_checked_where_it_is_given(scene, tum):
     again = replayed(scene, noted)[1]
     assert again == noted
     other = noted.replay.model_copy(update={"sha256": "0" * 64})
-    with pytest.raises(InputError, match="sha256 000"):
+    with pytest.raises(InputError, match="SHA-256 is not 000"):
         replayed(scene, noted.model_copy(update={"replay": other}))
 
 
@@ -175,7 +175,7 @@ def test_hand_eye_files(folder, scene, tum):
     ("text", "message"),
     [
         ("{}", "T_body_cam"),
-        ("[", "not usable JSON"),
+        ("[", "not valid JSON"),
         ('{"T_body_cam": [[1, 2], [3]]}', "T_body_cam"),
         (json.dumps({"T_body_cam": (2 * np.eye(4)).tolist()}), "rigid"),
         ('{"value0": {"T_imu_marker": {"px": 0}}}', "T_imu_marker"),

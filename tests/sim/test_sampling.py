@@ -48,7 +48,7 @@ def test_rows_of_samples_can_lie_beside_one_another_unless_they_are_the_fewest(f
     assert eight_bits % 2 == 0 or eight_bits == 3
     assert floats >= eight_bits
     assert eight_bits >= min(1300 / focal_px, 8)
-    plain = with_sampling(SimConfig(), one, "a surface mirrors")
+    plain = with_sampling(SimConfig(), one, "a surface is reflective")
     assert (plain.sampling, plain.supersample) == ("linear", eight_bits)
 
 
@@ -73,7 +73,7 @@ def test_a_scene_with_a_lamp_on_the_head_is_simulated_with_plain_frames_and_says
     scene = replace(made.noise_scene(tmp_path), edit=lit_by_the_head)
     config, heard = SimConfig(duration_s=0.01, max_displacement_px=4.0), []
     simulate(scene, made.tiny_rig(), config, 0, tmp_path / "asked", notice=heard.append)
-    assert heard == ["plain frames half a pixel apart: there is a lamp on the head"]
+    assert heard == ["rendering plain frames half a pixel apart: there is a lamp on the head"]
     samples = with_sampling(SimConfig(), made.tiny_rig()).supersample
     linear = SimConfig(duration_s=0.01, sampling="linear", supersample=samples)
     simulate(scene, made.tiny_rig(), linear, 0, tmp_path / "linear", notice=heard.append)

@@ -39,8 +39,8 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike) -> Any:
     except device.CUDA_ERRORS as error:
         size = np.prod(shape, dtype=float) * np.dtype(dtype).itemsize / 1e9
         raise InputError(
-            f"the GPU does not have {size:.3g} GB more ({' '.join(str(error).split())}): choose "
-            "a shorter window, fewer methods or sub-intervals, or device cpu"
+            f"the GPU has no {size:.3g} GB left ({' '.join(str(error).split())}): choose a "
+            "shorter window, fewer methods or sub-intervals, or device cpu"
         ) from error
 
 

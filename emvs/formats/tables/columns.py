@@ -28,7 +28,7 @@ TIMES: Mapping[str, float | None] = {
 }
 POLARITIES = ("p", "pol", "polarity", "on")
 ORDERS = ("txyp", "xytp")
-CURE = "state `columns` (x=..., y=..., t=..., p=...) and `time_unit` (s, ms, us, ns)"
+CURE = "set `columns` (x=..., y=..., t=..., p=...) and `time_unit` (s, ms, us, ns)"
 _ADDRESS = re.compile(r"(?P<name>[^\[\]]*)(?:\[(?P<key>[^\[\]]+)\])?")
 
 
@@ -57,13 +57,13 @@ class ColumnMap:
     def __post_init__(self) -> None:
         missing = [name for name, address in self.addresses.items() if not address]
         if missing and len(missing) < 4:
-            raise InputError(f"columns: {', '.join(missing)} not stated; needs x, y, t and p")
+            raise InputError(f"columns: {', '.join(missing)} missing; needs x, y, t and p")
         if self.time_unit not in UNITS_S and (self.time_unit or not missing):
             raise InputError(
                 f"time_unit {self.time_unit!r}: columns need one of {', '.join(UNITS_S)}"
             )
         if not any(astuple(self)):
-            raise InputError(f"columns: nothing stated; {CURE}")
+            raise InputError(f"columns: none given; {CURE}")
         for address in self.addresses.values():
             address_of(address)
 
@@ -123,7 +123,7 @@ def order_of(where: str, columns: Sequence[NDArray[Any]]) -> str:
         both = (
             "either t, x, y, p or x, y, t, p" if possible else "neither t, x, y, p nor x, y, t, p"
         )
-        raise InputError(f"{where}: four columns without names, {both} by their values; {CURE}")
+        raise InputError(f"{where}: four unnamed columns, whose values fit {both}; {CURE}")
     return possible[0]
 
 
@@ -141,5 +141,5 @@ def nameless_unit_s(where: str, t: NDArray[Any]) -> float:
     if t.dtype.kind != "f":
         return 1e-6
     if (t == np.floor(t)).all():
-        raise InputError(f"{where}: times of type {t.dtype} without fractions; state `time_unit`")
+        raise InputError(f"{where}: times of type {t.dtype} without fractions; set `time_unit`")
     return 1.0

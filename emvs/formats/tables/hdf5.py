@@ -130,8 +130,8 @@ class Hdf5Reader(BlockReader):
         row = int(index[ms])
         if not 0 <= row <= count:
             raise InputError(
-                f"{self.path}, data set {name}, entry {ms}: row {row} of {count}; the index is "
-                "damaged, make it again"
+                f"{self.path}, data set {name}, entry {ms}: points to row {row} of {count}; the "
+                "index is damaged, rebuild it"
             )
         return row
 

@@ -44,7 +44,7 @@ def opened_hdf5(path: Path) -> Iterator[h5py.File]:
     except InputError as error:
         raise InputError(said(error, 1000)) from error
     except (ValueError, ArithmeticError, MemoryError) as error:
-        raise InputError(f"{path}: damaged ({said(error)}); fetch it again") from error
+        raise InputError(f"{path}: damaged ({said(error)}); download it again") from error
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,9 @@ def hdf5_layout(path: Path, columns: ColumnMap | None = None) -> Hdf5Layout:
             return _stated(path, file, columns)
         layout = _known(path, file, columns.unit_s if columns is not None else None)
     if columns is not None and layout.format not in ("e2calib", "v2e", "hdf5"):
-        raise InputError(f"{path}: is {layout.format}, which says its unit; leave `time_unit` out")
+        raise InputError(
+            f"{path}: is {layout.format}, which defines its time unit; leave `time_unit` out"
+        )
     return layout
 
 
@@ -115,7 +117,7 @@ def _known(path: Path, file: h5py.File, unit_s: float | None) -> Hdf5Layout:
         raise InputError(f"{path}: lacks {missing}; needs all of {', '.join(_EVENTS.values())}")
     if all(isinstance(file.get(name), h5py.Dataset) for name in "xytp"):
         if file["t"].dtype.kind not in "iu" and unit_s is None:
-            raise InputError(f"{path}: t of type {file['t'].dtype}; state `time_unit`")
+            raise InputError(f"{path}: t of type {file['t'].dtype}; set `time_unit`")
         return _in_columns("e2calib", {name: name for name in "xytp"}, unit_s or 1e-6)
     raise InputError(
         f"{path}: holds {quoted(*sorted(file)) or 'nothing'}; needs events/x, y, t, p (DSEC, "
@@ -143,7 +145,7 @@ def _in_groups(path: Path, file: h5py.File) -> Hdf5Layout:
     streams = {name: tuple(f"{name}/{column}" for column in "xytp") for name in there}
     missing = [name for names in streams.values() for name in names if name not in file]
     if missing:
-        raise InputError(f"{path}: lacks {', '.join(missing)}; fetch it again")
+        raise InputError(f"{path}: lacks {', '.join(missing)}; download it again")
     plain = _in_columns("m3ed", {name: name for name in "xytp"}, 1e-6)
 
     def events(file: h5py.File, where: str, stream: str, *rows: Any) -> Events:
@@ -202,9 +204,11 @@ def check_columns(
     counts = {name: check_dataset(path, file[name]) for name in names}
     for name in names:
         if file[name].ndim != (2 if name in matrices else axes):
-            raise InputError(f"{path}, data set {name}: shape {file[name].shape}; of no known kind")
+            raise InputError(
+                f"{path}, data set {name}: shape {file[name].shape}, which is not supported"
+            )
     if len(set(counts.values())) != 1:
-        raise InputError(f"{path}: data sets of lengths {counts}; needs one length")
+        raise InputError(f"{path}: data sets of different lengths {counts}; needs equal lengths")
     return next(iter(counts.values()))
 
 
@@ -285,7 +289,8 @@ def _matrix(file: h5py.File, where: str, stream: str, start: int, stop: int) -> 
     if bad >= 0:
         raise InputError(
             f"{where}: row {start + bad} is {rows[bad].tolist()}; needs whole pixels 0 to 65535, "
-            "seconds >= 0, polarity 1 or -1: the file is damaged or its columns mean something else"
+            "seconds >= 0, polarity 1 or -1: the file is damaged, or its columns are assigned "
+            "wrongly"
         )
     return events
 

@@ -54,7 +54,7 @@ class MatReader(NpzReader):
                 break
             with self._element(at) as (element, end):
                 if end > size:
-                    raise ValueError(f"an element of {end - at} bytes, {size - at} are there")
+                    raise ValueError(f"an element of {end - at} bytes, {size - at} are present")
                 array = self._array(element)
             if array is not None:
                 found[array.name], self._elements[array.name] = array, at
@@ -100,7 +100,7 @@ class MatReader(NpzReader):
             raise
         except (struct.error, ValueError, zlib.error, OSError) as error:
             raise InputError(
-                f"{self.path}: not a whole MATLAB file ({said(error)}); save it again"
+                f"{self.path}: not a complete MATLAB file ({said(error)}); save it again"
             ) from error
 
     @contextmanager

@@ -130,7 +130,9 @@ class NpzReader(BlockReader):
                 self._runs.append(run)
             self._of[name] = self._runs.index(run), field
         if len(set(counts.values())) != 1:
-            raise InputError(f"{self.path}: columns of lengths {counts}; needs one length")
+            raise InputError(
+                f"{self.path}: columns of different lengths {counts}; needs equal lengths"
+            )
         self._count = next(iter(counts.values()))
         self._unit_s = unit_s if columns is None or columns.unit_s is None else columns.unit_s
         if addresses["p"].endswith("[3]") and not (columns and columns.x):
@@ -194,7 +196,7 @@ class NpzReader(BlockReader):
             if len(data) != size:
                 raise InputError(
                     f"{_where(self.path, run.name)}: ends before row {stop} of {self._count}; "
-                    "the file is damaged, fetch it again"
+                    "the file is damaged, download it again"
                 )
             rows.append(np.frombuffer(data, run.row))
         picked = {name: (rows[k], field) for name, (k, field) in self._of.items()}
@@ -218,7 +220,7 @@ def member(path: Path, name: str, most_bytes: int) -> tuple[Array, bytes]:
     """
     with _archive(path) as archive:
         if f"{name}.npy" not in archive.namelist():
-            raise InputError(f"{path}: lacks the array {quoted(name)}; fetch it again")
+            raise InputError(f"{path}: lacks the array {quoted(name)}; download it again")
         info = archive.getinfo(f"{name}.npy")
         if info.file_size > most_bytes:
             raise InputError(
@@ -293,7 +295,7 @@ def _run_of(path: Path, arrays: Mapping[str, Array], address: str) -> tuple[Arra
     if name not in arrays and not key and "" in arrays:
         name, key = "", address  # the columns of an npy file
     if name not in arrays:
-        raise InputError(f"{path}: no column {quoted(name)}; there are {quoted(*sorted(arrays))}")
+        raise InputError(f"{path}: no column {quoted(name)}; choose from {quoted(*sorted(arrays))}")
     array, where = arrays[name], _where(path, name)
     fields = array.kind.names
     if array.kind.hasobject:
@@ -353,11 +355,13 @@ def check_size(path: Path, array: Array, size: int) -> None:
     needed = int(np.prod([1, *array.shape], dtype=object)) * array.kind.itemsize
     if size != needed or min(array.shape, default=0) < 0:
         raise InputError(
-            f"{where}: shape {shown(array.shape)} of {array.kind.itemsize} "
-            f"bytes declared, {size} bytes there; the file is damaged, fetch it again"
+            f"{where}: shape {shown(array.shape)} of {array.kind.itemsize} bytes declared, "
+            f"{size} bytes present; the file is damaged, download it again"
         )
     if array.kind.itemsize > _MOST_ROW:
-        raise InputError(f"{where}: rows of {array.kind.itemsize} bytes")
+        raise InputError(
+            f"{where}: rows of {array.kind.itemsize} bytes, at most {_MOST_ROW} are read"
+        )
 
 
 def _content_at(path: Path, header_at: int) -> int:
@@ -377,7 +381,7 @@ def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
         raise
     except Exception as error:  # of zipfile, of four decompressors, and of damaged names
         raise InputError(
-            f"{path}: not a complete npz archive ({said(error)}); make it again"
+            f"{path}: not a complete npz archive ({said(error)}); save it again"
         ) from error
 
 
@@ -401,7 +405,7 @@ def _header(
             return read(io.BytesIO(size + member.read(length)))
     except _FAULTS as error:
         raise InputError(
-            f"{_where(path, name)}: no npy header ({said(error)}); make the file again"
+            f"{_where(path, name)}: no npy header ({said(error)}); save the file again"
         ) from error
 
 

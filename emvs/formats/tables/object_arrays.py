@@ -51,8 +51,8 @@ def object_values(data: bytes, where: str) -> Any:
         raise InputError(f"{where}: {error}") from error
     except _FAULTS as error:
         raise InputError(
-            f"{where}: cannot be read as Python's plain values ({said(error)}); damaged, fetch it "
-            "again"
+            f"{where}: cannot be read as Python's plain values ({said(error)}); damaged, "
+            "download it again"
         ) from error
 
 
@@ -122,7 +122,7 @@ class _Machine:
         size = self._one(length)
         part = self._data[self._at : self._at + size]
         if size < 0 or len(part) != size:
-            raise ValueError(f"{size} bytes declared, {len(part)} are there")
+            raise ValueError(f"{size} bytes declared, {len(part)} present")
         self._at += size
         return part
 
@@ -191,7 +191,7 @@ class _Machine:
         full = f"{module} {name}"
         if full not in _NAMES:
             raise InputError(
-                f"needs plain values, but names {quoted(full)}: do not trust this file"
+                f"loads plain values only, but the file refers to {quoted(full)}: do not trust it"
             )
         return _Named(full)
 

@@ -47,8 +47,8 @@ class ParquetReader(BlockReader):
             self._check(schema, name)
         if sum(self._groups) != self._rows:
             raise InputError(
-                f"{self.path}: {self._rows} rows declared, {sum(self._groups)} in its groups; the "
-                "file is damaged, fetch it again"
+                f"{self.path}: {self._rows} rows declared, {sum(self._groups)} present; the file "
+                "is damaged, download it again"
             )
 
     def scan(self, _stream: str) -> Iterator[tuple[Any, Events]]:
@@ -84,7 +84,7 @@ class ParquetReader(BlockReader):
         if done != self._groups[group]:
             raise InputError(
                 f"{self.path}, row group {group}: {done} rows of {self._groups[group]}; the file "
-                "is damaged, fetch it again"
+                "is damaged, download it again"
             )
 
     def _unit_of(self, batch: Any) -> float | None:
@@ -95,7 +95,10 @@ class ParquetReader(BlockReader):
         column = batch.column(batch.schema.get_field_index(name))
         column.validate(full=True)
         if column.null_count:
-            raise InputError(f"{where}: {column.null_count} values of {quoted(name)} are missing")
+            raise InputError(
+                f"{where}: {column.null_count} values of {quoted(name)} are missing; remove "
+                "those rows"
+            )
         values: Numbers = column.to_numpy(zero_copy_only=False)
         return values.astype(np.int64) if values.dtype.kind == "M" else values
 
@@ -122,7 +125,7 @@ class ParquetReader(BlockReader):
             raise
         except Exception as error:  # of the library, of its codecs, and of damaged names
             raise InputError(
-                f"{self.path}: not a whole Parquet file ({said(error)}); make it again"
+                f"{self.path}: not a complete Parquet file ({said(error)}); save it again"
             ) from error
 
 

@@ -99,8 +99,8 @@ class TextReader(BlockReader):
             times = "a whole number of µs" if layout.whole_times else "seconds"
             times = f"{times}, as the file begins" if layout.power in (0, 6) else "in its unit"
             raise InputError(
-                f"{self.path}, line {self.line_at(offset + bad)}: {line!r} is no event; needs "
-                f"`{fields}`, t >= 0 ({times}), whole pixels 0 to 65535, p 0 or 1 or -1: "
+                f"{self.path}, line {self.line_at(offset + bad)}: {line!r} is not an event; "
+                f"needs `{fields}`, t >= 0 ({times}), whole pixels 0 to 65535, p 0 or 1 or -1: "
                 "correct or remove the line"
             )
         return Events(x, y, t_us, p).slice(0, count)
@@ -119,8 +119,8 @@ def text_layout(path: Path, head: bytes, columns: ColumnMap | None = None) -> Te
         skip += len(lines.pop(0))
     if not lines:
         raise InputError(
-            f"{path}: only blank lines and comments in the first {len(head)} bytes; needs "
-            "lines `t x y p`: the file is cut off or empty, fetch it again"
+            f"{path}: only blank lines and comments in the first {len(head)} bytes; needs lines "
+            "`t x y p`: the file is cut off or empty, download it again"
         )
     words = lines[0].decode("ascii").replace(",", " ").split()
     is_header = bool(words) and words[0].strip("\"'")[:1].isalpha()
@@ -155,7 +155,7 @@ def _stated_layout(
             place = int(address)
         if place < 0 or order[place] >= 0:
             there = quoted(*names) or f"0 to {len(words) - 1}"
-            raise InputError(f"{path}: no column {quoted(address)} of its own; there are {there}")
+            raise InputError(f"{path}: no separate column {quoted(address)}; choose from {there}")
         order[place] = what
     layout = TextLayout("csv", skip, tuple(order), 0, False)
     return _in_unit(layout, columns)

@@ -48,9 +48,10 @@ def make(
         out: Folder to write: archive.json and a file for each case and seed.
         seeds: Seeds instead of the suite's own, such as 0,1,2; with --secret, numbers.
         case: Only this case, repeatable.
-        truth: Whether ground truth is in it; without, a method can read it, nobody can score.
-        secret: File that decides the seeds of a hidden part; only its hash is written.
-        licence: Of the data, as SPDX names it.
+        truth: Include ground truth; without it methods can read the sequences, but nobody can score
+            them.
+        secret: File from which the seeds of a hidden part are drawn; only its hash is written.
+        licence: Licence of the data, as an SPDX identifier.
     """
     from eventsweep.emvs.utils.cache import Cache
     from eventsweep.eval.suite.archive import ArchivePlan, make_archive, read_secret
@@ -87,8 +88,8 @@ def fetch(
     """Download an archive or a part of it, keep files already present, and verify all.
 
     Args:
-        source: Address below which archive.json is, or a folder.
-        out: Folder that the files are put into.
+        source: Address or folder that holds archive.json.
+        out: Folder to write the files into.
         part: Subset of the suite, such as quick.
         seeds: Only these seeds, such as 0,1,2.
         case: Only this case, repeatable.

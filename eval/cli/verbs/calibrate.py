@@ -35,19 +35,19 @@ def calibrate(
 ) -> None:
     """Refine a calibration from events and poses, without a calibration board.
 
-    What the recording does not determine is refused, with the reason. The recording is not touched.
+    What the recording does not determine is refused, with the reason. The recording is not changed.
 
     Args:
         recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
         refine: What to refine, joined by commas: stereo, delay, direction, baseline, focal,
             pose-delay, hand-eye, lever. With one camera, delay is the clock of the poses.
         out: Folder to write: the calibration, a recording.toml that uses it, report.html.
-        windows: How many stretches of the recording are looked at, at most; more of shorter ones.
+        windows: Most windows of the recording to use; more where they must be shorter.
         window_s: Length of each, s; shorter where the camera turns fast.
-        events: Events of each camera that are kept per window, at most.
+        events: Most events per camera and window.
         min_depth_m: Nearest depth; by default the recording's, else 0.2 m.
         max_depth_m: Farthest depth; by default the recording's, else 5 m.
-        threads: Of the CPU; 0 for all. They do not change the result.
+        threads: CPU threads; 0 for all. They do not change the result.
     """
     from eventsweep.emvs.calibrate.refine import RefineConfig
     from eventsweep.emvs.datasets import open_recording

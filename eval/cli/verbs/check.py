@@ -32,7 +32,7 @@ def check(
     """Find faults in a recording's events, poses, calibration and conventions.
 
     Exit code 1 if something is wrong. Of the mapper's parameters, only depth range, window and
-    the threads count.
+    threads have an effect.
 
     Args:
         recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
@@ -47,7 +47,7 @@ def check(
     from eventsweep.eval.report.check_page import write_check_page
 
     if force and out is None:
-        raise InputError("--force without --out: nothing is written")
+        raise InputError("--force without --out has no effect: add --out, or leave it out")
     settings = common.settings(map=map)
     if out is not None:
         common.check(out, recording, force=force)

@@ -81,5 +81,5 @@ def _present_shell() -> Shell:
     except ShellDetectionError:
         found = "powershell"
     if found == "powershell":
-        raise InputError("your shell is not bash, zsh or fish, or is unknown: name one")
+        raise InputError("your shell is unknown, or not bash, zsh or fish: name one of these")
     return found

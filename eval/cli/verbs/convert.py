@@ -37,26 +37,26 @@ def convert(
         to: A data set's layout or event format, tum, kitti, kalibr, basalt, opencv, rig,
             depth-png, depth-npy, depth-tiff, depth-exr, disparity-png, ply, pcd or
             windows (events and depth to learn from).
-        stream: The only stream to convert into one file, of an event file with several or of a
-            recording, whose cameras are its streams.
+        stream: Stream to convert, where the source has several; a recording's streams are its
+            cameras.
         shift_us: Shift of all times, µs.
         from_zero: Shift all times so that the first event or pose is at 0.
-        columns: Which column of an HDF5, NumPy, MATLAB, Parquet or text file of events is what,
-            such as "x=ev/xs,y=ev/ys,t=ev/ts,p=ev/on"; with --time-unit.
-        time_unit: What times of such a file count: s, ms, us or ns.
+        columns: Columns of an HDF5, NumPy, MATLAB, Parquet or text file of events, such as
+            "x=ev/xs,y=ev/ys,t=ev/ts,p=ev/on"; with --time-unit.
+        time_unit: Unit of the times in such a file: s, ms, us or ns.
         unit: Unit of time in a text file of poses: s, ms, us or ns.
         width_px: Sensor width, if the input does not contain it.
         height_px: Sensor height, if the input does not contain it.
         baseline_m: Distance between the cameras, for disparity-png.
         window_s: Length of windows of events, each with the depth at its end, s; by default 0.05.
-        stride_s: Least time from the end of one window to the next one's, s; by default each time
-            with ground truth ends one.
+        stride_s: Shortest time between the ends of two windows, s; by default one ends at each time
+            with ground truth.
     """
     from eventsweep.emvs.formats.tables.columns import column_map
     from eventsweep.eval.convert import Options, convert_file
 
     if shift_us and from_zero:
-        raise InputError("--shift-us and --from-zero: leave one of them out")
+        raise InputError("--shift-us and --from-zero are both given: leave one of them out")
     console = common.console()
     options = Options(
         to=to,

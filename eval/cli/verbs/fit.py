@@ -36,13 +36,13 @@ def fit(
 
     Args:
         recording: A sequence, a data set in its publisher's layout, a ROS bag, a recording.toml, or
-            an event file, whose events say what they can alone.
+            an event file, which determines less.
         out: Folder to write: sensor.toml, for `--sim.sensor.preset`, and report.html.
         camera: Which camera or stream.
-        start_s: Where to begin, s after the recording's start; by default there.
-        duration_s: How long, s; by default to the end.
-        columns: Which column of a table of events is what, as `info` takes it; with --time-unit.
-        time_unit: What times of such a file count: s, ms, us or ns.
+        start_s: Start, s after the first event; by default 0.
+        duration_s: Length, s; by default to the end.
+        columns: Columns of a table of events, as `info` takes them; with --time-unit.
+        time_unit: Unit of the times in such a file: s, ms, us or ns.
     """
     from eventsweep.emvs.data.manifest import FILE_NAME
     from eventsweep.emvs.datasets import open_recording

@@ -55,7 +55,7 @@ class GateFlags:
     "Let only this metric decide, repeatable; by default those on the page `gate`."
 
     tolerance: float | None = None
-    "Relative difference up to which a number is the same, such as 0.05, whatever its spread."
+    "Relative difference that counts as no change, such as 0.05, whatever the spread."
 
     case: Annotated[tuple[str, ...], NO_NEGATIVE, RARE] = ()
     "Compare only this case of the baseline, repeatable."
@@ -88,7 +88,9 @@ class GateFlags:
         if self.update and not self.reason.strip():
             raise InputError("--update needs --reason: why may the numbers change?")
         if self.reason and not self.update:
-            raise InputError("--reason without --update: nothing is written")
+            raise InputError(
+                "--reason without --update has no effect: add --update, or leave it out"
+            )
         if self.result is not None and (self.seeds or self.out or self.suite or jobs != JOB_FLAGS):
             raise InputError(
                 "--result runs nothing: leave --suite, --seeds, --out, --workers, --cache and "
@@ -97,7 +99,7 @@ class GateFlags:
         if self.update and (self.case or self.method):
             raise InputError("--update writes a whole baseline: leave --case and --method out")
         if self.tolerance is not None and not 0 <= self.tolerance < 1:
-            raise InputError(f"--tolerance {self.tolerance:g}: needs a share, from 0 to below 1")
+            raise InputError(f"--tolerance {self.tolerance:g}: needs a fraction, from 0 to below 1")
 
     def read(self) -> tuple[Path, ...]:
         """The files that are read, and must not be written as well."""

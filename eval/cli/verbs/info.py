@@ -25,15 +25,15 @@ def info(
     Args:
         path: A sequence, a data set's folder, a recording.toml, an event file or a bag.
         picture: PNG to draw: events per pixel and polarity, and their rate over time.
-        columns: Which column of an HDF5, NumPy, MATLAB, Parquet or text file of events is what,
-            such as "x=ev/xs,y=ev/ys,t=ev/ts,p=ev/on"; with --time-unit.
-        time_unit: What times of such a file count: s, ms, us or ns.
+        columns: Columns of an HDF5, NumPy, MATLAB, Parquet or text file of events, such as
+            "x=ev/xs,y=ev/ys,t=ev/ts,p=ev/on"; with --time-unit.
+        time_unit: Unit of the times in such a file: s, ms, us or ns.
     """
     from eventsweep.emvs.formats.tables.columns import column_map
     from eventsweep.eval.inspect import facts, inspect, summary
 
     if force and picture is None:
-        raise InputError("--force without --picture: nothing is written")
+        raise InputError("--force without --picture has no effect: add --picture, or leave it out")
     read = (path,)
     if picture is not None:
         check_output(picture, force=force, inputs=read, folder=False)

@@ -35,7 +35,7 @@ def list_names(
 
     unknown = next((one for one in kind if one not in KINDS), None)
     if unknown is not None:
-        raise InputError(f"nothing called {unknown!r} to list: choose from {', '.join(KINDS)}")
+        raise InputError(f"cannot list {unknown!r}: choose from {', '.join(KINDS)}")
     wanted = {name: dict(KINDS[name]()) for name in kind or KINDS}
     console = Console(quiet=False, as_json=json, piped_width=_PIPED_WIDTH)
     narrow = console.is_terminal

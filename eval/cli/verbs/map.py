@@ -59,7 +59,8 @@ def map(  # noqa: A001 - the verb's name
         method: Method to map with, repeatable; `eventsweep list methods`.
         device: Where the sweep runs; same as --map.device.
         allow_skipped: Exit with 0 even if some of the sliding windows could not be mapped.
-        check: Warn of what looks wrong with the recording, a line each, as `eventsweep check` does.
+        check: Warn about likely faults of the recording, one line each, as `eventsweep check` finds
+            them.
     """
     from eventsweep.eval.cli.exit_codes import incomplete
     from eventsweep.eval.cli.verbs.report import report_stage
@@ -118,7 +119,9 @@ def _tables(stored: StoredMap) -> Iterator[Part]:
         yield f"{camera}: {len(hot.pixels):,} hot pixels dropped, with {hot.events:,} events"
     for camera, events in info.without_pose.items():
         if events:
-            yield f"{camera}: {events:,} events before the first or after the last pose left out"
+            yield (
+                f"{camera}: {events:,} events before the first or after the last pose were left out"
+            )
     yield from _skipped(stored)
 
 

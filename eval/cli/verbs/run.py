@@ -57,8 +57,8 @@ def run(
         rig: Rig to use instead of each scene's own; `eventsweep list rigs`.
         seconds: Length of each sequence, s; same as --sim.duration-s.
         seed: Seed of head motion and sensor noise.
-        poses: With `track` poses are found from events, too; they, and maps on them, are scored
-            beside maps on the true ones.
+        poses: With `track`, poses are also found from events; they, and the maps made with them,
+            are scored beside those with true poses.
         workers: Processes that render.
         method: Method to map with, repeatable; `eventsweep list methods`.
         device: Where the mapper's sweep runs; same as --map.device.

@@ -53,15 +53,19 @@ def score(
     """Score maps against ground truth, or with --truth trajectories against true poses.
 
     Args:
-        scored: What `run` or `map` wrote; results.json and results.csv in it are written anew. With
-            --truth FILE, FOLDER or NAME=FILE, one or more: poses in TUM format.
+        scored: Folder that `run` or `map` wrote; its results.json and results.csv are replaced.
+            With --truth: poses in TUM format, one or more, as FILE, FOLDER or NAME=FILE.
         truth: True poses of the same body: a TUM file, or a recording's folder.
         out: Folder to write with --truth: results.json, results.csv, report.html.
-        case: What the results call the recording; by default as the truth is called.
+        case: Name of the recording in the results; by default the truth's.
         prediction: NAME=DIR or DIR with depth maps of another method, scored too; repeatable.
     """
     if truth is not None:
-        _refuse(("--prediction", bool(prediction)), ("--score.", score != SCORE), of="maps")
+        _refuse(
+            ("--prediction", bool(prediction)),
+            ("--score.", score != SCORE),
+            of="maps: leave out --truth",
+        )
         _score_trajectories(scored, truth, out, case, trajectory, common, force=force)
         return
     _refuse(
@@ -76,7 +80,7 @@ def score(
 def _refuse(*flags: tuple[str, bool], of: str) -> None:
     for name, is_given in flags:
         if is_given:
-            raise InputError(f"{name} is for {of}, or leave it out")
+            raise InputError(f"{name} is for {of}, or leave out {name}")
 
 
 def _score_maps(
@@ -99,7 +103,7 @@ def _score_trajectories(
     from eventsweep.eval.scoring.results import to_json
 
     if out is None:
-        raise InputError("trajectories are scored into a folder: add --out")
+        raise InputError("scores of trajectories need a folder: add --out")
     common.settings()
     console = common.console()
     command = " ".join(["eventsweep", *sys.argv[1:]])

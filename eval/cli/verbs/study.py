@@ -45,7 +45,8 @@ def study(
         seeds: Seeds instead of 0,1,2, such as 0-9.
         seconds: Length of every sequence; the window leaves 0.05 s at either end.
         method: Method to compare, repeatable, instead of a choice of five.
-        poses: With `track` poses are found from events, too; they, and maps on them, are scored.
+        poses: With `track`, poses are also found from events; they, and the maps made with them,
+            are scored.
     """
     from eventsweep.eval.studies.definitions import STUDIES, study_named
     from eventsweep.eval.studies.run import file_names, run_study, write_study

@@ -51,10 +51,11 @@ def suite(
         seeds: Seeds instead of the suite's own, such as 0,1,2 or 100-109.
         case: Only this case, repeatable.
         prediction: NAME=DIR, DIR or a submission with depth maps of another method; repeatable.
-        archive: Folder of `archive make` or `fetch`: its sequences are used, none is simulated.
+        archive: Folder of `archive make` or `fetch`, whose sequences are used instead of
+            simulating.
         list_cases: Only list what a prediction must hold; nothing is run.
-        speed: Whether to time the mapper at the end.
-        cost: Measure time and memory of each method alone, for a ranking: two minutes more.
+        speed: Time the mapper at the end.
+        cost: Measure time and memory of each method alone, for a ranking; takes two minutes more.
     """
     from eventsweep.eval.suite.archive import SequenceArchive
     from eventsweep.eval.suite.definition import load
@@ -121,7 +122,9 @@ def _run(
         with console.progress.stage("pictures", 1):
             write_pictures(folder, suite, result, given, cache, parts.archive)
     for method, places in perfect_scores(result.rows).items():
-        console.warn(f"{method}: a perfect score, as of copied truth, in {', '.join(places)}")
+        console.warn(
+            f"{method}: a perfect score, as if the truth were copied, in {', '.join(places)}"
+        )
     console.result(_facts(result), _summary(result, cache))
     console.wrote(folder / "suite.json")
     return _FAILED if result.failures else 0
@@ -235,14 +238,14 @@ def cache(
 
     Args:
         cache: The cache's folder; by default $EVENTSWEEP_CACHE or your cache folder.
-        prune: Gigabytes to keep; the least recently used entries are removed; 0: all.
+        prune: Gigabytes to keep; the least recently used entries are removed; 0 removes all.
     """
     from eventsweep.emvs.utils.cache import Cache, default_cache
     from eventsweep.emvs.utils.files import bytes_text
 
     store = Cache(cache or default_cache())
     if prune is not None and prune < 0:
-        raise InputError(f"--prune {prune:g}: gigabytes to keep, 0 or more")
+        raise InputError(f"--prune {prune:g}: needs gigabytes to keep, 0 or more")
     freed = 0 if prune is None else store.prune(round(prune * 1e9))
     size = store.size_bytes()
     words = f"; freed {bytes_text(freed)}" if freed else ""

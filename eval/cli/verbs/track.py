@@ -34,14 +34,15 @@ def track(
 ) -> int:
     """Find the poses of a recording from its events and calibration alone.
 
-    Its own poses are not read. Exit code 1 says that the track was lost and not found again. An
-    interrupted run leaves nothing: the same command starts again.
+    The recording's own poses are not used. Exit code 1 means that the track was lost and not found
+    again. An interrupted run leaves nothing: the same command starts again.
 
     Args:
         recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
         out: Folder to write: trajectory.txt (TUM), track.json, cloud.ply, report.html.
-        first_map: Map folder whose first window shows what is seen first; one camera needs it.
-        start: Poses in TUM format, the first of which is where the first pose lies.
+        first_map: Map folder whose first window shows the start of the recording; required with one
+            camera.
+        start: Poses in TUM format; the track starts at the first of them.
     """
     from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.odometry.tracker import Status
@@ -57,7 +58,7 @@ def track(
     facts = facts_of(tracked)
     lost = [change for change in tracked.changes if change.status is Status.LOST]
     lines = [
-        f"{facts['poses']:,} poses over a way of {facts['way_m']:.3f} m, "
+        f"{facts['poses']:,} poses over a path of {facts['way_m']:.3f} m, "
         f"{100 * tracked.covered:.1f} % of the time covered, {tracked.maps} maps"
     ]
     first_us = tracked.span_us[0]
@@ -75,7 +76,7 @@ def _depth_map(folder: Path | None) -> DepthMap | None:
 
     windows = read_map(folder).windows
     if not windows:
-        raise InputError(f"{folder}: holds no window: map the first stretch of the recording")
+        raise InputError(f"{folder}: contains no window: map the first part of the recording")
     return windows[0].depth_map(windows[0].info.methods[0])
 
 

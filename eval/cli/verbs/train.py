@@ -28,7 +28,7 @@ def train(
 ) -> None:
     """Train the network of the Learned methods on simulated sequences.
 
-    The same command goes on where a stopped one was. Use the weights with
+    The same command resumes a stopped run. Use the weights with
     --map.learned.weights OUT/learned.npz, those of DERD-Net with --map.derd.weights OUT/derd.npz.
     Needs torch: the extra `train`.
 
@@ -38,16 +38,16 @@ def train(
         network: learned: that of the Learned methods; derd: the published DERD-Net, for DERD/H.
         uniform_in: DERD-Net's output in equal steps of inverse depth (inverse, the default), or of
             depth (linear), as published.
-        epochs: How often every pixel is seen; by default 8, of DERD-Net 3.
-        candidates: Pixels that are drawn from each window, at most.
-        batch: Pixels of one step; by default 256, of DERD-Net 64.
-        learning_rate: Largest rate of the one-cycle schedule, by default 0.003; of DERD-Net the
-            only one, 0.001.
-        seed: Of weights, order and flips.
-        threads: Of torch; they change the last bits.
+        epochs: How often every pixel is used; by default 8, and 3 for DERD-Net.
+        candidates: Most pixels drawn from each window.
+        batch: Pixels per step; by default 256, and 64 for DERD-Net.
+        learning_rate: Largest rate of the one-cycle schedule, by default 0.003; for DERD-Net the
+            constant rate, 0.001.
+        seed: Seed of weights, order and flips.
+        threads: Threads of torch; they change the last bits of the result.
         device: Where the network learns.
-        published: Train nothing: turn the DERD-Net authors' own file of weights (.pth) into
-            OUT/derd.npz; given twice, the mean of both counts.
+        published: Do not train: convert the weights that DERD-Net's authors published (.pth) into
+            OUT/derd.npz; given twice, both networks are averaged.
     """
     from eventsweep.eval.learning.config import TrainingConfig
     from eventsweep.eval.learning.page import write_training_page

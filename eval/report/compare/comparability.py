@@ -86,7 +86,7 @@ def _data_differ(one: CaseResult, two: CaseResult) -> str:
     if one.sequence and one.sequence == two.sequence:
         return ""
     if not (one.sequence and two.sequence):
-        return "no hash says whether it is the same data; pairs are taken by name"
+        return "no hash shows whether the data are the same; pairs are matched by name"
     events, truth = (
         _hashes_differ(a, b) for a, b in ((one.events, two.events), (one.truth, two.truth))
     )

@@ -197,7 +197,7 @@ def _here(found: Sequence[Difference]) -> str:
         return ""
     directions = [one.tendency for one in open_ones]
     counts = ", ".join(f"{directions.count(one)} {one}" for one in dict.fromkeys(directions))
-    return f" On the one seed that there is: {counts}; whether others would agree is open."
+    return f" With only one seed: {counts}; other seeds may differ."
 
 
 def _cases(comparison: Comparison) -> list[str]:

@@ -101,7 +101,7 @@ def _conditions(page: RankingPage, method: str) -> Section:
             GridCell(name), GridCell(str(len(cases)), len(cases)),
             *(value_cell(value, "%", float("nan")) for value in values),
         ))  # fmt: skip
-    text = "What is hard about cases; a case may have several conditions. Place 1 is best."
+    text = "What makes a case hard; a case may have several conditions. Place 1 is best."
     return Section("conditions", "Conditions", ("all",), (Grid(heads, tuple(lines)),), text)
 
 

@@ -59,7 +59,7 @@ def write_ranking(sources: Sequence[Source], out: Path, site: str = "") -> Ranki
     if twice is not None:
         raise InputError(f"two results are called {twice}: name one as in LABEL=RESULT")
     if not any(one.part == "public" for one in entries):
-        raise InputError("only results of a hidden part: give one of the public part, too")
+        raise InputError("only results of a hidden part: give one of the public part as well")
     found = _pictures(sources)
     page = _page_of(entries, found)
     links = _links(site or release.DOCUMENTATION)
@@ -208,17 +208,17 @@ def _findings(page: RankingPage) -> Iterator[str]:
         yield f"{first[0]} is first."
     else:
         who = ", ".join(first) if len(first) <= _MOST_NAMED else f"the first {len(first)} methods"
-        yield f"Seeds do not tell {who} apart: they share the first rank."
+        yield f"Over seeds, {who} do not differ significantly: they share the first rank."
     for entry in page.entries:
         for method, where in entry.perfect.items():
             places = f"{', '.join(where)} ({entry.label})"
-            yield f"{method}: a perfect score, as of copied truth, in {places}."
+            yield f"{method}: a perfect score, as if the truth were copied, in {places}."
     for ranked in filter(None, (page.public, page.hidden)):
         for label, why in ranked.joined.refused:
             yield f"{label}: {why}."
     if page.public.lacking:
         lacking = ", ".join(f"{m} ({n})" for m, n in page.public.lacking.items())
-        yield f"Not ranked, for they lack some of the cases: {lacking}."
+        yield f"Not ranked, because some cases are missing: {lacking}."
     for entry in page.entries:
         for job, why in entry.failures.items():
             yield f"Failed in {entry.label}: {job}: {why}"

@@ -218,10 +218,10 @@ def coverage(page: RankingPage) -> Section:
         "Error over coverage",
         ("error",),
         (Grid(heads, tuple(lines)),),
-        "A method that reports few pixels can choose them well. Errors are those of the pixels "
-        "that it is surest of, as a share of all true pixels, in each case beside the middle "
-        "method's on all its pixels; a point stands where half of the cases have so many. Methods "
-        "that say nothing of how sure they are have one point.",
+        "A method that reports few pixels can choose easy ones. Each curve shows the error over "
+        "the most confident pixels, as a share of all true pixels, relative in each case to the "
+        "median method's error on all its pixels; a point is drawn where half of the cases have "
+        "that many. Methods without a confidence have one point.",
         svg_uri(svg(coverage_figure, curves)),
         "error over coverage, a curve per method",
     )
@@ -338,8 +338,8 @@ def cost(page: RankingPage) -> Section:
         "Accuracy against cost",
         ("cost",),
         (Grid(heads, tuple(lines)),),
-        f"Measured: the first window{where}, each method alone in one thread, the whole process's "
-        "memory. Stated: what submitters say, which nobody here has checked.",
+        f"Measured: the first window{where}, each method alone in one thread, the whole "
+        "process's memory. Stated: as reported by submitters, not checked.",
         svg_uri(svg(cost_figure, points)) if points else "",
         "relative error against time for a window",
     )
@@ -380,9 +380,9 @@ def gallery(page: RankingPage) -> Iterator[Section]:
             "Best and worst case of each method",
             (),
             (),
-            "Depth, true depth and error, blue (none) to orange (as much as is said, or more), of "
-            "the first window of the first seed: the case of the least relative error, and that of "
-            "the largest.",
+            "Depth, true depth and error, blue (none) to orange (the stated value or more), in "
+            "the first window of the first seed: the case with the smallest relative error, and "
+            "that with the largest.",
             pictures=tuple(pictures),
         )
 

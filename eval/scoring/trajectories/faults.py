@@ -123,13 +123,13 @@ def check_size(matched: MatchedPoses, config: TrajectoryConfig) -> None:
     for factor, name in _LENGTHS.items():
         if abs(found.scale * factor - 1) < _NEARLY:
             raise InputError(
-                f"its way is {1 / found.scale:.4g} times as long as the truth's: it looks like "
+                f"its path is {1 / found.scale:.4g} times as long as the truth's: it looks like "
                 f"{name}; multiply its positions by {1 / factor:g}, or set align to 'sim3'"
             )
         if abs(found.scale / factor - 1) < _NEARLY:
             raise InputError(
-                f"the truth's way is {found.scale:.4g} times as long: the truth looks like {name}; "
-                f"multiply its positions by {1 / factor:g}, or set align to 'sim3'"
+                f"the truth's path is {found.scale:.4g} times as long: the truth looks like "
+                f"{name}; multiply its positions by {1 / factor:g}, or set align to 'sim3'"
             )
 
 
@@ -141,13 +141,13 @@ def notes_on(
     yield from _of_pairs(matched, ate_m, truth, estimate, config)
     if not world_odom.is_unique:
         yield (
-            "the positions lie on a line or in one place: the alignment leaves the rotation about "
-            "it open, so the absolute errors of rotation are undefined; see the relative ones"
+            "all positions are on a line or at one point: alignment cannot determine the "
+            "rotation about it, so absolute rotation errors are undefined; see the relative ones"
         )
     if config.align == "sim3" and 100 * abs(world_odom.scale - 1) > _SCALE_PERCENT:
         yield (
-            f"sim3 multiplies the estimate by {world_odom.scale:.4g}: its errors hide that scale; "
-            "a stereo system needs none"
+            f"sim3 multiplies the estimate by {world_odom.scale:.4g}: its errors hide that "
+            "scale, which a stereo system should get right"
         )
 
 
@@ -162,7 +162,7 @@ def _of_pairs(
         fewer = len(truth) < len(estimate) and not interpolated
         cure = "; the truth has fewer poses, set associate to 'interpolate' to compare all" * fewer
         share = f"{lost} of {len(estimate)}"
-        yield f"{share} poses have no true one of their own {near}: left out{cure}"
+        yield f"{share} poses have no true pose of their own {near}: left out{cure}"
     apart_m = _moved_meanwhile_m(matched, truth)
     if apart_m > _TIME_SHARE * ate_m:
         late_s = float(np.abs(matched.late_us).max()) / 1e6

@@ -50,7 +50,9 @@ def write(folder: Path, page: Path) -> None:
     """
     paths = sorted(find_studies(folder), key=lambda path: _place(path.stem))
     if not paths:
-        raise InputError(f"{folder}: no study; `eventsweep study NAME --out {folder}` writes one")
+        raise InputError(
+            f"{folder}: not a study; `eventsweep study NAME --out {folder}` writes one"
+        )
     studies = [read_study(path) for path in paths]
     costs = [_cost(path) for path in paths]
     images = page.parent / "images"

@@ -53,7 +53,7 @@ def test_a_finished_row_is_kept_and_a_damaged_one_refused(tmp_path, monkeypatch)
 @pytest.mark.parametrize(
     ("code", "said", "expected"),
     [
-        pytest.param(2, "x: found no place to begin from: dark", "never began", id="a result"),
+        pytest.param(2, "x: tracking could not start: dark", "never began", id="a result"),
         pytest.param(2, "disk is full", InputError, id="a full disk"),
         pytest.param(130, "interrupted", KeyboardInterrupt, id="an interrupt"),
     ],

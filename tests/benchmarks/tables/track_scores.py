@@ -54,7 +54,7 @@ _METHOD = "Focus/H"
 _HALF_US, _EVERY_US, _MOST_WINDOWS = 100_000, 300_000, 3  # of what is mapped on both poses
 _WARM_US = 300_000
 _TRACKED, _ENDED_LOST = 0, 1  # exit codes of the verb
-_NEVER_BEGAN = "found no place to begin"
+_NEVER_BEGAN = "tracking could not start"
 
 
 @dataclass(frozen=True)

@@ -296,7 +296,7 @@ def test_too_few_events_are_refused():
     few = tuple(Events(s.x[::400], s.y[::400], s.t_us[::400], s.p[::400])
                 for s in recording.streams)  # fmt: skip
     with pytest.raises(
-        InputError, match=r"0 estimates of 9 maps up to \d+ µs, but no pixel where 2"
+        InputError, match=r"0 estimates from 9 maps up to \d+ µs, but no pixel where 2"
     ) as error:
         mapped(Recorded(recording.rig, recording.trajectory, few))
     assert "\n" not in str(error.value)

@@ -44,7 +44,7 @@ def test_a_flag_reaches_its_baseline(sequence, tmp_path, method, flag, few, many
 @pytest.mark.parametrize(
     ("flag", "value", "words"),
     [
-        ("--map.sgm.matcher.block-px", "8", "must be odd, 8 is not"),
+        ("--map.sgm.matcher.block-px", "8", "must be odd"),
         ("--map.esvo.refinement.dof", "2", "greater than 2"),
         ("--map.esvo.decay-s", "nan", "finite"),
         ("--map.gts.memory-s", "0", "greater than 0"),

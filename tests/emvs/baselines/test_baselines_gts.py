@@ -108,7 +108,7 @@ def test_one_thread_and_two_give_the_same_bits():
 
 
 def test_settings_of_the_configuration_reach_the_matching():
-    with pytest.raises(InputError, match="no pair"):
+    with pytest.raises(InputError, match="no events match"):
         mapped(edge_world(1.0), GtsParameters(memory_s=0.002))
 
 
@@ -119,7 +119,7 @@ def test_events_of_different_clocks_are_refused():
     recording = edge_world(1.0)
     right = recording.streams[1]
     later = Events(right.x, right.y, right.t_us // 1000, right.p)
-    with pytest.raises(InputError, match=r"no pair among \d+ and \d+ events") as error:
+    with pytest.raises(InputError, match=r"no events match among the \d+ and \d+ events") as error:
         mapped(Recorded(recording.rig, recording.trajectory, (recording.streams[0], later)))
     assert "\n" not in str(error.value)
 

@@ -207,6 +207,6 @@ def test_poses_need_not_reach_the_end_of_the_window():
 
 
 def test_recordings_without_frames_are_told_how_to_get_them():
-    with pytest.raises(InputError, match="has no frames of an ordinary camera") as error:
+    with pytest.raises(InputError, match="has no frames, which") as error:
         mapped(fronto_parallel(1.5), "Frames/sgm")
     assert lines(error) == 1

@@ -77,9 +77,9 @@ def test_time_does_not_run_backwards():
     surface = TimeSurface(WIDTH, HEIGHT)
     events = random_events(1, 20)
     surface.update(events)
-    with pytest.raises(InputError, match="feed events in order"):
+    with pytest.raises(InputError, match="feed events in time order"):
         surface.update(events.slice(0, 3))
-    with pytest.raises(InputError, match="ask before feeding"):
+    with pytest.raises(InputError, match="request it before feeding"):
         surface.at(int(events.t_us[-1]) - 1)
 
 

@@ -97,7 +97,7 @@ def test_a_described_recording_gets_a_file_of_the_kind_that_it_names(tmp_path, s
 
 def test_what_a_format_cannot_hold_is_said(tmp_path, sequence):
     *_, notes = written(tmp_path, sequence, found())
-    assert any("no clock" in note and "time_offset_us" in note for note in notes)
+    assert any("cannot store clock offsets" in note and "time_offset_us" in note for note in notes)
     assert any("hand-eye is in rig.json" in note for note in notes)
 
 

@@ -135,13 +135,13 @@ def test_a_lever_is_refused_without_turning_and_says_why():
 
 def test_a_pose_clock_is_refused_in_steady_motion():
     found, _ = refined(("pose-delay",), {"pose clock": 10.0}, "even")
-    assert "too even" in refusals(found)["pose clock"]
+    assert "too uniform" in refusals(found)["pose clock"]
     assert found.correction.values == {}
 
 
 def test_what_a_camera_at_rest_cannot_see_is_refused():
     """Without motion there are next to no events; with few, no window."""
-    with pytest.raises(InputError, match="1000 events of every camera"):
+    with pytest.raises(InputError, match="1000 events from every camera"):
         refined(("baseline",), {}, "still")
 
 
@@ -194,7 +194,7 @@ def test_too_short_a_recording_is_refused():
         recording.trajectory.t_us[:80], recording.trajectory.positions_m[:80],
         recording.trajectory.quats_xyzw[:80],
     ))  # fmt: skip
-    with pytest.raises(InputError, match="margin for clocks"):
+    with pytest.raises(InputError, match="margin for clock offsets"):
         refine(cut, RefineConfig(("stereo",), **SMALL))
 
 

@@ -112,7 +112,7 @@ def test_missing_truncated_and_changed_files_are_noticed(tmp_path, name):
     path = tmp_path / "s" / name
     content = path.read_bytes()
     path.write_bytes(content[:-1])
-    with pytest.raises(InputError, match="make the sequence again"):
+    with pytest.raises(InputError, match="create the sequence again"):
         Sequence.open(tmp_path / "s")
     path.unlink()
     with pytest.raises(InputError, match="missing"):

@@ -52,15 +52,15 @@ def test_a_written_time_comes_back_exactly(tmp_path_factory, times_us, unit):
     [
         ("", "no times"),
         ("# nothing\n\n", "no times"),
-        ("0\n33333\n66667\n", "whole numbers such as 66667.*set unit to s, ms, us or ns"),
-        ("a.png 0.5\nb.png 0.6", "no times|is no time"),
-        ("0.5\nhalf\n", "line 2: half is no time"),
+        ("0\n33333\n66667\n", "times such as 66667 have no unit: set unit to s, ms, us or ns"),
+        ("a.png 0.5\nb.png 0.6", "no times|is not a time"),
+        ("0.5\nhalf\n", "line 2: half is not a time"),
         ("0.5 a.png\n0.6\n", "1 of 2 lines name an image"),
-        ("0.5\nnan\n", "below 2|is no time"),
-        ("0.5\ninf\n", "below 2|is no time"),
-        ("0.5\n1e999999999\n", "below 2|is no time"),
-        ("0.5\n1e400\n", "below 2|is no time"),
-        ("0.5\n" + "9" * 5000, "below 2|is no time"),
+        ("0.5\nnan\n", "below 2|is not a time"),
+        ("0.5\ninf\n", "below 2|is not a time"),
+        ("0.5\n1e999999999\n", "below 2|is not a time"),
+        ("0.5\n1e400\n", "below 2|is not a time"),
+        ("0.5\n" + "9" * 5000, "below 2|is not a time"),
     ],
 )
 def test_what_is_no_file_of_times_is_refused_in_one_line(tmp_path, text, message):

@@ -142,7 +142,7 @@ def test_a_link_that_leaves_a_sequence_is_refused_and_one_that_stays_is_followed
     (sequence / "kept.txt").rename(sequence.parent / "kept.txt")
     poses.unlink()
     poses.symlink_to(sequence.parent / "kept.txt")
-    refused(Sequence, sequence, match="not a file in this folder.*instead of a link")
+    refused(Sequence, sequence, match="not a file in this folder.*replace the link")
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "poses.txt", "rig.json", "cam0", "sensor.json"])
@@ -156,7 +156,7 @@ def test_no_link_in_a_sequence_leads_out_of_it(sequence, name, listed):
         index.write_text(json.dumps(content))
     place.rename(outside) if place.exists() else outside.write_text("[]")
     place.symlink_to(outside)
-    refused(Sequence, sequence, match=f"{name} is not a file in this folder.*instead of a link")
+    refused(Sequence, sequence, match=f"{name} is not a file in this folder.*replace the link")
 
 
 def test_links_in_a_circle_are_refused(sequence):

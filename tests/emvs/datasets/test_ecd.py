@@ -45,7 +45,7 @@ def test_every_block_size_reads_the_same(tmp_path, monkeypatch, block_bytes):
 @pytest.mark.parametrize(
     ("fourth", "message"),
     [
-        ("0.4 1 2\n", r"line 4: '0\.4 1 2' is no event"),
+        ("0.4 1 2\n", r"line 4: '0\.4 1 2' is not an event"),
         ("0.2 1 2 0\n", "event.* at 200000 µs comes after one at 300000 µs"),
         ("0.4 240 2 0\n", r"at pixel \(240, 2\) lies outside the 240x180 sensor"),
     ],
@@ -60,7 +60,7 @@ def test_damage_is_named_by_its_line_whatever_the_block(
     with pytest.raises(InputError, match=message) as caught:
         recording.events(0, 0, 150_000)
     # Of events it is the block's first line that is named, and which event of it is meant
-    names = ("line 4",) if block_bytes <= 20 else ("line 4", "counted from line 1: event 3 at")
+    names = ("line 4",) if block_bytes <= 20 else ("line 4", "from line 1 on: event 3 at")
     assert any(name in str(caught.value) for name in names)
 
 
@@ -102,7 +102,7 @@ def test_damaged_calibration_is_refused(tmp_path, calib, message):
 def test_unknown_folders_are_named(tmp_path):
     with pytest.raises(InputError, match="no such folder"):
         open_recording(tmp_path / "nowhere")
-    with pytest.raises(InputError, match="no recording recognised"):
+    with pytest.raises(InputError, match="not recognised as a recording"):
         open_recording(tmp_path)
     (tmp_path / "events.txt").write_text("")
     with pytest.raises(InputError, match=r"lacks calib\.txt, groundtruth\.txt"):

@@ -183,7 +183,7 @@ def test_a_map_is_scored_by_the_truth_of_its_own_recording(ours, tmp_path):
 @pytest.mark.parametrize(
     ("table", "prepare", "message"),
     [
-        ("", None, "needs one of the keys depth and surface"),
+        ("", None, "needs one of the keys depth or surface"),
         ('depth = "d*.npy"\nsurface = "h.ply"', None, "needs one of the keys"),
         ('depth = "d*.npy"', None, "needs the key times"),
         ('depth = "d*.npy"\ntimes = "t.txt"', None, r"t\.txt: cannot be read \(No such file"),
@@ -205,10 +205,13 @@ def test_a_table_that_cannot_be_is_refused(ours, tmp_path, table, prepare, messa
     ("text", "message"),
     [
         ("0.2\n0.25\n", "3 depth maps .* for 2 times"),
-        ("0.2\n0.2\n0.3\n", "must rise"),
-        ("0.2 d0.npy\n0.25 d9.npy\n0.3 d2.npy\n", "no map 'd9.npy'"),
-        ("0.2\n0.25 d1.npy\n0.3\n", "1 of 3 lines name an image; needs all of them or none"),
-        ("0.1\nnow\n", r"line 2: now is no time"),
+        ("0.2\n0.2\n0.3\n", "must increase"),
+        ("0.2 d0.npy\n0.25 d9.npy\n0.3 d2.npy\n", "no depth map 'd9.npy'"),
+        (
+            "0.2\n0.25 d1.npy\n0.3\n",
+            "1 of 3 lines name an image; needs a name in all lines or in none",
+        ),
+        ("0.1\nnow\n", r"line 2: now is not a time"),
         ("0.1\ninf\n", "needs one below 2"),
     ],
 )
@@ -227,9 +230,7 @@ def test_maps_that_cannot_be_are_refused(ours, tmp_path):
     np.save(out / "d1.npy", np.ones((4, 5)))
     (out / "d2.png").write_bytes(cv2.imencode(".png", np.ones((4, 4), np.uint8))[1].tobytes())
     recording = open_recording(out)
-    for t_us, message in zip(
-        TRUTH_US, ("needs the key unit_m", "5 x 4 px", "16 bits"), strict=True
-    ):
+    for t_us, message in zip(TRUTH_US, ("set the key unit_m", "5 x 4 px", "16 bits"), strict=True):
         with pytest.raises(InputError, match=message):
             truth_at(recording, t_us)
 
@@ -238,8 +239,8 @@ def test_a_cloud_without_radius_is_refused(ours, tmp_path):
     pytest.importorskip("open3d")
     out = described(ours, tmp_path, 'surface = "hall.ply"')
     write_plane(out / "hall.ply", mesh=False, points=100)
-    with pytest.raises(InputError, match="needs the key point_radius_m"):
+    with pytest.raises(InputError, match="set the key point_radius_m"):
         truth_at(open_recording(out), 250_000)
     (out / "hall.ply").write_text("nothing")
-    with pytest.raises(InputError, match="neither a mesh nor a cloud"):
+    with pytest.raises(InputError, match="neither a mesh nor a point cloud"):
         truth_at(open_recording(out), 250_000)

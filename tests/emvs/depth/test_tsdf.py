@@ -85,7 +85,7 @@ def test_memory_follows_the_voxels_and_not_the_points(monkeypatch):
 
 
 def test_points_too_far_for_the_voxels_are_refused():
-    with pytest.raises(InputError, match="choose larger ones"):
+    with pytest.raises(InputError, match="choose larger voxels"):
         VoxelCloud(1e-6).add(cloud_of([[1e3, 0, 0]]))
 
 

@@ -142,7 +142,7 @@ def test_basalt_names_the_file_and_the_key_of_what_is_wrong(tmp_path, change, me
         (lambda v: v["cam0"].update(distortion_model="fov"), "distortion_model is 'fov'"),
         (lambda v: v["cam0"].update(camera_model="omni"), "camera_model is 'omni'"),
         (lambda v: v["cam0"].update(intrinsics=[1, 2, 3]), "4 finite numbers"),
-        (lambda v: v.pop("cam0"), "no camera in it: needs a file of Kalibr"),
+        (lambda v: v.pop("cam0"), "contains no camera: needs a Kalibr"),
     ],
 )
 def test_kalibr_names_the_file_and_the_key_of_what_is_wrong(tmp_path, change, message):
@@ -188,7 +188,7 @@ def test_one_camera_of_opencv_or_ros(tmp_path, text):
         ("0.0002, 0.", "0, 0, 0, 0, 0.3", "8 lens terms: more than 5 cannot be represented"),
         ("plumb_bob", "fov", "lens model 'fov'.*needs plumb_bob"),
         ("image_height: 180", "", "image_height is missing"),
-        ("rows: 1", "rows: [", "not usable JSON or YAML"),
+        ("rows: 1", "rows: [", "not valid JSON or YAML"),
         ("data: [-0", "data: [x, -0", "distortion_coefficients is .*numbers"),
         ("data: [335.4", "data: [1, 335.4", "camera_matrix is .*needs 9 finite numbers"),
         ("distortion_coefficients", "D", "distortion_coefficients is missing"),
@@ -202,7 +202,7 @@ def test_opencvs_files_name_what_is_wrong(tmp_path, was, now, message):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"), [("{", "not usable JSON"), ("[1, 2]", "holds no calibration")]
+    ("text", "message"), [("{", "not valid JSON"), ("[1, 2]", "contains no calibration")]
 )
 def test_refuses_files_that_are_no_calibration(tmp_path, text, message):
     path = tmp_path / "odd.json"

@@ -87,7 +87,7 @@ def test_words_of_libcaer_mean_what_they_say_one_by_one(words):
     data = message(np.array(words, "<u2").tobytes(), "libcaer_cmp", time_base=7000)
     expected = decoded_libcaer(words, 7)
     if expected is None:
-        with pytest.raises(InputError, match="without its column or base"):
+        with pytest.raises(InputError, match="before its column or time base"):
             packet_events(data, True, "here", initial_state())
         return
     assert naive.rows_of(packet_events(data, True, "here", initial_state())) == expected
@@ -147,7 +147,7 @@ def test_chunks_of_mcap_unpack_to_a_bound(tmp_path, monkeypatch):
     path = tmp_path / "packed" / "packed.mcap"
     assert read(path) == ROWS
     monkeypatch.setattr(blocks, "MOST_BYTES", 20_000)
-    with pytest.raises(InputError, match="holds more than 20000 bytes") as error:
+    with pytest.raises(InputError, match="unpacks to more than 20000 bytes") as error:
         read(path)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
@@ -202,13 +202,13 @@ def test_ros1_bags_hold_packets_too(tmp_path):
 @pytest.mark.parametrize(
     ("payload", "changes", "message_"),
     [
-        (b"", {"encoding": "libcaer"}, "coded as libcaer; known are evt3, mono, libcaer_cmp"),
-        (b"", {"encoding": "trigger"}, "coded as trigger; known are evt3, mono"),
-        (b"", {"is_bigendian": True}, "evt3, big-endian; known"),
-        (bytes(7), {}, "7 bytes of evt3, words of 2"),
-        (bytes(12), {"encoding": "mono"}, "12 bytes of mono, words of 8"),
+        (b"", {"encoding": "libcaer"}, "coded as libcaer; supported: evt3, mono, libcaer_cmp"),
+        (b"", {"encoding": "trigger"}, "coded as trigger; supported: evt3, mono"),
+        (b"", {"is_bigendian": True}, "evt3, big-endian; supported"),
+        (bytes(7), {}, "7 bytes of evt3 are no multiple of its 2-byte"),
+        (bytes(12), {"encoding": "mono"}, "12 bytes of mono are no multiple of its 8-byte"),
         (bytes(8), {"encoding": "mono", "time_base": 1 << 63}, "time_base"),
-        (b"\x00\x11", {}, "word 0: 0x1100 is no word of EVT3"),
+        (b"\x00\x11", {}, "word 0: 0x1100 is not a word of EVT3"),
     ],
 )
 def test_what_is_no_packet_is_refused_by_name(tmp_path, payload, changes, message_):
@@ -223,9 +223,9 @@ def test_what_is_no_packet_is_refused_by_name(tmp_path, payload, changes, messag
 def test_packets_that_declare_too_much():
     whole = message(bytes(40))
     for cut in range(len(whole)):
-        with pytest.raises(InputError, match=r"here: (message ends|40 bytes|coded other)"):
+        with pytest.raises(InputError, match=r"here: (message ends|40 bytes|not encoded)"):
             packet_events(whole[:cut], True, "here", initial_state())
-    with pytest.raises(InputError, match="are there"):
+    with pytest.raises(InputError, match="present"):
         packet_events(whole + bytes(4), True, "here", initial_state())
 
 
@@ -254,7 +254,7 @@ class Misled:
 @pytest.mark.parametrize(
     ("stamps", "message_"),
     [
-        (lambda number, start: 500 - number, "recorded before the one in front of it"),
+        (lambda number, start: 500 - number, "recorded earlier than the message before it"),
         (lambda number, start: number if number < 9 or not start else -1, "found by its index"),
     ],
 )

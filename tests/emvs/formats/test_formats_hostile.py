@@ -266,7 +266,7 @@ def test_compressed_ros1_bags(tmp_path, monkeypatch, compression):
     path = ros1_bag(tmp_path / "f.bag", compression)
     assert read_all(path) == rows()
     monkeypatch.setattr(blocks, "MOST_BYTES", 20_000)
-    with pytest.raises(InputError, match="holds more than 20000 bytes") as error:
+    with pytest.raises(InputError, match="unpacks to more than 20000 bytes") as error:
         read_all(path)
     assert_one_line(error, path)
 
@@ -282,7 +282,7 @@ def test_frames_unpack_to_a_bound(monkeypatch, name, compress):
         with pytest.raises(InputError, match=r"here: (its compressed|cannot be)"):
             blocks.unpacked(damaged, name, "here")
     monkeypatch.setattr(blocks, "MOST_BYTES", 1 << 20)
-    with pytest.raises(InputError, match="holds more than"):
+    with pytest.raises(InputError, match="unpacks to more than"):
         blocks.unpacked(compress(bytes(1 << 25)), name, "here")
 
 

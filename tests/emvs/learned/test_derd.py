@@ -236,7 +236,7 @@ def test_planes_that_it_cannot_read_are_refused_before_any_work(changed, words, 
     ("learnt", "models", "words"),
     [
         ({}, 1, "uniform_in is None, must be linear or inverse"),
-        ({"uniform_in": "linear"}, 3, "other arrays than the network needs: 1.conv3d.0.bias"),
+        ({"uniform_in": "linear"}, 3, "arrays differ from what the network needs: 1.conv3d.0.bias"),
     ],
 )
 def test_weights_that_say_too_little_or_hold_too_much(learnt, models, words, tmp_path):
@@ -248,7 +248,7 @@ def test_weights_that_say_too_little_or_hold_too_much(learnt, models, words, tmp
 
 def test_weights_of_our_own_network_are_refused():
     config = with_derd(CONFIG, weights=packaged("learned"))
-    with pytest.raises(InputError, match="needed are those of 'derd-net'"):
+    with pytest.raises(InputError, match="but 'derd-net' is needed"):
         map_window(fronto_parallel(1.5), config)
 
 

@@ -95,7 +95,7 @@ def test_a_bomb_is_not_unpacked(weights):
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"patch.bias": None}, "other arrays than the network needs: patch.bias"),
+        ({"patch.bias": None}, "arrays differ from what the network needs: patch.bias"),
         ({"patch.bias": np.zeros(3, np.float32)}, "patch.bias"),
         ({"more": np.zeros(3, np.float32)}, "more"),
         ({"patch.bias": np.full(8, np.nan, np.float32)}, "patch.bias must be float32 and finite"),
@@ -111,8 +111,8 @@ def test_other_arrays_are_named(weights, changed, words):
     [
         (None, "cannot be read"),
         ("{", "cannot be read"),
-        ("[1]", "weights of None"),
-        (json.dumps({"network": "derd"}), "weights of 'derd', needed are those of"),
+        ("[1]", "weights for None"),
+        (json.dumps({"network": "derd"}), "but 'eventsweep-learned-1' is needed"),
     ],
 )
 def test_a_manifest_that_is_missing_damaged_or_of_another_network(weights, text, words):

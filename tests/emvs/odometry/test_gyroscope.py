@@ -99,7 +99,7 @@ def test_a_rate_lies_between_its_neighbours_and_never_comes_from_later(steps, t_
 def test_times_must_rise_and_memory_is_bounded():
     gyroscope, rates = Gyroscope(), np.zeros((2, 3))
     gyroscope.push(ImuSamples(np.array([10, 20]), rates, rates))
-    with pytest.raises(InputError, match="times must rise"):
+    with pytest.raises(InputError, match="times must increase"):
         gyroscope.push(ImuSamples(np.array([20, 30]), rates, rates))
     gyroscope.push(ImuSamples(np.empty(0, np.int64), rates[:0], rates[:0]))
     gyroscope.drop_before(15)

@@ -102,7 +102,7 @@ def test_what_comes_out_of_order_or_needs_a_whole_recording_is_refused(recording
     with pytest.raises(InputError, match="1 cameras: needs a packet for each of 2"):
         mapper.push([first], 1000)
     mapper.push([first, second], 1000)
-    with pytest.raises(InputError, match="push in order of time"):
+    with pytest.raises(InputError, match="push in time order"):
         mapper.push([first, second], 2000)
     with pytest.raises(InputError, match="up to 1000 µs, then to 500 µs"):
         mapper.push([Events.empty()] * 2, 500)

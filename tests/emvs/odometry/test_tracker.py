@@ -261,5 +261,5 @@ def test_what_it_needs_is_said_in_one_line(recording):
     empty = world.Recorded(
         recording.rig, recording.trajectory, tuple(s.slice(0, 50) for s in recording.streams)
     )
-    with pytest.raises(InputError, match="no place to begin from"):
+    with pytest.raises(InputError, match="tracking could not start"):
         track(empty)

@@ -285,8 +285,8 @@ def test_files_and_folders_never_take_each_others_place(tmp_path):
     for name, folder, words in (
         ("file", True, "is a file, the output is a folder"),
         ("map", False, "is a folder, the output is a file"),
-        ("pipe", False, "is no plain file"),
-        ("gone", True, "which is not there"),
+        ("pipe", False, "is not a regular file"),
+        ("gone", True, "is a broken link"),
         ("file/below", True, "cannot make the folder"),
         ("a\0b", True, "not a valid file name"),
     ):
@@ -349,7 +349,7 @@ def test_what_comes_between_the_last_check_and_the_swap_is_kept(tmp_path, monkey
         swap(made, place, replaced)
 
     monkeypatch.setattr(outputs, "_swap", late)
-    with pytest.raises(InputError, match=r"now holds .*notes"), atomic_dir(out, force=True):
+    with pytest.raises(InputError, match=r"now contains .*notes"), atomic_dir(out, force=True):
         pass
     assert (out / "notes").read_text() == "p"
     assert (out / "map.json").exists()

@@ -227,7 +227,7 @@ def test_a_connection_that_breaks_for_ever_is_one_line_and_keeps_what_came(publi
 def test_a_damaged_file_is_not_kept(published, tmp_path):
     (published / "desk-seed0.tar.zst").write_bytes(b"y" * 5004)
     with server(published) as (address, _):
-        assert "sha256" in one_line(address, tmp_path / "a")
+        assert "SHA-256" in one_line(address, tmp_path / "a")
     assert not list((tmp_path / "a").glob("desk-seed0*"))
 
 
@@ -334,7 +334,7 @@ def test_redirections_are_followed_but_never_out_of_encryption(published, tmp_pa
     with server(published) as (there, _), answering(moved(f"{there}/archive.json")) as address:
         assert "archive" in one_line(address, tmp_path / "a")  # all files lead to that one
     request = urllib.request.Request("https://a.example/archive.json")
-    with pytest.raises(InputError, match="only https are followed"):
+    with pytest.raises(InputError, match="only https is followed"):
         fetching._Redirects().redirect_request(request, None, 302, "", {}, "http://a.example/b")
 
 
@@ -356,15 +356,15 @@ def test_another_archive_is_not_mixed_in(published, tmp_path):
     first = other.sequences[0].model_copy(update={"sequence": "1" * 64})
     write(published, other.model_copy(update={"sequences": (first, *other.sequences[1:])}))
     assert "choose another folder" in one_line(str(published), tmp_path / "a")
-    assert "asked for is 0123" in one_line(str(published), tmp_path / "b", version="0123")
+    assert "but 0123 was requested" in one_line(str(published), tmp_path / "b", version="0123")
 
 
 @pytest.mark.parametrize(
     ("place", "words"),
     [
-        ("nowhere", "no such folder, and no address"),
-        ("ftp://example.org/data", "no such folder, and no address"),
-        ("file:///etc", "no such folder, and no address"),
+        ("nowhere", "neither a folder nor an address"),
+        ("ftp://example.org/data", "neither a folder nor an address"),
+        ("file:///etc", "neither a folder nor an address"),
         ("http://127.0.0.1:9/data", "cannot be fetched"),
     ],
 )
@@ -379,7 +379,7 @@ def test_what_is_not_there_is_one_line(published, tmp_path):
         assert "HTTP 404" in one_line(address, tmp_path / "a")
     assert "no part 'slow'" in one_line(str(published), tmp_path / "a", subset="slow")
     assert "no case 'hall'" in one_line(str(published), tmp_path / "a", cases=["hall"])
-    assert "nothing of what" in one_line(str(published), tmp_path / "a", seeds=[9])
+    assert "none of the requested" in one_line(str(published), tmp_path / "a", seeds=[9])
     with pytest.raises(InputError, match=r"no archive\.json"):
         read(tmp_path)
 
@@ -402,7 +402,7 @@ def test_a_hostile_manifest_is_one_line(published, tmp_path, kind):
     content = json.loads((published / "archive.json").read_text())
     content["sequences"][0].update(HOSTILE[kind])
     (published / "archive.json").write_text(json.dumps(content))
-    assert "no manifest of an archive" in one_line(str(published), tmp_path / "a")
+    assert "not an archive's manifest" in one_line(str(published), tmp_path / "a")
     assert not (tmp_path / "a").exists()
 
 

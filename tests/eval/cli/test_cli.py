@@ -58,7 +58,7 @@ def refused(capsys, arguments: list[str]) -> str:
     [
         (["run", "desc", "--out", "o"], "unknown scene 'desc': choose one of"),
         (["run", "--out", "o"], "CASE"),
-        (["run", "desk", "desk", "--out", "o"], "each once"),
+        (["run", "desk", "desk", "--out", "o"], "without repeats"),
         (["run", "desk"], "--out"),
         (["run", "desk", "--out", "o", "--rig", "kinect"], "unknown rig 'kinect'"),
         (["run", "desk", "--out", "o", "--method", "Alg9/Z"], "unknown method 'Alg9/Z'"),

@@ -103,7 +103,7 @@ def test_poses_of_a_recording_are_a_truth(files):
         (". --truth gt.txt --out out", "a folder without trajectory.txt"),
         ("none.txt --truth gt.txt --out out", "No such file"),
         ("good.txt --truth none --out out", "No such file"),
-        ("good.txt --truth tracked --out out", "no recording recognised"),
+        ("good.txt --truth tracked --out out", "not recognised as a recording"),
         ("good.txt --truth gt.txt --out out --prediction x", "--prediction is for maps"),
         ("good.txt --truth gt.txt --out out --score.border-px 3", "--score. is for maps"),
         ("good.txt --truth gt.txt --out gt.txt --force", "is a file"),

@@ -146,7 +146,7 @@ def test_a_gate_that_compared_nothing_is_red():
     assert is_red(strange)
     descriptive = judged(("cause_noise", "none", 1))
     assert is_red(descriptive)
-    assert "the baseline has no number that decides, of mean_error" in descriptive[0].why
+    assert "the baseline has no deciding number of mean_error" in descriptive[0].why
     assert is_red(compare({}, measured(BASE), TOLERANCES))
 
 
@@ -498,7 +498,7 @@ def test_a_metric_that_computes_something_else_is_not_comparable(held, tmp_path,
         (["--reason", "x"], "--reason without --update"),
         (["--result", "r.json", "--seeds", "1"], "--result runs nothing"),
         (["--seeds", "a"], "needs numbers"),
-        (["--seeds", "1,1"], "each once"),
+        (["--seeds", "1,1"], "without repeats"),
         (["--seeds", "5-3"], "at least one"),
         (["--suite", "nosuch"], "no subset 'nosuch'"),
         (["--result", "nosuch"], "no such file"),

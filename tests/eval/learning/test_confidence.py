@@ -123,7 +123,7 @@ def test_tables_are_numbers_in_files():
     assert Precision.from_json({**table.to_json(), "by_scatter": True}).by_scatter
     np.testing.assert_allclose(again.error_px, table.error_px, rtol=1e-4)
     for broken in BROKEN:
-        with pytest.raises(InputError, match="no table of precision"):
+        with pytest.raises(InputError, match="invalid precision table"):
             Precision.from_json(broken)
 
 

@@ -60,7 +60,7 @@ def test_damaged_data_is_one_line(tmp_path, text, words):
 
 
 def test_what_is_no_result_is_one_line(tmp_path):
-    with pytest.raises(InputError, match="no result of a suite"):
+    with pytest.raises(InputError, match="not the result of a suite"):
         read_source(str(tmp_path))
     (tmp_path / DATA_NAME).write_text(RankingData(entries=(entry("one", {"a": 1.0}),)).to_text())
     with pytest.raises(InputError, match="labels of its own"):

@@ -341,7 +341,7 @@ def test_why_a_single_camera_is_ahead_follows_from_the_numbers():
     assert why(**PAIR) == ""
     assert "not ahead on the 700 px that both report" in why(**WINS)
     both = {**WINS, "EMVS_cam0__shared_mean_error": 0.05}
-    assert "it is ahead on the 700 px that both report, too" in why(**both)
+    assert "it is also ahead on the 700 px that both report" in why(**both)
     assert "25.00 cm sideways" in why(**WINS, **MOTION)
     assert "10.00 cm apart" in why(**WINS, **MOTION)
     assert "sideways" not in why(**WINS, **{**MOTION, "rig__lateral_travel": 0.05})
@@ -350,7 +350,7 @@ def test_why_a_single_camera_is_ahead_follows_from_the_numbers():
     )
     assert "cam1" not in why(**WINS, EMVS_cam1__mean_error=0.15)
     plain = {name: WINS[name] for name in ("Alg1_H__mean_error", "EMVS_cam0__mean_error")}
-    assert why(**plain).endswith("the numbers here do not say why.")
+    assert why(**plain).endswith("these numbers do not show why.")
 
 
 def test_counts_of_a_mean_are_of_all_its_cases():

@@ -330,7 +330,7 @@ def test_windows_of_another_time_are_no_pair(tmp_path):
     ("changes", "told"),
     [({}, ()), ({"sequence": "x"}, ("not the same events, the same true depth",)),
      ({"sequence": "x", "truth": "y"}, ("not the same data", "another true depth")),
-     ({"sequence": ""}, ("no hash says",))],
+     ({"sequence": ""}, ("no hash shows",))],
 )  # fmt: skip
 def test_other_data_are_told(tmp_path, changes, told):
     values = {"desk": {"Alg1/H": {"mean_error": spread(3)}}}

@@ -176,7 +176,10 @@ def test_what_pandas_reads_of_the_csv_is_such_a_table(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: f.drop(columns=["unit", "value"]), "lacks value, unit: needs each once of case"),
+        (
+            lambda f: f.drop(columns=["unit", "value"]),
+            "lacks value, unit: needs each of these once: case",
+        ),
         (lambda f: f.assign(colour="red"), r"has \['colour'\]: needs"),
         (lambda f: f.assign(**{"two\nlines": 1}), r"has \['two\\nlines'\]: needs"),
         (lambda f: f.assign(unit=[pd.Series([1, 2])] * 3), "unit is .*, needs a text"),

@@ -62,7 +62,7 @@ def test_the_page_has_every_study_with_its_figure_and_breaking_points(tmp_path):
 
 def test_a_folder_without_studies_or_figures_and_a_page_without_marks_are_refused(tmp_path):
     path = docs(tmp_path, "another")
-    with pytest.raises(InputError, match="no study"):
+    with pytest.raises(InputError, match="not a study"):
         study_pages.write(tmp_path, path)
     study(tmp_path)
     with pytest.raises(InputError, match="needs the lines"):

@@ -192,7 +192,7 @@ def test_names_of_entries_and_of_methods_are_checked(place, capsys):
     assert not (place / "submissions").exists()
     assert entered(place, "one", "--quiet") == entered(place, "two", "--quiet") == 0
     assert check_entries(place, "one", "two") == 2
-    assert "is called 'Guess', too" in capsys.readouterr().err
+    assert "is called 'Guess' as well" in capsys.readouterr().err
     assert main(["submission", "check", str(place / "theirs")]) == 2
     assert "give its --suite" in capsys.readouterr().err
     assert main(["submission", "check", str(place / "nowhere")]) == 2
@@ -256,7 +256,7 @@ WRONG = {
     "unknown case": (lambda folder: (folder / "hall").mkdir(), "no case 'hall'"),
     "size": (put(depth(0, (90, 120))), "has 180 rows"),
     "millimetres": (each(lambda d: 1000 * d), "set scale"),
-    "inverse depth": (each(lambda d: 1 / d), "not inverse depth"),
+    "inverse depth": (each(lambda d: 1 / d), "instead of inverse depth"),
     "time": (
         lambda folder: (folder / NAMES[0]).rename(folder / "wall/seed0/10001.npz"),
         "+1 µs away",
@@ -267,7 +267,7 @@ WRONG = {
     ),
     "nothing but NaN": (put(np.full(SIZE, np.nan)), "no depth for the reference view"),
     "negative": (put(spotted(-1.0)), "3 of 43200 numbers are negative"),
-    "twice the same": (put(depth(1)), "holds the very depth map of wall/seed0/10000.npz"),
+    "twice the same": (put(depth(1)), "is identical to the depth map of wall/seed0/10000.npz"),
     "a text": (lambda folder: (folder / NAMES[0]).write_text("no depth"), "10000.npz"),
     "two files for a view": (
         lambda folder: np.save(folder / "wall/seed0/10000.npy", depth(0)),
@@ -281,7 +281,7 @@ WRONG = {
     "linked times": (linked("wall/seed0/timestamps.txt", NAMES[0]), "timestamps.txt: is a link"),
     "a time of many digits": (
         lambda folder: (folder / "wall/seed0/timestamps.txt").write_text("9" * 5000),
-        "is no time",
+        "is not a time",
     ),
     "confidence of NaN": (
         lambda folder: np.savez(folder / NAMES[0], depth_m=depth(0), confidence=spotted(np.nan)),
@@ -353,7 +353,7 @@ def rename(old, new):
 
 
 SPOILT = {
-    "a file too few": (lambda inside: (inside / NAMES[0]).unlink(), "10000.npz is not in it"),
+    "a file too few": (lambda inside: (inside / NAMES[0]).unlink(), "10000.npz is missing"),
     "a file too many": (lambda inside: (inside / "x.npz").write_bytes(b"x"), "does not belong"),
     "a changed file": (
         lambda inside: (inside / NAMES[0]).write_bytes((inside / NAMES[0]).read_bytes()[::-1]),
@@ -376,7 +376,7 @@ SPOILT = {
     "another size": (then_listed(put(depth(0, (90, 120)))), "has 180 rows"),
     "negative": (then_listed(put(spotted(-1.0))), "are negative"),
     "millimetres": (then_listed(each(lambda d: 1000 * d)), "median depth would be"),
-    "twice the same": (then_listed(put(depth(2))), "holds the very depth map"),
+    "twice the same": (then_listed(put(depth(2))), "is identical to the depth map"),
     "a pickle": (
         then_listed(lambda inside: np.savez(inside / NAMES[0], depth_m=np.array([{}], object))),
         "10000.npz",
@@ -392,7 +392,7 @@ SPOILT = {
     "many seeds": (stated(lambda c: c.update(seeds=[*range(1000)])), "pair has no seed 1"),
     "another layout": (stated(lambda c: c.update(schema_version=9)), "schema version 9"),
     "no facts": (stated(lambda c: c.pop("facts")), "its manifest: facts"),
-    "no manifest": (lambda inside: (inside / MANIFEST).unlink(), "needs .manifest.json first"),
+    "manifest": (lambda inside: (inside / MANIFEST).unlink(), "needs .manifest.json first"),
 }
 
 
@@ -408,7 +408,7 @@ def test_what_is_wrong_with_a_file_is_one_line(place, capsys, kind):
 
 
 MEMBERS = {
-    "a link": (tarfile.SYMTYPE, "late/seed0/20000.npz", "no plain file"),
+    "a link": (tarfile.SYMTYPE, "late/seed0/20000.npz", "not a regular file"),
     "a path that leads out": (tarfile.REGTYPE, "../x", "does not belong there"),
     "an absolute path": (tarfile.REGTYPE, "/tmp/x", "does not belong there"),
     "a name twice": (tarfile.REGTYPE, NAMES[0], "twice"),
@@ -533,7 +533,10 @@ def test_copied_truth_is_flagged(ran, tmp_path, capsys):
     with blank_pictures():
         assert run(ran, tmp_path / "out", "--prediction", tmp_path / "theirs") == 0
     err = capsys.readouterr().err
-    assert "Given/theirs: a perfect score, as of copied truth, in wall seed 0, late seed 0" in err
+    assert (
+        "Given/theirs: a perfect score, as if the truth were copied, in wall seed 0, late seed 0"
+        in err
+    )
     assert "Alg1/H" not in err
 
 

@@ -102,13 +102,13 @@ def test_names_find_suites_and_subsets(tmp_path):
     [
         ("seeds = [0, 1]\nspread", "seeds = []\nspread", "seeds"),
         ('scene = "planes"', 'scen = "planes"', "cases.wall.scen"),
-        ('scene = "planes"', 'scene = "m.xml"', "a suite's scenes have names"),
+        ('scene = "planes"', 'scene = "m.xml"', "suites name their scenes"),
         ("sim = {", "sim = { model = { controller = 'x.py:go' }, ", "no file may name code to run"),
         ("planes = 30", "plane = 30", "plane"),
         ("planes = 30", "planes = 1", "planes"),
         ("duration_s = 0.02 }]", "duration_s = 0.03 }]", "the case has 0.04 s"),
-        ('cases = ["wall"]', 'cases = ["hall"]', "no 'hall', there are wall"),
-        ('"default", "coarse"]', '"default", "fine"]', "no 'fine', there are default, coarse"),
+        ('cases = ["wall"]', 'cases = ["hall"]', "no 'hall', choose from wall"),
+        ('"default", "coarse"]', '"default", "fine"]', "no 'fine', choose from default, coarse"),
         ('"default", "coarse"]', f'"{"9" * 5000}"]', "no '999"),
         ("contrast_threshold_pos = 0.4", "contrast_threshold_pos = -1", "contrast_threshold_pos"),
         ('speed_case = "wall"', 'speed_case = "hall"', "no 'hall'"),
@@ -357,7 +357,7 @@ def test_a_job_that_fails_is_told_and_others_go_on(run, tmp_path, capsys):
     assert main(["suite", str(tmp_path / "tiny.toml"), *arguments]) == 1
     result = read_suite(tmp_path / "out")
     assert [sample.case for sample in result.samples] == ["wall"]
-    assert any("none that can vote" in job.failure for job in result.failures)
+    assert any("none of which can vote" in job.failure for job in result.failures)
     assert any(job.failure.startswith("not started") for job in result.failures)
     assert "failed" in capsys.readouterr().out
 

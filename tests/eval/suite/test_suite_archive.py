@@ -259,12 +259,12 @@ def test_only_who_has_the_truth_can_score(made, hidden, tmp_path, capsys):
     assert not any(str(hidden_seed(secret, "pair", "wall", k)) in text for k in (0, 1))
     capsys.readouterr()
     assert run(file, cache, tmp_path / "no", "--archive", hidden / "given") == 2
-    assert "holds no ground truth" in capsys.readouterr().err
+    assert "contains no ground truth" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(None, "cannot be read"), (b"short", "no secret"), (b" " * 99, "0 bytes")],
+    [(None, "cannot be read"), (b"short", "too few for a secret"), (b" " * 99, "0 bytes")],
 )
 def test_a_secret_that_is_none_is_one_line(tmp_path, content, words):
     if content is not None:
@@ -283,9 +283,9 @@ def test_what_an_archive_lacks_is_one_line(made, tmp_path, capsys):
     other = tmp_path / "other.toml"
     other.write_text(SUITE.replace("contrast_threshold_pos = 0.4", "contrast_threshold_pos = 0.3"))
     for definition, archive, more, words in (
-        (file, part, ("--case", "wall"), "wall-seed1.tar.zst: is not there: fetch wall"),
+        (file, part, ("--case", "wall"), "wall-seed1.tar.zst: is missing: fetch wall"),
         (file, frozen, ("--seeds", "7"), "no sequence of wall with seed 7"),
-        (other, frozen, (), "another definition"),
+        (other, frozen, (), "a different definition"),
         (file, tmp_path, (), "no archive.json"),
     ):
         capsys.readouterr()

@@ -91,7 +91,7 @@ def test_the_parameters_name_the_files_and_know_another_one(tmp_path):
     assert {line.split(" ", 1)[1]: line.split(" ", 1)[0] for line in noted.model.files} == expected
     assert prepared(str(path), "model:left", noted, 0).config.model == noted.model
     (tmp_path / "hull.obj").write_text((tmp_path / "hull.obj").read_text() + "\n# heavier\n")
-    with pytest.raises(InputError, match=r"not the file of sha256 .*, hull\.obj is another: rest"):
+    with pytest.raises(InputError, match=r"its SHA-256 is not .*, hull\.obj is another: rest"):
         prepared(str(path), "model:left", noted, 0)
 
 

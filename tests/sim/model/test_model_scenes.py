@@ -95,10 +95,10 @@ def test_a_table_of_joints_moves_a_urdf(tmp_path):
     [
         ({}, "nothing moves"),
         ({"motion": "flying"}, "motion 'flying': give dynamics"),
-        ({"motion": "walk", "controller": "math:sin"}, "a controller without"),
+        ({"motion": "walk", "controller": "math:sin"}, "a controller needs"),
         ({"motion": "dynamics", "mount": "nose"}, "nothing is called 'nose'"),
         ({"motion": "dynamics", "key": "home"}, "no key frame 'home'"),
-        ({"motion": "walk", "mount": "body:kite", "sha256": "1"}, "not the file of sha256 1"),
+        ({"motion": "walk", "mount": "body:kite", "sha256": "1"}, "its SHA-256 is not 1"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(path, model, message):
@@ -111,13 +111,13 @@ def test_files_that_are_no_models_are_refused(tmp_path):
         made(tmp_path / "none.xml", motion="walk")
     broken = tmp_path / "broken.xml"
     broken.write_text("<mujoco><worldbody>")
-    with pytest.raises(InputError, match=r"broken\.xml is no usable MJCF"):
+    with pytest.raises(InputError, match=r"broken\.xml is not valid MJCF"):
         made(broken, motion="walk")
     lacks = tmp_path / "lacks.xml"
     lacks.write_text(rover.MJCF)
     with pytest.raises(InputError, match=r"hull|leaves"):
         made(lacks, motion="dynamics")
-    with pytest.raises(InputError, match="mount given for scene desk, which is no model's file"):
+    with pytest.raises(InputError, match="mount given for scene desk, but only model files"):
         made("desk", rig=None, mount="eye")
 
 
@@ -133,7 +133,7 @@ def test_a_look_around_tells_what_is_wrong(path, tmp_path):
     mirror = rover.MJCF.replace('specular="0"/>', 'specular="0" reflectance=".3"/>')
     said = []
     made(rover.write(tmp_path, mirror), said=said, motion="dynamics")
-    assert any("a surface mirrors" in line for line in said)
+    assert any("a surface is reflective" in line for line in said)
     clipped = rover.MJCF.replace('znear="0.002"', 'znear="0.05"')
     said = []
     made(rover.write(tmp_path, clipped), said=said, motion="dynamics")
@@ -166,4 +166,4 @@ def test_a_look_around_decides_how_light_is_drawn(tmp_path, brightness, floats):
     said = []
     scene, _, config = made(wall, rig=None, said=said, motion="shake")
     assert config.light.floats(scene.hdr) is floats
-    assert any("drawn in floats" in line for line in said) is floats
+    assert any("rendered in floating point" in line for line in said) is floats

@@ -125,7 +125,7 @@ def test_only_geoms_are_seen(look, kind):
     assert ((geoms >= 0) == np.isfinite(depth_m)).mean() > 0.99
     assert "wall" in {known[k].name for k in np.unique(geoms) if k >= 0}
     assert NOT_DRAWN.get(kind, "") in "".join(said)
-    assert any("not drawn" in line for line in said) == (kind in NOT_DRAWN)
+    assert any("not rendered" in line for line in said) == (kind in NOT_DRAWN)
 
 
 @pytest.mark.parametrize("kind", ["range finders", "tendons", "a skin", "sites of all groups"])
@@ -145,4 +145,4 @@ def test_next_to_no_events_are_said(tmp_path):
     still = mjcf().replace('stiffness="900"', "")
     one, said = made(tmp_path, still), []
     simulate(one.scene, one.rig, one.config, 0, tmp_path / "out", notice=said.append)
-    assert any("are next to none" in line for line in said)
+    assert any("are very few" in line for line in said)

@@ -88,13 +88,13 @@ def test_a_table_moves_the_joints_that_it_names(model, tmp_path):
     [
         ("", "columns none"),
         ("swing\n0\n1\n", "columns swing: needs t_s"),
-        ("t_s,swing\n0,0\n", "must rise"),
-        ("t_s,swing\n0,0\n0,1\n", "must rise"),
+        ("t_s,swing\n0,0\n", "must increase"),
+        ("t_s,swing\n0,0\n0,1\n", "must increase"),
         ("t_s,swing\n0,a\n1,1\n", "could not convert"),
         ("t_s,swing\n0,0\n1\n", "row '1': needs"),
         ("t_s,swing\n0,0\n1,nan\n", "row '1,nan'"),
         ("t_s,elbow\n0,0\n1,1\n", "no joint 'elbow'.*it has root, swing"),
-        ("t_s,root\n0,0\n1,1\n", "'root' is free or a ball"),
+        ("t_s,root\n0,0\n1,1\n", "'root' is a free or ball joint"),
     ],
 )
 def test_a_bad_table_is_refused(model, tmp_path, text, message):
@@ -127,7 +127,7 @@ def test_what_cannot_drive_a_model_is_refused(model, tmp_path):
     ):
         with pytest.raises(InputError, match=message):
             load_controller(name)
-    with pytest.raises(InputError, match="is no function"):
+    with pytest.raises(InputError, match="is not a function"):
         load_controller("math:pi")
     assert load_controller("math:sin")(0) == 0
 

@@ -118,7 +118,7 @@ def test_surfaces_that_come_into_view_are_checked_backwards():
 def test_too_fast_a_motion_is_refused():
     config = SimConfig(sampling="linear", min_frame_interval_us=1_000)
     source = Walls(made.tiny_rig(), (0.5, 0.5))
-    with pytest.raises(InputError, match=r"at t = 0 µs, allowed are 0.5") as caught:
+    with pytest.raises(InputError, match=r"at t = 0 µs, the limit is 0.5") as caught:
         list(adaptive_frames(source, sideways(20.0), [0, 50_000], config))
     assert "\n" not in str(caught.value)
 

@@ -52,10 +52,10 @@ def test_a_look_at_a_scene_decides_how_light_is_drawn(tmp_path, ambient, floats)
     )
     scene, said = panel_scene(world, (1.0, 4.0), tmp_path), []
     simulated_events(scene, panel_rig(DAVIS), SimConfig(duration_s=0.01), said.append)
-    assert any("drawn in floats" in line for line in said) is floats
+    assert any("rendered in floating point" in line for line in said) is floats
     classic = SimConfig(duration_s=0.01, light={"renderer": "classic"})
     simulated_events(scene, panel_rig(DAVIS), classic, said.append)
-    assert sum("drawn in floats" in line for line in said) == floats
+    assert sum("rendered in floating point" in line for line in said) == floats
 
 
 @pytest.mark.parametrize("name", ["fisheye", "barrel lens"])

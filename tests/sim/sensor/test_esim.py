@@ -199,7 +199,7 @@ def test_refuses_misuse():
     with pytest.raises(InputError, match=r"before start"):
         simulator.step(frame, 0)
     simulator.start(frame, 5)
-    with pytest.raises(InputError, match="must rise"):
+    with pytest.raises(InputError, match="must increase"):
         simulator.step(frame, 5)
     with pytest.raises(InputError, match="this sensor needs"):
         simulator.step(frame.T, 6)

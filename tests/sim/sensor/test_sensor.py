@@ -173,7 +173,7 @@ def test_refuses_misuse():
     with pytest.raises(InputError, match="before start"):
         sensor.step(frame, 0)
     sensor.start(frame, 5)
-    with pytest.raises(InputError, match="must rise"):
+    with pytest.raises(InputError, match="must increase"):
         sensor.step(frame, 5)
     with pytest.raises(InputError, match="this sensor needs"):
         sensor.step(frame.T, 6)

@@ -162,7 +162,7 @@ def test_a_flicker_loses_everything():
 def test_images_that_move_too_fast_are_told_of_once(tmp_path, step_px, told):
     folder = write_folder(tmp_path / "in", drifting(16, step_px=step_px), np.arange(16) + 0.5)
     notes = recorded(folder, tmp_path / "out").notes
-    assert len([note for note in notes if "move too far" in note]) == told
+    assert len([note for note in notes if "moves too far" in note]) == told
 
 
 def test_items_are_made_while_the_one_before_is_at_work():
@@ -187,7 +187,7 @@ def test_values_that_are_no_light_are_named(tmp_path):
     frames[2, 0, 0] = -0.25
     folder = write_folder(tmp_path / "in", frames, ["0.0", "0.1", "0.2"], ".npy")
     film = Film(open_frames(folder, VideoConfig()), PixelConfig(), VideoConfig(), 0)
-    with pytest.raises(InputError, match=r"2\.npy stands for light from -0\.25 to 0\.5 \(linear\)"):
+    with pytest.raises(InputError, match=r"2\.npy decodes to light from -0\.25 to 0\.5 \(linear\)"):
         list(film)
     with pytest.raises(InputError, match=r"2\.npy"):
         recorded(folder, tmp_path / "out")

@@ -127,7 +127,7 @@ def test_info_and_convert_know_a_sequence_of_a_video(tmp_path, folder, capsys):
     assert main(["convert", str(tmp_path / "seq"), str(tmp_path / "c"), "--to", "tumvie"]) == 0
     assert main(["convert", str(tmp_path / "seq"), str(tmp_path / "r"), "--to", "rig"]) == 0
     assert main(["convert", str(tmp_path / "seq"), str(tmp_path / "s"), "--to", "sequence"]) == 2
-    assert "only events, no poses" in capsys.readouterr().err
+    assert "has events but no poses" in capsys.readouterr().err
 
 
 class Watched(Sensor):
@@ -226,12 +226,12 @@ def test_what_does_not_belong_to_the_video_is_refused(tmp_path, folder, calibrat
         assert not (tmp_path / out).exists()
 
     late = poses(tmp_path / "late.txt", 10**9, 2 * 10**9)
-    refused(View(calibration, None, late), "needs both on one clock")
-    refused(View(rendered / "rig.json"), "cameras left, right; say which")
+    refused(View(calibration, None, late), "put both on one clock")
+    refused(View(rendered / "rig.json"), "cameras left, right; set camera to the one")
     refused(View(rendered / "rig.json", "left"), "346x260 px, the frames have 40x30")
-    refused(View(rendered / "rig.json", "middle"), "say which")
-    refused(View(calibration), "a file of events holds no calibration", "out.h5")
-    with pytest.raises(InputError, match="without calibration"):
+    refused(View(rendered / "rig.json", "middle"), "set camera to the one")
+    refused(View(calibration), "an event file cannot hold calibration", "out.h5")
+    with pytest.raises(InputError, match="but no calibration"):
         View(None, None, late)
 
 
@@ -305,7 +305,7 @@ def test_a_playlist_is_not_followed_to_other_hosts(tmp_path):
         address = f"http://127.0.0.1:{server.server_port}/x.ts"
         text = f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{address}\n#EXT-X-ENDLIST\n"
         (tmp_path / "v.m3u8").write_text(text)
-        with pytest.raises(InputError, match="no video"):
+        with pytest.raises(InputError, match="is a playlist, not a video"):
             open_frames(tmp_path / "v.m3u8", VideoConfig())
         server.shutdown()
     assert asked == []

@@ -72,7 +72,7 @@ def test_it_is_given_what_the_files_hold(tmp_path, monkeypatch):
     ("body", "message"),
     [
         ("raise RuntimeError('no\\nGPU')", r"between 0\.npy and 1\.npy fails \(no GPU\)"),
-        ("yield t0_us, a", "a frame at 0 µs; needs rising times between 0 and 10000"),
+        ("yield t0_us, a", "a frame at 0 µs; needs increasing times between 0 and 10000"),
         ("yield t1_us, a", "a frame at 10000 µs"),
         ("yield 5, a; yield 5, a", "a frame at 5 µs"),
         ("yield 5, a[1:]", r"a frame \(5, 8\) of float32; needs \(6, 8\)"),
