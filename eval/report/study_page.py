@@ -219,6 +219,6 @@ def _line(curve: StudyCurve) -> tuple[GridCell, ...]:
     cells = [GridCell(curve.method, colour=line_style(curve.method).css)]
     for mean, low, high in zip(curve.mean, curve.low, curve.high, strict=True):
         half = (high - low) / 2
-        band = "" if math.isnan(mean) else f" ± {displayed(half, curve.unit)}"
+        band = "" if math.isnan(mean + half) else f" ± {displayed(half, curve.unit)}"
         cells.append(GridCell(displayed(mean, curve.unit) + band, mean))
     return tuple(cells)

@@ -128,7 +128,7 @@ def _show(common: Common, facts: SubmissionFacts, asked: Asked) -> None:
     maps, cost = len(asked.views()), facts.cost
     line = (
         f"{facts.method} by {', '.join(facts.authors)}, {facts.licence}: {maps} depth maps for "
-        f"{asked.suite.name} are complete; stated: {cost.seconds_per_window:g} s a window, "
+        f"{asked.suite.name} are complete; stated: {cost.seconds_per_window:g} s per window, "
         f"{cost.peak_memory_mb:g} MB, {cost.hardware}"
     )
     content = {**facts.model_dump(mode="json"), "suite": asked.suite.name, "depth_maps": maps}

@@ -152,7 +152,7 @@ def _provenance(entry: RankingEntry, method: str) -> Grid:
         facts |= {
             "submitted by": ", ".join(stated.authors), "licence": stated.licence,
             "address": stated.url or "not stated",
-            "stated cost": f"{stated.cost.seconds_per_window:g} s a window, "
+            "stated cost": f"{stated.cost.seconds_per_window:g} s per window, "
             f"{stated.cost.peak_memory_mb:g} MB, {stated.cost.hardware}",
         }  # fmt: skip
     if method in entry.digests:
@@ -162,7 +162,7 @@ def _provenance(entry: RankingEntry, method: str) -> Grid:
         facts["settings"] = ", ".join(named) or "the mapper's defaults"
     if cost is not None:
         facts["measured cost"] = (
-            f"{cost.cpu_seconds:.3g} CPU s a window, {cost.peak_memory_mb:.0f} MB, on "
+            f"{cost.cpu_seconds:.3g} CPU s per window, {cost.peak_memory_mb:.0f} MB, on "
             f"{entry.platform or 'an unnamed machine'}"
         )
     facts["eventsweep"] = entry.versions.get("eventsweep", "not recorded")

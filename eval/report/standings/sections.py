@@ -86,7 +86,7 @@ def overview(page: RankingPage) -> Grid:
     ]  # fmt: skip
     if hidden:
         heads += [Head("rank, hidden part"), Head("error, hidden part", "%", arrow=True)]
-    heads += [Head("time", "s a window"), Head("memory", "MB"), Head("note", text=True)]
+    heads += [Head("time", "s per window"), Head("memory", "MB"), Head("note", text=True)]
     errors = [summary.geometric(joined, m, "abs_rel", joined.cases) for m in page.methods]
     best_error = best(errors, "lower")
     lines = []
@@ -310,8 +310,8 @@ def cost(page: RankingPage) -> Section:
     """Error against cost, measured beside stated."""
     joined = page.joined
     heads = (
-        Head("method", text=True), Head("measured here: time", "CPU s a window"),
-        Head("memory", "MB"), Head("stated: time", "s a window"), Head("stated: memory", "MB"),
+        Head("method", text=True), Head("measured here: time", "CPU s per window"),
+        Head("memory", "MB"), Head("stated: time", "s per window"), Head("stated: memory", "MB"),
         Head("stated: hardware", text=True), Head("relative error", "%", arrow=True),
     )  # fmt: skip
     lines, points = [], {}
