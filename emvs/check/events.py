@@ -189,8 +189,8 @@ def _hot_pixels(stream: Stream) -> Finding:
     share = float(stream.pixels[hot].sum() / stream.events)
     return judged(
         "hot-pixels", above(share, _HOT_DOUBTFUL, _HOT_WRONG), share, "",
-        f"{hot.sum():,} pixels send {share:.1%} of the events, each over {_HOT_RATIO:g} times as "
-        "many as its neighbours",
+        f"{hot.sum():,} pixels fire over {_HOT_RATIO:g} times as often as their neighbours, with "
+        f"{share:.1%} of the events",
         meaning="rays of hot pixels make streaks in the volume",
         cure="map with --map.hot-pixels 10, or lower the sensor's sensitivity",
         suspect="hot pixels",

@@ -28,7 +28,7 @@ def summary(verdicts: Sequence[Judgement]) -> str:
     """How many of each, which metrics decide, and who is to blame."""
     counts = _counts(one for one in verdicts if one.decides)
     beside = _counts(one for one in verdicts if not one.decides)
-    counts += f"; deciding nothing: {beside}" if beside else ""
+    counts += f"; not deciding: {beside}" if beside else ""
     red = [one for one in verdicts if one.is_red]
     if not red:
         return f"gate: green ({counts})"

@@ -29,7 +29,7 @@ BREAKS_AT = 2.0
 """A method breaks where its error is this many times its unperturbed one."""
 _ROOM = 1.25  # above the highest mean; bands of few seeds reach far beyond
 _TITLES = {"mean_error": "mean error", "bad_published": "bad pixels", "points": "points",
-           "ate_share": "ATE of way", "time_covered": "time covered"}  # fmt: skip
+           "ate_share": "ATE of path", "time_covered": "time covered"}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

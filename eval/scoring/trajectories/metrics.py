@@ -203,7 +203,7 @@ def _context(
 
 _ABSOLUTE = tuple(_absolute(kind, name) for kind in _KINDS for name in _STATISTICS)
 _DRIFT = (
-    TrajectoryMetric("ate_share", "ATE of way", "%", "lower", "ATE / true way",
+    TrajectoryMetric("ate_share", "ATE of path", "%", "lower", "ATE / true way",
                      _ate_share, _of_poses),
     TrajectoryMetric("drift", "drift", "%", "lower",
                      "mean e / way, over all steps that are measured by way", _drift, _of_steps),

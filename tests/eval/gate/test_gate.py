@@ -188,7 +188,7 @@ def test_an_improvement_is_green_though_descriptive_numbers_are_worse():
         ("mean_error_top_1pct", "worse", False),
     ]  # fmt: skip
     told = report.summary(verdicts)
-    assert told == "gate: green (1 better, 1 same; deciding nothing: 1 changed, 2 worse)"
+    assert told == "gate: green (1 better, 1 same; not deciding: 1 changed, 2 worse)"
     rows = [row[0] for row in report.lines(verdicts)]
     assert rows == ["better", "(changed)", "(worse)", "(worse)"]
     chosen = judged(("mean_cells", "lower", 2), choice=Choice(metrics=("mean_cells",)))
@@ -200,7 +200,7 @@ def test_a_mixed_result_says_which_metric_decides():
         ("median_error", "lower", 0.5), ("mean_error", "lower", 2), ("mean_cells", "lower", 9)
     )
     assert report.summary(verdicts).startswith(
-        "gate: red (1 worse, 1 better; deciding nothing: 1 worse); decided by mean_error (1); "
+        "gate: red (1 worse, 1 better; not deciding: 1 worse); decided by mean_error (1); "
         "first: desk Alg1/H mean_error worse: 200 cm against 100 cm"
     )
 
