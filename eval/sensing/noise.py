@@ -41,8 +41,11 @@ def refractory(pixels: PixelEvents, noise_hz: float) -> Estimate:
     )
     chance = len(pixels) * max(noise_hz, 0.0) * least_us * 1e-6
     if min(chance, near) < _FEW or first < max(8, 0.5 * beyond):
-        return refused(name, unit, f"no interval under {least_us:.0f} µs, but they set in slowly, "
-                       f"and noise would have made only {chance:.0f} shorter ones")  # fmt: skip
+        return refused(
+            name, unit,
+            f"no interval under {least_us:.0f} µs, but their number rises slowly from there, and "
+            f"noise alone would give only {chance:.0f} shorter ones",
+        )  # fmt: skip
     density = (first + beyond) / (0.4 * least_us)
     value = max(least_us - _RANK / density, 0.0)
     chance_us = 1.96 * float(np.sqrt(_RANK)) / density
@@ -133,7 +136,7 @@ def _spread(pixels: PixelEvents, own: Floats) -> Estimate:
     value, drawn = resampled(sums, squared)
     error = float(np.nanstd(drawn))
     if not value > 2.5 * error:
-        return refused(name, unit, "counts of quiet pixels scatter as chance alone does")
+        return refused(name, unit, "counts of quiet pixels scatter no more than by chance")
     spread = float(np.sqrt(np.log1p(value)) / np.log(10))
     slope = 1 / (2 * np.log(10) ** 2 * spread * (1 + float(value)))
     width = float(np.hypot(1.96 * error * slope, SYSTEMATIC["spread"] * spread))

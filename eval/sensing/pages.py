@@ -27,7 +27,7 @@ def fit_page(fit: SensorFit, name: str, command: str, files: tuple[str, ...]) ->
     """The page of a fitted sensor, as HTML."""
     known = [estimate for estimate in fit.estimates if not estimate.refused]
     findings = [
-        f"{len(known)} parameters determined, {len(fit.estimates) - len(known)} refused.",
+        f"{len(known)} of {len(fit.estimates)} parameters determined; the others are refused.",
         f"{len(fit.pixels):,} events in {fit.pixels.seconds:.2f} s; {fit.on_share:.1%} of them "
         "brighten.",
     ]
@@ -46,7 +46,7 @@ def fit_page(fit: SensorFit, name: str, command: str, files: tuple[str, ...]) ->
     section = Section(
         "fit", "Parameters", ("fit",), (estimates_grid(fit.estimates),), pictures=pictures
     )
-    return _page(f"sensor of {name}", findings, section, command, files)
+    return _page(f"Sensor fitted to {name}", findings, section, command, files)
 
 
 def realism_page(realism: Realism, command: str, files: tuple[str, ...]) -> str:
@@ -54,7 +54,7 @@ def realism_page(realism: Realism, command: str, files: tuple[str, ...]) -> str:
     real, simulated = realism.real, realism.simulated
     findings = [
         f"A classifier on event statistics tells them apart with an AUC of {realism.auc:.3f} "
-        "(0.5: not at all, 1: always).",
+        "(0.5: never, as good as real; 1: always).",
     ]
     heads = (Head("statistic", text=True), Head(real.name), Head(simulated.name))
     lines = tuple(
@@ -78,7 +78,7 @@ def realism_page(realism: Realism, command: str, files: tuple[str, ...]) -> str:
         )
     )
     section = Section("realism", "Side by side", ("whole", "windows"), grids, pictures=pictures)
-    return _page(f"{simulated.name} beside {real.name}", findings, section, command, files)
+    return _page(f"{simulated.name} compared with {real.name}", findings, section, command, files)
 
 
 def estimates_grid(estimates: tuple[Estimate, ...]) -> Grid:
