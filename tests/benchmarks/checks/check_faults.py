@@ -123,13 +123,27 @@ def sequence(base: Base, out: Path) -> Path:
     return path
 
 
+def in_any_order(campaign: str) -> list[Case]:
+    """All cases of a campaign as if shuffled: the first ones are a fair sample of all."""
+    return sorted(cases(campaign), key=lambda case: zlib.crc32(case.name.encode()))
+
+
+def kept_verdict(case: Case, out: Path, code: str) -> dict[str, Any] | None:
+    """What the same code said of a case; None if it has not been checked."""
+    file = _file(case, out)
+    kept: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {}
+    return kept if kept.get("code") == code else None
+
+
+def _file(case: Case, out: Path) -> Path:
+    return out / "verdicts" / f"{case.name}.json"
+
+
 def verdict(case: Case, out: Path, code: str) -> dict[str, Any]:
     """What `check` says of a case: kept if the same code said it."""
-    file = out / "verdicts" / f"{case.name}.json"
-    if file.exists():
-        kept: dict[str, Any] = json.loads(file.read_text())
-        if kept["code"] == code:
-            return kept
+    if (kept := kept_verdict(case, out, code)) is not None:
+        return kept
+    file = _file(case, out)
     path = sequence(case.base, out)
     began = time.process_time()
     report = _of_file(case, path, out) if case.file_fault else check(_spoilt(case, path))
@@ -279,12 +293,15 @@ def main() -> None:
             f"--{name}", dest="campaign", action="store_const", const=name, default="held out"
         )
     parser.add_argument("--part", default="0/1", help="k/n: every n-th sequence from the k-th on")
+    parser.add_argument("--kept", action="store_true", help="only what has been checked already")
     flags = parser.parse_args()
     first, step = map(int, flags.part.split("/"))
     code, every = code_version(), []
     own = set(CAMPAIGNS[flags.campaign][0][first::step])
-    chosen = [case for case in cases(flags.campaign) if case.base in own]
+    chosen = [case for case in in_any_order(flags.campaign) if case.base in own]
     for k, case in enumerate(chosen, 1):
+        if flags.kept and kept_verdict(case, flags.out, code) is None:
+            continue
         found = verdict(case, flags.out, code)
         every.append(found)
         sys.stderr.write(
