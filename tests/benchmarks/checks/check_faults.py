@@ -248,9 +248,14 @@ def table(every: Sequence[dict[str, Any]]) -> str:
         f"| Planted | cases | {' | '.join(OUTCOMES)} | called instead |",
         "|---|--:|--:|--:|--:|--:|--:|---|",
     ]
-    for kind in dict.fromkeys(one["kind"] for one in faults):
+    others = []
+    for kind in sorted({one["kind"] for one in faults}, key=lambda kind: (kind in unseen, kind)):
         of_kind = [one for one in faults if one["kind"] == kind]
-        lines.append(_line(kind + " *" * (kind in unseen), of_kind))
+        if all(outcome(one) == "named" for one in of_kind):
+            others += of_kind
+        else:
+            lines.append(_line(kind + " *" * (kind in unseen), of_kind))
+    lines.append(_line(f"the other {len({one['kind'] for one in others})} kinds", others))
     lines.append(_line("nothing (unspoilt)", right))
     seconds = [one["cpu_s"] for one in every]
     lines += [
@@ -266,7 +271,7 @@ def _summary(kinds: str, faults: Sequence[dict[str, Any]]) -> str:
     return (
         f"Of {len(faults)} recordings with a planted fault of {kinds}, {count['named']} "
         f"({count['named'] / all_of:.1%}) are named first and rightly, {count['unknown']} are "
-        f"called wrong without a cause, {count['wrong cure']} "
+        f"called wrong or doubtful without a cause, {count['wrong cure']} "
         f"({count['wrong cure'] / all_of:.1%}) get a wrong cure, {count['unnoticed']} are not "
         f"noticed; {count['harmless']} more are not noticed, but harmless. So "
         f"{(count['named'] + count['unknown']) / max(1, all_of - count['harmless']):.1%} of the "
