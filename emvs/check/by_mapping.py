@@ -1,9 +1,9 @@
 """Checks by mapping: do rays meet more sharply under an alternative? Then something is wrong.
 
 Three windows are mapped as given, and again under every alternative (`trials`). The best one is
-named only if it explains: no other one does as well, its amount is an optimum within its search,
-and after it the camera gains nothing by turning otherwise (`TrialWindows.free_turn_gains`). Else
-the poses do not fit the events, and no cause is named.
+named only if it is decisive, far beyond what any small free turn gains, and explains: no other one
+does as well, its amount is an optimum within its search, and after it the cameras gain nothing by
+turning otherwise (`TrialWindows.free_turn_gains`). Else no cause is named.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from eventsweep.emvs.check.alternatives import (
     of_pair,
     of_poses,
 )
-from eventsweep.emvs.check.findings import Finding, Series, Verdict
+from eventsweep.emvs.check.findings import Finding, Series
 from eventsweep.emvs.check.trial_windows import Gains, TrialWindows
 from eventsweep.emvs.check.trials import CameraTrials, Trial
 from eventsweep.emvs.config import MapperConfig
@@ -30,19 +30,22 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.utils.runtime import Progress, silent
 
 _BARS = 12  # alternatives in the page, the best ones
-# Gain in log sharpness where the camera may turn freely: more after a cure, and it does not explain
-# (half as much again for a single camera); more where nothing helps, and the poses do not fit.
-# Where the second camera may turn on the rig, sound recordings leave as much as the third.
-_LEFT, _UNFIT, _LEFT_SQUINT = 0.02, 0.05, 0.03
-_LEFT_IN_ONE = 2.5  # times as much in a single window
+# A cure is decisive if the map becomes this much sharper in logarithms, half as much in each
+# window, and so many times as sharp as where the cameras may turn freely in the recording as given:
+# what a small free turn nearly reaches may be any small fault.
+_DECISIVE, _BEYOND_FREE = 0.1, 1.5
+# Gain where the camera, or the second one on the rig, may turn freely: more on average, or more in
+# a single window by so many times, and poses and events do not fit, before or after a cure.
+_LEFT, _LEFT_SQUINT, _LEFT_IN_ONE = 0.01, 0.03, 2.5
+# How much less well than two halves of one camera's events the cameras may agree after a cure, and
+# where nothing helps: of 43 sound recordings one reached 0.15, the others 0.06.
+_DISAGREE, _APART = 0.08, 0.2
 _NOTHING_LEFT = 0.01  # on average: then no second fault is looked for
 _FINE = 8  # alternatives that are tried on fine volumes, those that gain most
 _LIKELY, _CANDIDATES = 0.5, 4  # what may be the cause: its share of the best gain, and how many
 _CLEAR = 2  # margins: what a first cure leaves over looks like a small second fault
 _RIVAL = 0.75  # of the gain: another cause that explains as well
-# Of two causes: how many second ones are looked at closely, and what may be left after both, less
-# than after one: two cures have more freedom to fit by chance.
-_SECONDS, _LEFT_OF_TWO = 3, 0.01
+_SECONDS = 3  # of two causes, the second ones that are looked at closely
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +59,7 @@ class Diagnosis:
         unexplained: what speaks against these causes, in words; empty where they explain.
         rivals: other causes that explain about as much.
         second: what is still wrong after the best cure; None where nothing is.
+        decisive: whether the map becomes so much sharper that something is certainly wrong.
     """
 
     trials: tuple[Trial, ...]
@@ -63,6 +67,7 @@ class Diagnosis:
     unexplained: str
     rivals: tuple[Trial, ...] = ()
     second: Trial | None = None
+    decisive: bool = False
 
 
 def check_by_mapping(
@@ -103,8 +108,10 @@ def _diagnosis(
 ) -> Diagnosis:  # fmt: skip
     tried = tuple(trials.trials(shown, most=_FINE))
     best = trials.best(tried)
-    if best.verdict != "wrong":
+    if best.verdict == "good":
         return Diagnosis(tried, best, _unfit(trials))
+    if best.verdict == "doubtful":
+        return Diagnosis(tried, best, f"{_sharper([best])}, which is too little to name a cause")
     likely = _likely(trials, tried, best)
     wrong = (trial for trial in likely if trial.verdict == "wrong")
     best = next((trial for trial in wrong if _explains(trials, trial)), best)
@@ -114,42 +121,79 @@ def _diagnosis(
     if second and second.gain > best.gain:
         rivals += _in_other_order(trials, best, second, alternatives)
     cured = cured.after(second) if second else cured
-    unexplained = _unexplained(cured, best, second, rivals, _conventions(alternatives))
-    return Diagnosis(tried, best, unexplained, rivals, second)
+    causes = [best, *([second] if second else [])]
+    if undecided := _undecided(trials, causes):
+        return Diagnosis(tried, best, undecided)
+    unexplained = _unexplained(cured, causes, rivals, _conventions(alternatives))
+    return Diagnosis(tried, best, unexplained, rivals, second, decisive=True)
 
 
 def _unfit(trials: CameraTrials) -> str:
-    """Whether poses and events are far apart although no alternative helps, in words."""
-    free_gain = float(trials.free_turn_gains.mean())
-    # Moving objects look the same.
-    words = "sharper by {} if the camera may turn freely; or most events are of moving objects"
-    return words.format(_percent(free_gain)) if free_gain > _UNFIT else ""
+    """Whether poses and events do not fit although no alternative helps, in words."""
+    if _is_much(trials.free_turn_gains, trials.margin(_LEFT)):
+        # Moving objects look the same.
+        return (
+            f"sharper by {_percents(trials.free_turn_gains)} if the camera may turn freely; or "
+            "most events are of moving objects"
+        )
+    if _is_much(trials.free_squint_gains, _LEFT_SQUINT):
+        gains = _percents(trials.free_squint_gains)
+        return f"sharper by {gains} if the second camera may turn on the rig"
+    if trials.agreement < -_APART:
+        return f"less sharp by {_percent(-trials.agreement)} than where the cameras agree"
+    return ""
 
 
-def _unexplained(
-    cured: CameraTrials, best: Trial, second: Trial | None, rivals: Sequence[Trial],
-    conventions: Sequence[Alternative],
-) -> str:  # fmt: skip
-    """What speaks against the causes that `cured` has cured, in words; empty where nothing does."""
-    causes = [best, *([second] if second else [])]
-    sharper = (
+def _free_gain(trials: CameraTrials, cause: Trial) -> float:
+    """What the recording as given gains at most on average where a camera may turn freely.
+
+    Angles between the cameras are not measured against the same angles that are free.
+    """
+    free = float(trials.free_turn_gains.mean())
+    if _kind(cause.alternative).startswith("stereo"):
+        return free
+    return max(free, float(trials.free_squint_gains.mean()))
+
+
+def _undecided(trials: CameraTrials, causes: Sequence[Trial]) -> str:
+    """Why these causes gain too little to be named, in words; empty where they do not."""
+    gains = np.sum([trial.gains for trial in causes], axis=0)
+    free = _free_gain(trials, causes[0])
+    if gains.mean() < _DECISIVE or gains.min() < _DECISIVE / 2:
+        return f"{_sharper(causes)}, which is too little to name a cause"
+    if gains.mean() <= _BEYOND_FREE * free:
+        return f"{_sharper(causes)}, but also by {_percent(free)} where a camera may turn freely"
+    return ""
+
+
+def _sharper(causes: Sequence[Trial]) -> str:
+    return (
         f"sharper by {_percent(sum(t.gain for t in causes))} with "
         f"{' and '.join(map(_amount_words, causes))}"
     )
+
+
+def _unexplained(
+    cured: CameraTrials, causes: Sequence[Trial], rivals: Sequence[Trial],
+    conventions: Sequence[Alternative],
+) -> str:  # fmt: skip
+    """What speaks against the causes that `cured` has cured, in words; empty where nothing does."""
+    sharper = _sharper(causes)
     if not all(trial.is_inside for trial in causes):
         return f"{sharper}, the largest amount tried"
-    if not all(trial.is_even for trial in causes):
-        return f"{sharper}, but in one window far more than in the others"
-    if not all(trial.is_cause for trial in causes):
+    if not all(trial.is_common for trial in causes):
         return f"{sharper}, but by a different amount in each window"
     if _is_ambiguous(causes, rivals):
         return f"{sharper}, but about as much with {' or '.join(map(_amount_words, rivals))}"
     left = cured.free_turn_gains
-    if _is_much(left, cured.margin(_LEFT_OF_TWO if second else _LEFT)):
+    if _is_much(left, cured.margin(_LEFT)):
         return f"{sharper}, and then by {_percents(left)} more if the camera may turn freely"
     left = cured.free_squint_gains
     if _is_much(left, _LEFT_SQUINT):
         return f"{sharper}, and then by {_percents(left)} more if the second camera may turn"
+    if cured.agreement < -_DISAGREE:
+        lost = _percent(-cured.agreement)
+        return f"{sharper}, but still less by {lost} than where the cameras agree"
     alone = cured.gain_alone(conventions)
     if alone > cured.margin(MARGIN):
         return f"{sharper}, but camera 0 alone by {_percent(alone)} more with other poses"
@@ -223,8 +267,11 @@ def _in_other_order(
 def _may_be_second(other: Alternative | Amount, first: Alternative | Amount) -> bool:
     """Whether it can be wrong besides: poses have one convention, an amount is corrected once.
 
-    A convention and a free turn of the camera on the body together would fit too much by chance.
+    A convention and a free turn of the camera on the body together, or two amounts, would fit too
+    much by chance.
     """
+    if isinstance(other, Amount) and isinstance(first, Amount):
+        return False
     conventions = [isinstance(a, Alternative) and not a.of_pair for a in (other, first)]
     turned = [_kind(a) == "hand-eye rotation" for a in (other, first)]
     if all(c or t for c, t in zip(conventions, turned, strict=True)):
@@ -266,17 +313,17 @@ def _finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
     if best.verdict == "good" and not diagnosis.unexplained:
         words = f"{cameras}: none of {len(diagnosis.trials)} alternatives makes the map sharper"
         return Finding(name, "good", gain, "", words, series=_series(diagnosis.trials))
-    if best.verdict == "doubtful" or not diagnosis.unexplained:
+    if not diagnosis.unexplained:
         return _named_finding(name, cameras, diagnosis)
     who = "the cameras do not agree with each other" if best.alternative.of_pair else (
         "poses do not agree with the events"
     )  # fmt: skip
-    verdict: Verdict = "wrong" if best.verdict == "wrong" else "doubtful"
     return Finding(
-        name, verdict, gain, "",
+        name, "wrong" if diagnosis.decisive else "doubtful", gain, "",
         f"{cameras}: {who}, and no single cause was found: {diagnosis.unexplained}", _MEANING,
-        "check by hand how the poses are stored (handedness, degrees or radians, order of "
-        "Euler angles, direction) and that clocks and calibration belong to this recording",
+        "run `calibrate`; if it does not help, check by hand how the poses are stored (handedness, "
+        "degrees or radians, order of Euler angles, direction) and that clocks and calibration "
+        "belong to this recording",
         "no single cause found", _series(diagnosis.trials),
     )  # fmt: skip
 

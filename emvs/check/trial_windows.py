@@ -67,6 +67,18 @@ class WindowRecording(DerivedRecording):
         return self._chosen[cameras]
 
 
+class Halves(DerivedRecording):
+    """Every other event of a recording's first camera, and the others, as of two cameras."""
+
+    def __init__(self, recording: Recording) -> None:
+        super().__init__(Chosen(recording, (0, 0)))
+
+    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
+        """One half of the events with `t0_us <= t < t1_us`."""
+        events = self.recording.events(camera, t0_us, t1_us)
+        return events.take(np.arange(camera, len(events), 2))
+
+
 @dataclass(frozen=True, eq=False)
 class TrialWindows:
     """The windows on which alternatives are compared.
@@ -120,6 +132,22 @@ class TrialWindows:
             cameras: one, or a pair that is fused.
         """
         return self._of([change(window.chosen(cameras)) for window in self.windows])
+
+    def agreement(self, change: Alter, cameras: tuple[int, int]) -> Gains:
+        """(W,) how well two cameras agree, beside how well two halves of the first one's events do.
+
+        Two that agree are fused as sharp as each is alone. How much random events take away shows
+        in the halves, which share pose and calibration: log sharpness fused less that alone of the
+        cameras, less the same of the halves. About 0 if all is right, negative if cameras disagree.
+        """
+        recordings = [change(window.chosen(cameras)) for window in self.windows]
+        return self._lost(list(map(Halves, recordings))) - self._lost(recordings)
+
+    def _lost(self, pairs: Sequence[Recording]) -> Gains:
+        """(W,) log sharpness of each of two cameras alone, their harmonic mean, less that fused."""
+        alone = [self._of([Chosen(pair, (k,)) for pair in pairs]) for k in range(2)]
+        both = np.log(np.exp(-np.array(alone)).mean(axis=0))
+        return np.asarray(-both - self._of(pairs))
 
     def free_turn_gains(self, change: Alter, cameras: tuple[int, ...]) -> Gains:
         """(W,) how much log sharpness grows where the rig may turn at another, constant rate."""

@@ -27,9 +27,6 @@ _ONE_CAMERA = 1.5  # times the margins: one camera separates alternatives less w
 # What windows may gain on average with amounts of their own, as a share of the gain with a common
 # one, or at all: right causes leave up to 0.03 of it, or 0.001; wrong ones 0.07 and more.
 _UNEVEN_SHARE, _UNEVEN = 0.04, 0.002
-# How much more than the others, on average, one window may gain: right cures reach 3, and wrong
-# ones that happen to fit one window 4 to 12.
-_MOST_UNEVEN = 3.5
 _LOSS = -0.02  # what camera 0 alone may lose under other poses
 
 
@@ -93,19 +90,17 @@ class Trial:
         return min(grid) < self.amount < max(grid)
 
     @property
-    def is_cause(self) -> bool:
-        """Whether it may be named: an optimum, the same one for all windows, and good for all.
+    def is_common(self) -> bool:
+        """Whether an amount is the same for all windows.
 
         What only makes up for another fault makes up for it differently over time.
         """
-        is_common = self.uneven <= max(_UNEVEN, _UNEVEN_SHARE * self.gain)
-        return self.is_inside and is_common and self.is_even
+        return self.uneven <= max(_UNEVEN, _UNEVEN_SHARE * self.gain)
 
     @property
-    def is_even(self) -> bool:
-        """Whether no window gains far more than the others: a fault spoils all of them."""
-        others = np.delete(self.gains, self.gains.argmax())
-        return len(others) == 0 or bool(self.gains.max() <= _MOST_UNEVEN * others.mean())
+    def is_cause(self) -> bool:
+        """Whether it may be named: an optimum, and the same one for all windows."""
+        return self.is_inside and self.is_common
 
     @property
     def _hurts(self) -> bool:
@@ -159,6 +154,14 @@ class CameraTrials:
             return np.zeros(1)
         first, second = self._cameras
         return self._coarse.free_squint_gains(self._cure, (first, second))
+
+    @cached_property
+    def agreement(self) -> float:
+        """How well the cameras agree, on average (`TrialWindows.agreement`); 0 of a single one."""
+        if len(self._cameras) == 1:
+            return 0.0
+        first, second = self._cameras
+        return float(self._coarse.agreement(self._cure, (first, second)).mean())
 
     def gain_alone(self, alternatives: Iterable[Alternative]) -> float:
         """The largest mean gain of camera 0 alone under one of these mistakes about its poses.

@@ -92,6 +92,28 @@ HELD_OUT = (
     Base("rpg-reader", "oblique", "davis346", 632),
 )  # fmt: skip
 
+# Sequences that none of the rules was chosen on, of small sensors.
+NEW = tuple(
+    Base(scene, rig, sensor, seed=700 + k)
+    for k, (scene, rig, sensor) in enumerate((
+        ("boxes", "rpg", "davis240"),
+        ("mvsec-flying", "rpg", "davis240"),
+        ("planes", "rpg", "ideal"),
+        ("rpg-boxes", "rpg", "davis240"),
+        ("rpg-reader", "davis346", "davis346"),
+        ("tumvie-1d", "rpg", "davis240"),
+        ("tumvie-3d", "davis346", "davis346"),
+        ("rpg-bin", "rpg", "davis240"),
+        ("thin-structures", "rpg", "ideal"),
+        ("rpg-monitor", "rpg", "davis240"),
+        ("desk", "rpg", "davis240"),
+        ("tumvie-skate", "rpg", "davis240"),
+        ("moving-objects", "rpg", "ideal"),
+        ("dsec-street", "rpg", "davis240"),
+        ("reflective", "rpg", "davis240"),
+    ))
+)  # fmt: skip
+
 
 def _same(recording: Recording, rng: Rng) -> Recording:
     del rng

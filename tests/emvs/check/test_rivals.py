@@ -1,10 +1,15 @@
-"""Rivals: conventions that no motion tells apart are named together, amounts that trade off not."""
+"""What must hold before a cause is named: a decisive gain, and no rival that explains as much.
+
+Conventions that no motion tells apart are named together, amounts that trade off are not.
+"""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from eventsweep.emvs.check.alternatives import Alternative, amounts_of_one, amounts_of_pair, of_pair
-from eventsweep.emvs.check.by_mapping import _is_ambiguous, _may_be_second
+from eventsweep.emvs.check.by_mapping import _is_ambiguous, _may_be_second, _undecided
 from eventsweep.emvs.check.trials import Trial
 
 CONVENTION = Alternative("poses inverted", lambda r: r, "invert them")
@@ -13,8 +18,28 @@ SWAPPED = of_pair()[0]
 AMOUNTS = {one.name: one for one in (*amounts_of_one(paired=True), *amounts_of_pair())}
 
 
-def trial(alternative):
-    return Trial(alternative, np.full(3, 0.2), lambda r: r, 0.04)
+def trial(alternative, gains=(0.2, 0.2, 0.2)):
+    return Trial(alternative, np.array(gains), lambda r: r, 0.04)
+
+
+@pytest.mark.parametrize(
+    ("cause", "gains", "turn", "squint", "decisive"),
+    [
+        (CONVENTION, (0.11, 0.06, 0.14), 0.0, 0.0, True),
+        (CONVENTION, (0.11, 0.06, 0.11), 0.0, 0.0, False),  # 9.3 % on average
+        (CONVENTION, (0.6, 0.2, 0.04), 0.0, 0.0, False),  # fits one window by chance
+        (CONVENTION, (0.2, 0.2, 0.2), 0.14, 0.0, False),  # any small turn does nearly as much
+        (CONVENTION, (0.2, 0.2, 0.2), 0.0, 0.14, False),
+        (AMOUNTS["stereo yaw"], (0.2, 0.2, 0.2), 0.0, 0.14, True),  # a turn of that camera
+        (AMOUNTS["stereo yaw"], (0.2, 0.2, 0.2), 0.14, 0.0, False),
+        (CONVENTION, (0.11,), 0.0, 0.0, True),
+    ],
+)
+def test_only_a_decisive_gain_is_named(cause, gains, turn, squint, decisive):
+    free = SimpleNamespace(free_turn_gains=np.array([turn]), free_squint_gains=np.array([squint]))
+    assert (_undecided(free, [trial(cause, gains)]) == "") == decisive
+    half = trial(cause, np.array(gains) / 2)
+    assert (_undecided(free, [half, half]) == "") == decisive
 
 
 @pytest.mark.parametrize(
@@ -40,7 +65,7 @@ def test_a_rival_leaves_open_what_is_wrong(cause, rival, ambiguous):
         (AMOUNTS["hand-eye rotation about x"], CONVENTION, False),
         (CONVENTION, AMOUNTS["pose clock"], True),
         (CONVENTION, SWAPPED, True),
-        (AMOUNTS["stereo yaw"], AMOUNTS["stereo pitch"], True),
+        (AMOUNTS["stereo yaw"], AMOUNTS["stereo pitch"], False),  # they trade off
         (AMOUNTS["pose clock"], AMOUNTS["pose clock"], False),
     ],
 )
