@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.sim.compensation.layer_search_kernels import Seen
+from eventsweep.sim.compensation.edge_reach_kernels import Seen
 from eventsweep.sim.compensation.range_kernels import cell_depths, cell_range, spread_most
 from eventsweep.sim.rendering.base import Frame
 from eventsweep.sim.rendering.box_kernels import box_mean
@@ -28,18 +28,6 @@ class Reach(NamedTuple):
     low: Image
     high: Image
     slope: Image
-
-
-class Depths(NamedTuple):
-    """Bounds of the inverse depth, 1/m, that comes within reach of each pixel.
-
-    Attributes:
-        nearest: (H + 2 B, W + 2 B) greatest inverse depth.
-        farthest: (H + 2 B, W + 2 B) least.
-    """
-
-    nearest: Image
-    farthest: Image
 
 
 class FineFrame:
@@ -85,15 +73,6 @@ class FineFrame:
     def seen(self, body: NDArray[np.uint16]) -> Seen:
         """The same as compiled code takes it, where (H + 2 B, W + 2 B) pixels show these bodies."""
         return Seen(*self.samples, self.light, *self._cells, body)
-
-    @cached_property
-    def depths(self) -> Depths:
-        """Which inverse depths come within reach of each pixel, with the border."""
-        nearest, farthest = self._cells[0].copy(), -self._cells[1]
-        around = int(np.ceil(self._reach_px)) + 1
-        spread_most(nearest, around, around)
-        spread_most(farthest, around, around)
-        return Depths(nearest, -farthest)
 
     @cached_property
     def _cells(self) -> tuple[Image, Image]:

@@ -22,7 +22,6 @@ from eventsweep.sim.compensation.fine_frame import FineFrame, Image
 from eventsweep.sim.compensation.layer_kernels import fill_layered_depths, fill_layered_picture
 from eventsweep.sim.compensation.layer_search_kernels import find_layers
 from eventsweep.sim.compensation.path_kernels import fill_picture, fill_places, longest_way
-from eventsweep.sim.compensation.range_kernels import spread_most
 from eventsweep.sim.rendering.lens import known_bearings, widened_camera
 from eventsweep.sim.rendering.moving_bodies import BodyPixels
 
@@ -151,24 +150,9 @@ class Passage:
         interval, grid, border = self.interval, self.before.grid, self.before.border_px
         seen = self.before.seen(interval.body_before), self.after.seen(interval.body_after)
         wide = lens_of(widened_camera(self.camera, border)).bearing
-        a, b = self.before.depths, self.after.depths
-        spread = np.maximum(a.nearest, b.nearest) - np.minimum(a.farthest, b.farthest)
-        terms = lens_of(self.camera).terms
-        layers = _find_layers(
-            *seen, grid, border, wide, terms, interval.ways, spread, self._mixed()
-        )
+        own = lens_of(self.camera).terms, interval.ways
+        layers = _find_layers(*seen, grid, border, wide, *own)
         return layers, *seen, grid, border
-
-    def _mixed(self) -> NDArray[np.bool_]:
-        """(H + 2 B, W + 2 B) whether several bodies come within reach of a pixel."""
-        shown = np.stack([self.interval.body_before, self.interval.body_after])
-        if not shown.any():
-            return np.zeros(shown.shape[1:], np.bool_)
-        most, least = shown.max(0).astype(np.float32), -shown.min(0).astype(np.float32)
-        for image in (most, least):
-            spread_most(image, self.before.border_px, self.before.border_px)
-        several: NDArray[np.bool_] = most != -least
-        return several
 
     def times_us(self, most_px: float) -> list[int]:
         """Rising times, µs, up to the second frame's, with no pixel moving further in between."""

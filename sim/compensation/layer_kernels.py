@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.sim.compensation.layer_search_kernels import MOST, Layers, Seen
+from eventsweep.sim.compensation.edge_reach_kernels import Seen
+from eventsweep.sim.compensation.layer_search_kernels import MOST, Layers
 from eventsweep.sim.compensation.light_kernels import light_at
 from eventsweep.sim.compensation.path_kernels import (
     TO_FIRST_END,
@@ -156,7 +157,7 @@ def place_of(
     return x + s * u, y + s * v
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, forceinline=True)
 def proof(
     frame: Seen, n: int, u: float, v: float, over: float, under: float
 ) -> tuple[float, float, float, float]:

@@ -15,35 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.sim.compensation.edge_reach_kernels import APART_PX, Seen, within_reach
 from eventsweep.sim.compensation.path_kernels import TO_FIRST_END, TO_SECOND_START, carried
 
 MOST = 6
 """Layers of one pixel; where there are more, neighbours in depth are one."""
-APART_PX = 0.25
-"""Surfaces whose parallax over the interval differs by less are one layer."""
 # As they are, numba would compile once for each.
 _TO_FIRST: int = np.int64(TO_FIRST_END)  # type: ignore[assignment]
 _TO_SECOND: int = np.int64(TO_SECOND_START)  # type: ignore[assignment]
-
-
-class Seen(NamedTuple):
-    """One frame, as its samples show it.
-
-    Attributes:
-        light: (S (H + 2 B), S (W + 2 B)) light of each sample.
-        rho: the same shape, inverse depth, 1/m; 0 where there is no surface.
-        boxes: `FineFrame.light`, the mean light of S x S samples from each sample on.
-        nearest: (H + 2 B, W + 2 B) greatest inverse depth of each pixel's samples.
-        farthest: (H + 2 B, W + 2 B) least.
-        body: (H + 2 B, W + 2 B) which way each pixel's surface goes.
-    """
-
-    light: NDArray[np.float32]
-    rho: NDArray[np.float32]
-    boxes: NDArray[np.float32]
-    nearest: NDArray[np.float32]
-    farthest: NDArray[np.float32]
-    body: NDArray[np.uint16]
 
 
 class Layers(NamedTuple):
@@ -111,25 +90,6 @@ def add_range(
 
 
 @numba.njit(cache=True, nogil=True)
-def is_quiet(
-    spread: float, a: float, b: float, T: NDArray[np.float64], lens: NDArray[np.float64]
-) -> bool:
-    """Whether surfaces whose inverse depths differ by so much cannot come apart by `APART_PX`.
-
-    Args:
-        spread: of inverse depth, 1/m.
-        a: x/z of where they are seen.
-        b: y/z.
-        T: (4, 4) camera coordinates in one frame to those in the other.
-        lens: see `path_kernels.distorted`.
-    """
-    along = abs(T[0, 3]) + abs(T[2, 3]) * (abs(a) + 0.1)
-    across = abs(T[1, 3]) + abs(T[2, 3]) * (abs(b) + 0.1)
-    quiet: bool = spread * max(lens[0], lens[1]) * math.hypot(along, across) < APART_PX
-    return quiet
-
-
-@numba.njit(cache=True, nogil=True)
 def label_of(
     rho: float, i: int, j: int, body: NDArray[np.uint16], frame_rho: NDArray[np.float32], n: int
 ) -> int:
@@ -144,17 +104,19 @@ def label_of(
 
 
 class Reached(NamedTuple):
-    """What comes over each pixel of the sensor.
+    """What comes over each of N pixels.
 
     Attributes:
-        number: (H, W) how many ranges of inverse depth it knows.
-        way: (MOST, H, W) whose they are; most pixels have one, so the first ones lie side by side.
-        low: (MOST, H, W) least inverse depth half-way in time, 1/m.
-        high: (MOST, H, W) greatest.
-        dark: (H, W) least light of all samples that come.
-        bright: (H, W) greatest.
+        slot: (H, W) row of each pixel in what follows; -1 where only one surface comes.
+        number: (N,) how many ranges of inverse depth it knows.
+        way: (MOST, N) whose they are; most pixels have one, so the first ones lie side by side.
+        low: (MOST, N) least inverse depth half-way in time, 1/m.
+        high: (MOST, N) greatest.
+        dark: (N,) least light of all samples that come.
+        bright: (N,) greatest.
     """
 
+    slot: NDArray[np.int32]
     number: NDArray[np.int64]
     way: NDArray[np.int64]
     low: NDArray[np.float64]
@@ -164,6 +126,17 @@ class Reached(NamedTuple):
 
 
 @numba.njit(cache=True, nogil=True)
+def empty_reached(slot: NDArray[np.int32]) -> Reached:
+    """Pixels, numbered from 0 on, that know nothing yet."""
+    total = int(slot.max()) + 1
+    return Reached(
+        slot, np.zeros(total, np.int64), np.empty((MOST, total), np.int64),
+        np.empty((MOST, total)), np.empty((MOST, total)),
+        np.full(total, np.inf, np.float32), np.full(total, -np.inf, np.float32),
+    )  # fmt: skip
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True)
 def ranges_of_pixel(
     frame: Seen, i: int, j: int, n: int, gap: float, mixed: bool,
     ways: NDArray[np.int64], lows: NDArray[np.float64], highs: NDArray[np.float64],
@@ -193,37 +166,36 @@ def ranges_of_pixel(
     return count
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, forceinline=True)
 def tell(
-    x: int, y: int, way: int, low: float, high: float, gap: float, dark: float, bright: float,
+    k: int, way: int, low: float, high: float, gap: float, dark: float, bright: float,
     reached: Reached,
 ) -> None:  # fmt: skip
-    """Adds a range to what one pixel knows; arguments as in `walk`."""
-    reached.dark[y, x] = min(reached.dark[y, x], dark)
-    reached.bright[y, x] = max(reached.bright[y, x], bright)
-    number = reached.number[y, x]
-    if number == 1 and reached.way[0, y, x] == way:
+    """Adds a range to what the pixel in row `k` knows; arguments as in `walk`."""
+    reached.dark[k] = min(reached.dark[k], dark)
+    reached.bright[k] = max(reached.bright[k], bright)
+    number = reached.number[k]
+    if number == 1 and reached.way[0, k] == way:
         # Nearly always, and much faster than a list.
-        least, most = reached.low[0, y, x], reached.high[0, y, x]
+        least, most = reached.low[0, k], reached.high[0, k]
         if low <= most + gap and high >= least - gap:
-            reached.low[0, y, x], reached.high[0, y, x] = min(low, least), max(high, most)
+            reached.low[0, k], reached.high[0, k] = min(low, least), max(high, most)
             return
-    for k in range(number):
-        within = low >= reached.low[k, y, x] and high <= reached.high[k, y, x]
-        if within and reached.way[k, y, x] == way:
+    for m in range(number):
+        within = low >= reached.low[m, k] and high <= reached.high[m, k]
+        if within and reached.way[m, k] == way:
             return
-    reached.number[y, x] = add_range(
-        way, low, high, gap, reached.way[:, y, x], reached.low[:, y, x], reached.high[:, y, x],
-        number,
-    )  # fmt: skip
+    reached.number[k] = add_range(
+        way, low, high, gap, reached.way[:, k], reached.low[:, k], reached.high[:, k], number
+    )
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, forceinline=True)
 def walk(
     x: int, y: int, u: float, v: float, way: int, low: float, high: float, gap: float,
     dark: float, bright: float, reached: Reached,
 ) -> None:  # fmt: skip
-    """Tells all pixels from (x, y) to (u, v) of a range of inverse depth, and of its light.
+    """Tells pixels from (x, y) to (u, v) of a range of inverse depth, and of its light.
 
     Args:
         x: column where it sets out.
@@ -238,7 +210,7 @@ def walk(
         bright: greatest.
         reached: in and out.
     """
-    height, width = reached.number.shape
+    height, width = reached.slot.shape
     steps = int(max(abs(u - x), abs(v - y))) + 1
     last_left, last_top = x - 2, y - 2
     for s in range(steps + 1):
@@ -248,12 +220,12 @@ def walk(
             knows_row = last_top <= i < last_top + 2
             for j in range(max(left, 0), min(left + 2, width)):
                 # It goes straight: who was left behind is not met again.
-                if not (knows_row and last_left <= j < last_left + 2):
-                    tell(j, i, way, low, high, gap, dark, bright, reached)
+                if reached.slot[i, j] >= 0 and not (knows_row and last_left <= j < last_left + 2):
+                    tell(reached.slot[i, j], way, low, high, gap, dark, bright, reached)
         last_left, last_top = left, top
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, forceinline=True)
 def light_range(light: NDArray[np.float32], i: int, j: int, n: int) -> tuple[float, float]:
     """Least and greatest light of a pixel's samples."""
     dark, bright = np.float32(np.inf), np.float32(-np.inf)
@@ -272,11 +244,10 @@ def reach_out(
     lens: NDArray[np.float64],
     ways: NDArray[np.float64],
     to_other: int,
-    spread: NDArray[np.float32],
-    mixed: NDArray[np.bool_],
+    walks: NDArray[np.uint8],
     reached: Reached,
 ) -> None:
-    """Tells every pixel what surfaces of one frame come over it until the other frame.
+    """Tells pixels what surfaces of one frame come over them until the other frame.
 
     Args:
         frame: its samples.
@@ -286,16 +257,16 @@ def reach_out(
         lens: see `path_kernels.distorted`; of the sensor.
         ways: (K, 4, 4, 4) see `path_kernels.TO_FIRST_MIDDLE`.
         to_other: which of a way leads to the other frame.
-        spread: (H + 2 B, W + 2 B) range of inverse depth within reach, 1/m.
-        mixed: (H + 2 B, W + 2 B) whether several bodies come within reach.
+        walks: (H + 2 B, W + 2 B) what may come over one of them.
         reached: in and out.
     """
     whose, low, high = np.empty(MOST, np.int64), np.empty(MOST), np.empty(MOST)
-    for i in range(spread.shape[0]):
-        for j in range(spread.shape[1]):
-            a, b = np.float64(bearing[i, j, 0]), np.float64(bearing[i, j, 1])
-            if not mixed[i, j] and is_quiet(spread[i, j], a, b, ways[0, to_other], lens):
+    mixed = len(ways) > 1
+    for i in range(walks.shape[0]):
+        for j in range(walks.shape[1]):
+            if not walks[i, j]:
                 continue
+            a, b = np.float64(bearing[i, j, 0]), np.float64(bearing[i, j, 1])
             T, middle = ways[frame.body[i, j], to_other], np.float64(frame.nearest[i, j])
             # How far a step of inverse depth moves what lies here, px per 1/m.
             step = 0.05 * middle + 1e-3
@@ -303,7 +274,7 @@ def reach_out(
             du, dv = carried(T, a, b, middle + step, lens)
             gap = APART_PX * step / max(math.hypot(du - u, dv - v), 1e-9)
             dark, bright = light_range(frame.light, i, j, n)
-            count = ranges_of_pixel(frame, i, j, n, gap, mixed[i, j], whose, low, high)
+            count = ranges_of_pixel(frame, i, j, n, gap, mixed, whose, low, high)
             for k in range(count):
                 rho, T = 0.5 * (low[k] + high[k]), ways[whose[k], to_other]
                 u, v = carried(T, a, b, rho, lens)
@@ -331,26 +302,25 @@ def sort_layers(
 @numba.njit(cache=True, nogil=True)
 def chosen(reached: Reached) -> Layers:
     """The layers of the pixels over which several surfaces come."""
-    height, width = reached.number.shape
-    slot, total = np.full((height, width), -1, np.int32), 0
-    for y in range(height):
-        for x in range(width):
-            if reached.number[y, x] > 1:
-                slot[y, x] = total
-                total += 1
+    slot, total = reached.slot, 0
+    for k in range(len(reached.number)):
+        total += reached.number[k] > 1
     layers = Layers(
-        slot, np.empty(total, np.int64), np.empty((total, MOST), np.int64),
-        np.empty((total, MOST)), np.empty((total, MOST)),
+        np.full(slot.shape, -1, np.int32), np.empty(total, np.int64),
+        np.empty((total, MOST), np.int64), np.empty((total, MOST)), np.empty((total, MOST)),
         np.empty(total, np.float32), np.empty(total, np.float32),
     )  # fmt: skip
-    for y in range(height):
-        for x in range(width):
-            k = slot[y, x]
-            if k >= 0:
-                layers.number[k], layers.way[k] = reached.number[y, x], reached.way[:, y, x]
-                layers.low[k], layers.high[k] = reached.low[:, y, x], reached.high[:, y, x]
-                layers.dark[k], layers.bright[k] = reached.dark[y, x], reached.bright[y, x]
+    k = 0
+    for y in range(slot.shape[0]):
+        for x in range(slot.shape[1]):
+            m = slot[y, x]
+            if m >= 0 and reached.number[m] > 1:
+                layers.slot[y, x], layers.number[k] = k, reached.number[m]
+                layers.way[k], layers.low[k] = reached.way[:, m], reached.low[:, m]
+                layers.high[k] = reached.high[:, m]
+                layers.dark[k], layers.bright[k] = reached.dark[m], reached.bright[m]
                 sort_layers(layers.way[k], layers.low[k], layers.high[k], layers.number[k])
+                k += 1
     return layers
 
 
@@ -363,8 +333,6 @@ def find_layers(
     bearing: NDArray[np.float32],
     lens: NDArray[np.float64],
     ways: NDArray[np.float64],
-    spread: NDArray[np.float32],
-    mixed: NDArray[np.bool_],
 ) -> Layers:
     """The layers of all pixels that more than one surface comes to between two frames.
 
@@ -376,15 +344,9 @@ def find_layers(
         bearing: ...
         lens: ...
         ways: ...
-        spread: ...
-        mixed: ...
     """
-    height, width = before.body.shape[0] - 2 * border, before.body.shape[1] - 2 * border
-    shape, lists = (height, width), (MOST, height, width)
-    reached = Reached(
-        np.zeros(shape, np.int64), np.empty(lists, np.int64), np.empty(lists), np.empty(lists),
-        np.full(shape, np.inf, np.float32), np.full(shape, -np.inf, np.float32),
-    )  # fmt: skip
-    reach_out(before, n, border, bearing, lens, ways, _TO_SECOND, spread, mixed, reached)
-    reach_out(after, n, border, bearing, lens, ways, _TO_FIRST, spread, mixed, reached)
+    walks = np.empty(before.body.shape, np.uint8)
+    reached = empty_reached(within_reach(before, after, border, bearing, lens, ways, walks))
+    reach_out(before, n, border, bearing, lens, ways, _TO_SECOND, walks, reached)
+    reach_out(after, n, border, bearing, lens, ways, _TO_FIRST, walks, reached)
     return chosen(reached)

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.sim.compensation.edge_reach_kernels import Seen
 from eventsweep.sim.compensation.layer_kernels import NUMBERS, begin_layers, layered_light
-from eventsweep.sim.compensation.layer_search_kernels import MOST, Layers, Seen
+from eventsweep.sim.compensation.layer_search_kernels import MOST, Layers
 from eventsweep.sim.compensation.light_kernels import light_at
 from eventsweep.sim.compensation.path_kernels import paths_of_row, places_on
 from eventsweep.sim.sensor.esim_kernels import NEAR, level_of, number_of_falls, number_of_rises

@@ -1,0 +1,254 @@
+"""Where surfaces can come apart between two frames: compiled; most pixels are far from that.
+
+Two surfaces come over one pixel only where the edge of one passes it: what lies at a depth edge, or
+beside another body, walks to its place in the other frame, and only pixels on its way can need
+layers (`layer_search_kernels`). Only what comes over one of these must be walked as well.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.sim.compensation.path_kernels import TO_FIRST_END, TO_SECOND_START, carried
+from eventsweep.sim.compensation.range_kernels import spread_most
+
+APART_PX = 0.25
+"""Surfaces whose parallax over the interval differs by less are one layer."""
+# Motion is looked at in tiles of so many pixels, at their middle.
+_TILE = 4
+# What is no further from an edge belongs to it; and pixels beside an edge's way are on it.
+_EDGE_WIDTH_PX, _BESIDE_PX = 1, 1
+_FAR_PX = 1 << 14
+# As they are, numba would compile once for each.
+_TO_FIRST: int = np.int64(TO_FIRST_END)  # type: ignore[assignment]
+_TO_SECOND: int = np.int64(TO_SECOND_START)  # type: ignore[assignment]
+
+
+class Seen(NamedTuple):
+    """One frame, as its samples show it.
+
+    Attributes:
+        light: (S (H + 2 B), S (W + 2 B)) light of each sample.
+        rho: the same shape, inverse depth, 1/m; 0 where there is no surface.
+        boxes: `FineFrame.light`, the mean light of S x S samples from each sample on.
+        nearest: (H + 2 B, W + 2 B) greatest inverse depth of each pixel's samples.
+        farthest: (H + 2 B, W + 2 B) least.
+        body: (H + 2 B, W + 2 B) which way each pixel's surface goes.
+    """
+
+    light: NDArray[np.float32]
+    rho: NDArray[np.float32]
+    boxes: NDArray[np.float32]
+    nearest: NDArray[np.float32]
+    farthest: NDArray[np.float32]
+    body: NDArray[np.uint16]
+
+
+@numba.njit(cache=True, nogil=True)
+def is_quiet(
+    spread: float, a: float, b: float, T: NDArray[np.float64], lens: NDArray[np.float64]
+) -> bool:
+    """Whether surfaces whose inverse depths differ by so much cannot come apart by `APART_PX`.
+
+    Args:
+        spread: of inverse depth, 1/m.
+        a: x/z of where they are seen.
+        b: y/z.
+        T: (4, 4) camera coordinates in one frame to those in the other.
+        lens: see `path_kernels.distorted`.
+    """
+    along = abs(T[0, 3]) + abs(T[2, 3]) * (abs(a) + 0.1)
+    across = abs(T[1, 3]) + abs(T[2, 3]) * (abs(b) + 0.1)
+    quiet: bool = spread * max(lens[0], lens[1]) * math.hypot(along, across) < APART_PX
+    return quiet
+
+
+@numba.njit(cache=True, nogil=True)
+def mark_edges(
+    frame: Seen, bearing: NDArray[np.float32], lens: NDArray[np.float64],
+    ways: NDArray[np.float64], to_other: int, marked: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Marks each pixel that, with its neighbours right and below, shows several surfaces.
+
+    Args:
+        frame: its samples.
+        bearing: (H + 2 B, W + 2 B, 2).
+        lens: see `path_kernels.distorted`.
+        ways: (K, 4, 4, 4) see `path_kernels.TO_FIRST_MIDDLE`.
+        to_other: which of a way leads to the other frame.
+        marked: in and out, (H + 2 B, W + 2 B).
+    """
+    rows, columns = marked.shape
+    nearest, farthest, body = frame.nearest, frame.farthest, frame.body
+    for i in range(rows):
+        p = min(i + 1, rows - 1)
+        for j in range(columns):
+            q = min(j + 1, columns - 1)
+            near = max(max(nearest[i, j], nearest[i, q]), max(nearest[p, j], nearest[p, q]))
+            far = min(min(farthest[i, j], farthest[i, q]), min(farthest[p, j], farthest[p, q]))
+            own = body[i, j]
+            if own != body[i, q] or own != body[p, j] or own != body[p, q]:
+                marked[i, j] = 1
+            elif near > far:
+                a, b = np.float64(bearing[i, j, 0]), np.float64(bearing[i, j, 1])
+                spread = np.float64(near) - np.float64(far)
+                marked[i, j] |= not is_quiet(spread, a, b, ways[own, to_other], lens)
+
+
+@numba.njit(cache=True, nogil=True)
+def move_tiles(
+    frame: Seen, border: int, bearing: NDArray[np.float32], lens: NDArray[np.float64],
+    ways: NDArray[np.float64], to_other: int, moves_px: NDArray[np.float32],
+) -> None:  # fmt: skip
+    """Raises each tile's value to how far, along either axis, what it shows moves.
+
+    Args:
+        frame: its samples.
+        border: pixels beyond the sensor's edge.
+        bearing: and the rest as in `mark_edges`.
+        lens: ...
+        ways: ...
+        to_other: ...
+        moves_px: in and out, a value per tile.
+    """
+    rows, columns = frame.body.shape
+    for p in range(moves_px.shape[0]):
+        for q in range(moves_px.shape[1]):
+            top, left = _TILE * p, _TILE * q
+            bottom, right = min(top + _TILE, rows), min(left + _TILE, columns)
+            y, x = (top + bottom) // 2, (left + right) // 2
+            near, far = frame.nearest[top, left], frame.farthest[top, left]
+            for i in range(top, bottom):
+                for j in range(left, right):
+                    near = max(near, frame.nearest[i, j])
+                    far = min(far, frame.farthest[i, j])
+            last = -1
+            for i in range(top, bottom):
+                for j in range(left, right):
+                    own = int(frame.body[i, j])
+                    if own == last:
+                        continue
+                    last = own
+                    a, b = np.float64(bearing[y, x, 0]), np.float64(bearing[y, x, 1])
+                    for rho in (near, far):
+                        u, v = carried(ways[own, to_other], a, b, np.float64(rho), lens)
+                        moved_px = max(abs(u - (x - border)), abs(v - (y - border)))
+                        moves_px[p, q] = max(moves_px[p, q], moved_px)
+
+
+@numba.njit(cache=True, nogil=True)
+def distances(marked: NDArray[np.uint8]) -> NDArray[np.int16]:
+    """How many rows or columns, whichever are more, each pixel is from the nearest marked one."""
+    rows, columns = marked.shape
+    # Two rows and columns more, so that every pixel has neighbours.
+    wide = np.full((rows + 2, columns + 2), _FAR_PX, np.int16)
+    for i in range(1, rows + 1):
+        for j in range(1, columns + 1):
+            if marked[i - 1, j - 1]:
+                wide[i, j] = 0
+            else:
+                above = min(wide[i - 1, j - 1], wide[i - 1, j], wide[i - 1, j + 1])
+                wide[i, j] = min(above, wide[i, j - 1]) + 1
+    for i in range(rows, 0, -1):
+        for j in range(columns, 0, -1):
+            below = min(wide[i + 1, j - 1], wide[i + 1, j], wide[i + 1, j + 1])
+            wide[i, j] = min(wide[i, j], min(below, wide[i, j + 1]) + 1)
+    return wide[1:-1, 1:-1]
+
+
+@numba.njit(cache=True, nogil=True)
+def mark_way(x: int, y: int, u: float, v: float, marked: NDArray[np.uint8]) -> None:
+    """Marks all pixels on the straight way from (x, y) to (u, v)."""
+    rows, columns = marked.shape
+    steps = int(max(abs(u - x), abs(v - y))) + 1
+    for s in range(steps + 1):
+        left = math.floor(x + (u - x) * s / steps)
+        top = math.floor(y + (v - y) * s / steps)
+        for i in range(max(top, 0), min(top + 2, rows)):
+            for j in range(max(left, 0), min(left + 2, columns)):
+                marked[i, j] = 1
+
+
+@numba.njit(cache=True, nogil=True)
+def mark_ways(
+    frame: Seen, border: int, bearing: NDArray[np.float32], lens: NDArray[np.float64],
+    ways: NDArray[np.float64], to_other: int, away: NDArray[np.int16], marked: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Marks the ways of what lies at edges.
+
+    Args:
+        frame: its samples.
+        border: pixels beyond the sensor's edge.
+        bearing: and up to `to_other` as in `mark_edges`.
+        lens: ...
+        ways: ...
+        to_other: ...
+        away: (H + 2 B, W + 2 B) how far the nearest edge is, px.
+        marked: in and out, (H + 2 B, W + 2 B).
+    """
+    rows, columns = away.shape
+    for i in range(rows):
+        for j in range(columns):
+            if away[i, j] > _EDGE_WIDTH_PX:
+                continue
+            a, b, last = np.float64(bearing[i, j, 0]), np.float64(bearing[i, j, 1]), -1
+            for p in range(max(i - 1, 0), min(i + 2, rows)):
+                for q in range(max(j - 1, 0), min(j + 2, columns)):
+                    own = int(frame.body[p, q])
+                    if own == last:
+                        continue
+                    last = own
+                    for rho in (frame.nearest[i, j], frame.farthest[i, j]):
+                        u, v = carried(ways[own, to_other], a, b, np.float64(rho), lens)
+                        mark_way(j, i, u + border, v + border, marked)
+
+
+@numba.njit(cache=True, nogil=True)
+def within_reach(
+    before: Seen, after: Seen, border: int, bearing: NDArray[np.float32],
+    lens: NDArray[np.float64], ways: NDArray[np.float64], walks: NDArray[np.uint8],
+) -> NDArray[np.int32]:  # fmt: skip
+    """Numbers the pixels over which several surfaces can come, and marks what comes over these.
+
+    Args:
+        before: samples of the first frame.
+        after: of the second.
+        border: pixels beyond the sensor's edge.
+        bearing: (H + 2 B, W + 2 B, 2).
+        lens: see `path_kernels.distorted`; of the sensor.
+        ways: (K, 4, 4, 4) see `path_kernels.TO_FIRST_MIDDLE`.
+        walks: out, (H + 2 B, W + 2 B) whether what a pixel shows may come over a numbered one.
+
+    Returns:
+        (H, W) from 0 on in raster order; -1 where one surface comes.
+    """
+    rows, columns = walks.shape
+    walks[:] = 0
+    mark_edges(before, bearing, lens, ways, _TO_SECOND, walks)
+    mark_edges(after, bearing, lens, ways, _TO_FIRST, walks)
+    away = distances(walks)
+    mark_ways(before, border, bearing, lens, ways, _TO_SECOND, away, walks)
+    mark_ways(after, border, bearing, lens, ways, _TO_FIRST, away, walks)
+    away = distances(walks)
+    shape = (rows + _TILE - 1) // _TILE, (columns + _TILE - 1) // _TILE
+    moves_px = np.zeros(shape, np.float32)
+    move_tiles(before, border, bearing, lens, ways, _TO_SECOND, moves_px)
+    move_tiles(after, border, bearing, lens, ways, _TO_FIRST, moves_px)
+    spread_most(moves_px, 1, 1)  # a tile's pixels may show what its neighbours do
+    numbers, count = np.full((rows - 2 * border, columns - 2 * border), -1, np.int32), 0
+    for i in range(rows):
+        for j in range(columns):
+            # A walk tells two pixels of each row and column.
+            comes_px = moves_px[i // _TILE, j // _TILE] + _BESIDE_PX + 1
+            walks[i, j] = away[i, j] <= comes_px
+            inside = border <= i < rows - border and border <= j < columns - border
+            if inside and away[i, j] <= _BESIDE_PX:
+                numbers[i - border, j - border] = count
+                count += 1
+    return numbers
