@@ -34,8 +34,8 @@ def track(
 ) -> int:
     """Find the poses of a recording from its events and calibration alone.
 
-    Its own poses are not read. Exit code 1 says that the track was lost and not found again. An
-    interrupted run leaves nothing: the same command starts again.
+    Its own poses are not read. Exit code 1 says that the track was lost and not found again. After
+    an interrupt or a kill the same command goes on where it was.
 
     Args:
         recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
