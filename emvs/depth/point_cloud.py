@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -161,6 +161,16 @@ class VoxelCloud:
         # Merging costs as much as there is: so it waits until as much has come.
         if sum(len(part.keys) for part in self._waiting) > max(_MERGE_AT_LEAST, len(self)):
             self._merge()
+
+    def state(self) -> dict[str, Any]:
+        """All that was added, as plain values and arrays."""
+        parts = [vars(part) for part in (self._merged, *self._waiting)]
+        return {"windows": self._windows, "parts": parts}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Takes what `state` gave instead of what was added."""
+        self._merged, *self._waiting = (_Sums(**part) for part in state["parts"])
+        self._windows = state["windows"]
 
     def __len__(self) -> int:
         """Voxels merged so far."""

@@ -35,7 +35,7 @@ def _listed(disparity, candidate):
     return before, column, value
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, cache=True, nogil=True)
 def support(disparity, candidate, radius, tolerance, out):
     """Fills `out`, at candidates, with the share of those around that have the same disparity.
 
@@ -56,7 +56,7 @@ def support(disparity, candidate, radius, tolerance, out):
             out[y, x] = np.float32((agree - 1) / (there - 1)) if there > 1 else _ZERO
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, cache=True, nogil=True)
 def own_surface(disparity, candidate, radius, tolerance, towards):
     """Fills `towards` (2, H, W), at candidates, with where their own surface lies: x and y, px.
 
@@ -83,7 +83,7 @@ def own_surface(disparity, candidate, radius, tolerance, towards):
             towards[1, y, x] = np.float32(down / there)
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, cache=True, nogil=True)
 def fit_surface(disparity, candidate, weight, tolerance, ridge, out):
     """Fills `out`, at candidates, with the plane through the disparities around, at the middle.
 

@@ -87,7 +87,7 @@ def _across(means, squares, at, weight, out, to):
     store(out, to + WIDTH, larger(square_next - mean_next * mean_next, nothing))
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, cache=True, nogil=True)
 def fold_variance(
     votes, step, planes, first,
     weight, row_of, column_of, taken, sums, rows, best, index, left, right, previous,

@@ -175,7 +175,7 @@ def _fuse_levels(method, codes, sizes, which, every, votes, p, lo, level, spare,
                 out[x] += row[x]
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, cache=True, nogil=True)
 def fuse(codes, sizes, which, every, votes, level, spare, out):
     """Fuses planes by one method, the first of the tables; a thread owns a strip of rows.
 
@@ -212,7 +212,7 @@ def fold_row(plane, fused, best, index, left, right, previous):
         previous[x] = value
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, cache=True, nogil=True)
 def fold(
     codes, sizes, which, every, votes, first, planes, level, spare, fused, keep, kept,
     best, index, left, right, previous,

@@ -56,7 +56,7 @@ def _look_up(x, y, bearing):
     return found
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, cache=True, nogil=True)
 def rays(
     x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T_body_cam, K,
     a_u, b_u, a_v, b_v, c_z, outcome,
@@ -128,7 +128,7 @@ def _band(v, rows, bands):
     return bands - 1 if v >= np.float32(rows * bands) else np.int64(v) // rows
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, cache=True, nogil=True)
 def count_bands(a_v, b_v, rho, rows, bands, counts):
     """Counts each block's rays by band.
 
@@ -141,7 +141,7 @@ def count_bands(a_v, b_v, rho, rows, bands, counts):
             counts[block, _band(a_v[k] + rho * b_v[k], rows, bands)] += 1
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, cache=True, nogil=True)
 def move_to_bands(a_v, b_v, rho, rows, bands, place, columns, ordered):
     """Moves each ray to the next free place of its band.
 

@@ -113,7 +113,7 @@ def _prefetch_rays(a_u, b_u, a_v, b_v, lo):
         prefetch(b_v, k)
 
 
-@njit(parallel=True, cache=True)
+@njit(parallel=True, cache=True, nogil=True)
 def vote(
     a_u, b_u, a_v, b_v, c_z, c_z_max, rho, size, per_pass, nearest, cell, fx, fy, grids,
     inside, behind,

@@ -17,6 +17,7 @@ _POINTS_PER_COLUMN = 24
 _USUAL_COLUMNS = 400
 _MAP_EVENTS_PER_COLUMN, _LEAST_MAP_EVENTS = 170, 60_000
 _PLANES = 60, 100
+_MOST_VIEW_COLUMNS = 640
 
 
 @dataclass(frozen=True)
@@ -48,10 +49,10 @@ class Sizes:
         pixels = sum(camera.width_px * camera.height_px for camera in rig.cameras)
         return cls(
             events=_EVENTS_PER_COLUMN * columns,
-            own_time=2500,
+            own_time=1250,
             still=round(_STILL_PER_PIXEL * pixels),
             lines=_POINTS_PER_COLUMN * columns,
-            distances=2000,
+            distances=1000,
             levels=2 + max(0, round(math.log2(columns / _USUAL_COLUMNS))),
             map=max(_LEAST_MAP_EVENTS, _MAP_EVENTS_PER_COLUMN * columns),
         )
@@ -65,6 +66,19 @@ def planes_for(rig: Rig, range_m: tuple[float, float]) -> int:
     near_m, far_m = range_m
     disparity_px = rig.cameras[0].fx_px * rig.baseline_m() * (1 / near_m - 1 / far_m)
     return min(max(math.ceil(disparity_px), fewest), most)
+
+
+def small_view(rig: Rig) -> dict[str, float]:
+    """Settings of the view of maps, where camera 0 has more columns than lines are drawn from."""
+    camera = rig.cameras[0]
+    if camera.width_px <= _MOST_VIEW_COLUMNS:
+        return {}
+    scale = _MOST_VIEW_COLUMNS / camera.width_px
+    height_px = round(scale * camera.height_px)
+    return {
+        "view_width_px": _MOST_VIEW_COLUMNS, "view_height_px": height_px,
+        "view_focal_px": scale * camera.fx_px, "view_focal_y_px": scale * camera.fy_px,
+    }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.odometry.checkpoint import State
 
 Matrix = NDArray[np.float64]
 _FADE = 0.8  # weight of each older map
@@ -34,6 +35,16 @@ class MapCloud:
         """Takes a map instead of all before."""
         self._maps.clear()
         self.add(points_world)
+
+    def state(self) -> State:
+        """All points, map by map."""
+        return {"maps": list(self._maps), "added": self._added}
+
+    def restore(self, state: State) -> None:
+        """Takes what `state` gave."""
+        self._maps.clear()
+        self._maps.extend(state["maps"])
+        self._added = state["added"]
 
     def chosen(self, most: int) -> Matrix:
         """At most so many points, at random, but the same in every run; newer maps count more."""

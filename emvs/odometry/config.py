@@ -12,8 +12,8 @@ class TrackConfig(ParameterGroup):
     """How poses are found and maps made; every field has a default that works."""
 
     rate_hz: Positive = Field(default=100.0, le=10_000, description="poses per second, Hz")
-    map_rate_hz: Positive = Field(default=10.0, le=1000, description="maps per second, Hz")
-    map_s: Positive = Field(default=0.2, description="length of a map's window, s")
+    map_rate_hz: Positive = Field(default=5.0, le=1000, description="maps per second, Hz")
+    map_s: Positive = Field(default=0.4, description="length of a map's window, s")
     maps: int = Field(default=8, ge=1, le=1000, description="maps whose points are tracked")
     planes: int | None = Field(
         default=None, ge=2, le=100_000,

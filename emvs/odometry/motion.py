@@ -7,7 +7,7 @@ section 11.1, with a spectral density that covers the heads of people and small 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.odometry.checkpoint import State
 
 Matrix = NDArray[np.float64]
 # Of accelerations: about 5 m/s² and 50 rad/s² that last for a tenth of a second.
@@ -93,6 +94,10 @@ class Motion:
         covariance[6:, 6:] = np.diag(np.repeat([_STILL_M_S, _STILL_RAD_S], 3) ** 2)
         return replace(self, t_us=t_us, twist=np.zeros(6), covariance=covariance)
 
+    def state(self) -> State:
+        """Its attributes."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
     def seen_from(self, T_new_world: Matrix) -> Motion:
         """The motion in another world frame."""
         return replace(self, T_world_body=T_new_world @ self.T_world_body)
@@ -131,6 +136,14 @@ class Gyroscope:
         self._t_us = t_us
         rates = samples.gyro_rad_s @ samples.T_body_imu[:3, :3].T
         self._rates = np.concatenate([self._rates, rates])
+
+    def state(self) -> State:
+        """The samples that are there."""
+        return {"t_us": self._t_us, "rates": self._rates}
+
+    def restore(self, state: State) -> None:
+        """Takes what `state` gave."""
+        self._t_us, self._rates = state["t_us"], state["rates"]
 
     def drop_before(self, t_us: int) -> None:
         """Lets go of older samples."""

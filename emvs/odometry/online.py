@@ -1,11 +1,19 @@
-"""Maps while events and poses arrive: the batch mapper's windows, each once it is covered."""
+"""Maps while events and poses arrive: the batch mapper's windows, each once it is covered.
+
+Beside tracking they are made in a thread of their own and taken a fixed time later. When a map is
+taken depends on the times of events alone, never on how fast it was made: the poses are the same on
+every machine. Who asks for a map that is not finished waits for it.
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
@@ -13,9 +21,13 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.odometry.checkpoint import State
+from eventsweep.emvs.odometry.cloud import MapCloud, points_of
 from eventsweep.emvs.odometry.stream import Arrived
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.emvs.windows import Window, check_poses
+
+_DELAY_US, _DELAY_OF_STRIDE = 120_000, 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +96,16 @@ class OnlineMapper:
             self._arrived.add_poses(poses)
         return list(self._completed())
 
+    def state(self) -> State:
+        """All that decides what it does from now on."""
+        times = {"next_us": self._next_us, "until_us": self._until_us}
+        return {**times, "arrived": self._arrived.state()}
+
+    def restore(self, state: State) -> None:
+        """Goes on from a `state` of the same rig and settings, where nothing was pushed yet."""
+        self._next_us, self._until_us = state["next_us"], state["until_us"]
+        self._arrived.restore(state["arrived"])
+
     def _completed(self) -> Iterator[OnlineMap]:
         length_us, stride_us = window_us(self._config)
         while (window := self._next_window(length_us)) is not None:
@@ -122,6 +144,69 @@ class OnlineMapper:
             reason = str(error)
         assert self._until_us is not None
         return OnlineMap(window, result, reason, self._until_us - window.t1_us)
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A map, and the (N, 3) points to track from it on; None where there is nothing new."""
+
+    online: OnlineMap
+    points: NDArray[np.float64] | None
+
+
+class BackgroundMaps:
+    """Feeds an `OnlineMapper`, and gathers the points of its maps.
+
+    Args:
+        mapper: of one method.
+        cloud: gathers; nobody else may use it any more.
+        most_points: that are tracked.
+        stride_us: from map to map. They are taken 0.12 s after their window was covered, or, with
+            shorter strides, so early that none is under way when the next window ends.
+        alone: whether there is a thread to spare; else maps are made at once.
+    """
+
+    def __init__(
+        self, mapper: OnlineMapper, cloud: MapCloud, most_points: int, stride_us: int, *,
+        alone: bool,
+    ) -> None:  # fmt: skip
+        self.mapper, self.cloud, self._most = mapper, cloud, most_points
+        self._delay_us = min(_DELAY_US, round(_DELAY_OF_STRIDE * stride_us))
+        self._thread = None if alone else ThreadPoolExecutor(1, "mapper")
+        self._coming: deque[tuple[int, Future[list[Made]]]] = deque()
+
+    def push(self, events: Sequence[Events], t_us: int, poses: Trajectory) -> None:
+        """Hands over what has come up to `t_us`; see `OnlineMapper.push`."""
+        coming: Future[list[Made]]
+        if self._thread is None:
+            coming = Future()
+            coming.set_result(self._made(events, t_us, poses))
+        else:
+            coming = self._thread.submit(self._made, events, t_us, poses)
+        self._coming.append((t_us + self._delay_us, coming))
+
+    def is_idle(self) -> bool:
+        """Whether no map is under way: then nothing is left but what the mapper and cloud hold."""
+        return all(coming.done() and not coming.result() for _, coming in self._coming)
+
+    def due(self, t_us: int) -> list[Made]:
+        """The maps that are to be taken up to `t_us`, in order; waits for them."""
+        made: list[Made] = []
+        while self._coming and self._coming[0][0] <= t_us:
+            made += self._coming.popleft()[1].result()
+        return made
+
+    def _made(self, events: Sequence[Events], t_us: int, poses: Trajectory) -> list[Made]:
+        return [
+            Made(online, self._points(online)) for online in self.mapper.push(events, t_us, poses)
+        ]
+
+    def _points(self, online: OnlineMap) -> NDArray[np.float64] | None:
+        if online.result is None:
+            return None
+        for depth_map in online.result.depth_maps.values():
+            self.cloud.add(points_of(depth_map))
+        return self.cloud.chosen(self._most)
 
 
 def window_us(config: MapperConfig) -> tuple[int, int]:

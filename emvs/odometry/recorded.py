@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,10 @@ from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.odometry.checkpoint import Checkpoints, State
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.online import OnlineMap
+from eventsweep.emvs.odometry.registration.fit import Fit
 from eventsweep.emvs.odometry.tracker import Pose, Status, Tracker
 from eventsweep.emvs.utils.runtime import Progress, silent
 
@@ -63,6 +65,7 @@ def track(
     T_world_body: NDArray[np.float64] | None = None,
     on_map: Callable[[OnlineMap], None] | None = None,
     progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
 ) -> Tracked:
     """Finds the poses of a recording from its events and calibration alone.
 
@@ -74,43 +77,94 @@ def track(
         T_world_body: (4, 4) where the first pose lies; by default the origin.
         on_map: called with every map that is made.
         progress: called with `track`, milliseconds done and all.
+        checkpoints: where the state is kept, and taken up from: the poses are the same.
 
     Raises:
         InputError: no events, one camera without a first map, a gyroscope that is asked for and not
             there, or no place to begin from in all of the recording; says why.
     """
     imu = _imu(recording) if TrackConfig.or_default(config).gyroscope else None
-    poses: list[Pose] = []
-    maps: list[int] = []
-
-    def count(online: OnlineMap) -> None:
-        maps.append(online.window.t1_us)
-        if on_map is not None:
-            on_map(online)
-
+    done = _Done()
     tracker = Tracker(
         recording.rig, config, depth_range_m=recording.depth_range_m, first_map=first_map,
-        T_world_body=T_world_body, on_pose=poses.append, on_map=count,
+        T_world_body=T_world_body, on_pose=done.poses.append, on_map=done.counting(on_map),
     )  # fmt: skip
     cameras = range(len(recording.rig))
     spans = [recording.event_span_us(camera) for camera in cameras]
     first_us, last_us = min(first for first, _ in spans), max(last for _, last in spans)
-    changes = [Change(first_us, tracker.status, tracker.reason)]
-    for t_us in range(first_us, last_us + 1, _PACKET_US):
-        end_us = min(t_us + _PACKET_US, last_us + 1)
+    done.changes, done.until_us = [Change(first_us, tracker.status, tracker.reason)], first_us
+    kept = checkpoints.load() if checkpoints else None
+    if kept is not None:
+        done.restore(kept)
+        tracker.restore(kept["tracker"], done.poses)
+    for t_us in range(done.until_us, last_us + 1, _PACKET_US):
+        done.until_us = end_us = min(t_us + _PACKET_US, last_us + 1)
         packets = [recording.events(camera, t_us, end_us) for camera in cameras]
         tracker.push(packets, end_us, None if imu is None else _between(imu, t_us, end_us))
-        if tracker.status is not changes[-1].status:
-            changes.append(Change(tracker.since_us, tracker.status, tracker.reason))
+        if end_us > last_us:
+            tracker.finish()
+        done.note(tracker)
+        if checkpoints is not None and checkpoints.is_due():
+            state = tracker.state()
+            if state is not None:
+                checkpoints.save({"tracker": state, **done.state()})
         progress("track", (end_us - first_us) // 1000, (last_us + 1 - first_us) // 1000)
-    if not poses:
+    if not done.poses:
         raise InputError(f"{recording.name}: tracking could not start: {tracker.reason}")
     return Tracked(
         Trajectory.from_matrices(
-            [pose.t_us for pose in poses], np.stack([pose.T_world_body for pose in poses])
+            [pose.t_us for pose in done.poses], np.stack([p.T_world_body for p in done.poses])
         ),
-        tuple(pose.status for pose in poses), tuple(changes), (first_us, last_us), len(maps),
+        tuple(p.status for p in done.poses), tuple(done.changes), (first_us, last_us), done.maps,
     )  # fmt: skip
+
+
+class _Done:
+    """What was found up to a time."""
+
+    def __init__(self) -> None:
+        self.poses: list[Pose] = []
+        self.changes: list[Change] = []
+        self.maps = self.until_us = 0
+
+    def counting(self, on_map: Callable[[OnlineMap], None] | None) -> Callable[[OnlineMap], None]:
+        """Counts every map before it is passed on."""
+
+        def count(online: OnlineMap) -> None:
+            self.maps += 1
+            if on_map is not None:
+                on_map(online)
+
+        return count
+
+    def note(self, tracker: Tracker) -> None:
+        """Notes a change of status."""
+        if tracker.status is not self.changes[-1].status:
+            self.changes.append(Change(tracker.since_us, tracker.status, tracker.reason))
+
+    def state(self) -> State:
+        """As plain values and arrays."""
+        poses = self.poses
+        return {
+            "until_us": self.until_us,
+            "maps": self.maps,
+            "changes": [[c.t_us, c.status.value, c.reason] for c in self.changes],
+            "t_us": np.array([pose.t_us for pose in poses], np.int64),
+            "T_world_body": np.array([pose.T_world_body for pose in poses]).reshape(-1, 4, 4),
+            "twist": np.array([pose.twist for pose in poses]).reshape(-1, 6),
+            "status": [pose.status.value for pose in poses],
+            "fit": [list(astuple(pose.fit)) for pose in poses],
+        }
+
+    def restore(self, state: State) -> None:
+        """Takes what `state` gave."""
+        self.until_us, self.maps = state["until_us"], state["maps"]
+        self.changes = [Change(t_us, Status(s), reason) for t_us, s, reason in state["changes"]]
+        columns = (state[name] for name in ("t_us", "T_world_body", "twist", "status", "fit"))
+        self.poses += [
+            Pose(int(t_us), T_world_body, twist, Status(status), Fit(*fit))
+            for t_us, T_world_body, twist, status, fit in zip(*columns, strict=True)
+        ]
 
 
 def _imu(recording: Recording) -> ImuSamples:

@@ -23,7 +23,7 @@ from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.odometry.batches import Batch, Sizes
 from eventsweep.emvs.odometry.cloud import points_of
 from eventsweep.emvs.odometry.motion import Motion
-from eventsweep.emvs.odometry.registration import Fit, Registration
+from eventsweep.emvs.odometry.registration.fit import Fit, Registration
 from eventsweep.emvs.odometry.stream import Arrived
 from eventsweep.emvs.windows import Window
 
@@ -92,7 +92,9 @@ def _stereo(
     standing = np.array([[0, 0, 0, 1.0]] * 2)
     arrived.poses = Trajectory(np.array([first_us, middle.t_us + 1]), np.zeros((2, 3)), standing)
     window = Window(first_us, middle.t_us, middle.t_us, (0,) * len(arrived.rig))
-    stereo = config.model_copy(update={"methods": (_STEREO,)})
+    names = "width_px", "height_px", "focal_px", "focal_y_px"
+    of_camera = dict.fromkeys([f"view_{name}" for name in names])
+    stereo = config.model_copy(update={"methods": (_STEREO,), **of_camera})
     points = points_of(map_window(arrived, stereo, window=window).depth_maps[_STEREO])
     return Motion.unknown(middle.t_us, np.eye(4), reach), points
 

@@ -11,8 +11,10 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.odometry.checkpoint import State
 
 _COLUMNS = (("x", np.uint16), ("y", np.uint16), ("t_us", np.int64), ("p", np.uint8))
+_POSES = ("t_us", "positions_m", "quats_xyzw")
 _ROOM = 1 << 16
 
 
@@ -47,6 +49,16 @@ class Stream:
     def drop_before(self, t_us: int) -> None:
         """Lets go of older events."""
         self._first += int(np.searchsorted(self._times(), t_us, side="left"))
+
+    def state(self) -> State:
+        """The events that are there."""
+        return {
+            name: column[self._first : self._last].copy() for name, column in self._columns.items()
+        }
+
+    def restore(self, state: State) -> None:
+        """Takes events as `state` gave them, where there are none yet."""
+        self.push(Events(*(state[name] for name, _ in _COLUMNS)))
 
     def _times(self) -> NDArray[np.int64]:
         times: NDArray[np.int64] = self._columns["t_us"][self._first : self._last]
@@ -96,8 +108,7 @@ class Arrived:
             self.poses = poses
             return
         parts = (self.poses, poses)
-        names = ("t_us", "positions_m", "quats_xyzw")
-        self.poses = Trajectory(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
+        self.poses = Trajectory(*(np.concatenate([getattr(p, n) for p in parts]) for n in _POSES))
 
     def drop_before(self, t_us: int) -> None:
         """Lets go of what is older, but for the pose that the time lies behind."""
@@ -107,6 +118,18 @@ class Arrived:
             k = max(int(np.searchsorted(self.poses.t_us, t_us, side="right")) - 1, 0)
             p = self.poses
             self.poses = Trajectory(p.t_us[k:], p.positions_m[k:], p.quats_xyzw[k:])
+
+    def state(self) -> State:
+        """All that is there."""
+        poses = self.poses and {name: getattr(self.poses, name) for name in _POSES}
+        return {"streams": [stream.state() for stream in self.streams], "poses": poses}
+
+    def restore(self, state: State) -> None:
+        """Takes what `state` gave, where nothing has arrived yet."""
+        for stream, kept in zip(self.streams, state["streams"], strict=True):
+            stream.restore(kept)
+        poses = state["poses"]
+        self.poses = poses and Trajectory(*(poses[name] for name in _POSES))
 
     def event_span_us(self, camera: int) -> tuple[int, int]:
         """Times of a camera's first and last event that are there, µs."""

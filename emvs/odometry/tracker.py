@@ -18,13 +18,28 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
-from eventsweep.emvs.odometry.batches import LONGEST_US, Batch, Sizes, batch_before, planes_for
+from eventsweep.emvs.odometry.batches import (
+    LONGEST_US,
+    Batch,
+    Sizes,
+    batch_before,
+    planes_for,
+    small_view,
+)
+from eventsweep.emvs.odometry.checkpoint import State
 from eventsweep.emvs.odometry.cloud import MapCloud, points_of
 from eventsweep.emvs.odometry.config import TrackConfig
-from eventsweep.emvs.odometry.events_kernels import NEVER_US, in_company
 from eventsweep.emvs.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion, reach_for
-from eventsweep.emvs.odometry.online import OnlineMap, OnlineMapper, check_packet
-from eventsweep.emvs.odometry.registration import Fit, Registration
+from eventsweep.emvs.odometry.online import (
+    BackgroundMaps,
+    OnlineMap,
+    OnlineMapper,
+    check_packet,
+    window_us,
+)
+from eventsweep.emvs.odometry.registration.events_kernels import NEVER_US, in_company
+from eventsweep.emvs.odometry.registration.fit import Fit, Registration
+from eventsweep.emvs.odometry.registration.views import View
 from eventsweep.emvs.odometry.start import (
     LONGEST_START_US,
     START_US,
@@ -33,16 +48,22 @@ from eventsweep.emvs.odometry.start import (
     trajectory_of,
 )
 from eventsweep.emvs.odometry.stream import Arrived
-from eventsweep.emvs.odometry.views import PerCamera, View
 from eventsweep.emvs.reference_view import depth_range_m
+from eventsweep.emvs.utils.runtime import thread_count
 
 Matrix = NDArray[np.float64]
 _COMPANY_US = 20_000
 _KEPT_POSES = 1024
 _COAST_US = 100_000
+END_US = 1 << 62
 _LEAST_INLIERS = 100
 # Mean weight of residuals: 0.36 by chance. Once lost, more is needed to go on.
 _AGREES, _FOUND_AGAIN = 0.6, 0.65
+
+
+_PLAIN = (
+    "_searched", "_until_us", "_begin_us", "_next_us", "_fed_us", "reason", "since_us",
+)  # fmt: skip
 
 
 class Status(Enum):
@@ -107,16 +128,13 @@ class Tracker:
         self._origin = np.eye(4) if T_world_body is None else np.asarray(T_world_body, np.float64)
         self._on_pose, self._on_map = on_pose, on_map
         views = [View.of(c, T) for c, T in zip(rig.cameras, rig.T_body_cam, strict=True)]
-        self._per_camera = PerCamera(len(rig), self._config.threads)
-        self._registration = Registration(
-            views, self._sizes.levels, self._sizes.own_time, self._per_camera
-        )
+        self._registration = Registration(views, self._sizes.levels, self._sizes.own_time)
         self._map_events = self._config.map_events or self._sizes.map
         self._arrived = Arrived(rig, depth_range_m, most_events=self._map_events)
         self._fired_us = [np.full((c.height_px + 2, c.width_px + 2), NEVER_US) for c in rig.cameras]
         self._gyroscope = Gyroscope()
         self._cloud = MapCloud(self._config.maps)
-        self._mapper: OnlineMapper | None = None
+        self._maps: BackgroundMaps | None = None
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
         self._motion: Motion | None = None
         self._seen_from: deque[Matrix] = deque(maxlen=self._config.maps)
@@ -146,7 +164,8 @@ class Tracker:
         """
         check_packet(events, self._rig, self._until_us, t_us)
         self._until_us = t_us
-        self._per_camera(lambda k: self._take(k, events[k]))
+        for camera, packet in enumerate(events):
+            self._take(camera, packet)
         if imu is not None:
             self._gyroscope.push(imu)
         if self._begin_us is None:
@@ -160,6 +179,49 @@ class Tracker:
             newest = self._step(self._next_us) or newest
             self._next_us += self._step_us
         return newest
+
+    def state(self) -> State | None:
+        """All that decides what it does from now on; None while a map is under way.
+
+        Of poses only the newest is in it.
+        """
+        maps = self._maps
+        if maps is not None and not maps.is_idle():
+            return None
+        return {
+            "plain": {name: getattr(self, name) for name in _PLAIN},
+            "status": self.status.value,
+            "arrived": self._arrived.state(),
+            "fired_us": self._fired_us,
+            "gyroscope": self._gyroscope.state(),
+            "cloud": self._cloud.state(),
+            "mapper": None if maps is None else maps.mapper.state(),
+            "registration": self._registration.state(),
+            "motion": None if self._motion is None else self._motion.state(),
+            "seen_from": list(self._seen_from),
+        }
+
+    def restore(self, state: State, poses: Sequence[Pose]) -> None:
+        """Goes on from a `state` of the same rig and settings, before anything was pushed.
+
+        Args:
+            state: what `state` returned.
+            poses: those found up to then.
+        """
+        for name in _PLAIN:
+            setattr(self, name, state["plain"][name])
+        self.status = Status(state["status"])
+        self._arrived.restore(state["arrived"])
+        self._fired_us = state["fired_us"]
+        self._gyroscope.restore(state["gyroscope"])
+        self._cloud.restore(state["cloud"])
+        if state["mapper"] is not None:
+            self._maps = self._background(0)
+            self._maps.mapper.restore(state["mapper"])
+        self._registration.restore(state["registration"])
+        self._motion = state["motion"] and Motion(**state["motion"])
+        self._seen_from.extend(state["seen_from"])
+        self._poses.extend(poses)
 
     def _take(self, camera: int, packet: Events) -> None:
         kept = np.empty(len(packet), np.bool_)
@@ -178,7 +240,12 @@ class Tracker:
         poses = np.stack([pose.T_world_body for pose in self._poses])
         return Trajectory.from_matrices([pose.t_us for pose in self._poses], poses)
 
+    def finish(self) -> None:
+        """Waits for the maps under way, at the end of a recording."""
+        self._take_maps(END_US)
+
     def _step(self, t_us: int) -> Pose | None:
+        self._take_maps(t_us)
         steps = {Status.STARTING: self._start, Status.LOST: self._search}
         pose = steps.get(self.status, self._track)(t_us)
         horizon_us = LONGEST_START_US if self.status is Status.STARTING else 2 * LONGEST_US
@@ -212,11 +279,8 @@ class Tracker:
             motions = [motion.seen_from(T_new_old) for motion in motions]
             points = se3.transform(T_new_old, points)
         self._cloud.replace(points)
-        self._use_cloud()
-        self._mapper = OnlineMapper(
-            self._rig, self._map_config(), depth_range_m=self._arrived.depth_range_m,
-            start_us=motions[0].t_us, most_events=self._map_events,
-        )  # fmt: skip
+        self._use_points(self._cloud.chosen(self._sizes.lines))
+        self._maps = self._background(motions[0].t_us)
         self._fed_us = begin_us
         self._change(Status.TRACKING, "", motions[0].t_us)
         for motion, fit in zip(motions, fits, strict=True):
@@ -303,20 +367,33 @@ class Tracker:
             self.status, self.reason, self.since_us = status, reason, t_us
 
     def _feed_mapper(self, t_us: int, poses: Trajectory) -> None:
-        assert self._mapper is not None
+        assert self._maps is not None
         packets = tuple(s.between(self._fed_us, t_us) for s in self._arrived.streams)
         self._fed_us = t_us
-        for online in self._mapper.push(packets, t_us, poses):
-            if online.result is not None:
-                self._cloud.add(points_of(online.result.depth_maps[self._method]))
-                self._use_cloud()
+        self._maps.push(packets, t_us, poses)
+
+    def _take_maps(self, t_us: int) -> None:
+        """Tracks the maps from now on that are due."""
+        for made in () if self._maps is None else self._maps.due(t_us):
+            if made.points is not None:
+                self._use_points(made.points)
                 self._seen_from.append(self._poses[-1].T_world_body)
             if self._on_map is not None:
-                self._on_map(online)
+                self._on_map(made.online)
 
-    def _use_cloud(self) -> None:
-        points = self._cloud.chosen(self._sizes.lines)
+    def _use_points(self, points: Matrix) -> None:
         self._registration.use_map(points, few(points, self._sizes))
+
+    def _background(self, start_us: int) -> BackgroundMaps:
+        config = self._map_config()
+        threads = thread_count(config.threads)
+        mapper = OnlineMapper(
+            self._rig, config.model_copy(update={"threads": max(1, threads - 1)}),
+            depth_range_m=self._arrived.depth_range_m, start_us=start_us,
+            most_events=self._map_events,
+        )  # fmt: skip
+        stride_us = window_us(config)[1]
+        return BackgroundMaps(mapper, self._cloud, self._sizes.lines, stride_us, alone=threads == 1)
 
     @property
     def _reach(self) -> float:
@@ -333,7 +410,7 @@ class Tracker:
             min_depth_m=config.min_depth_m, max_depth_m=config.max_depth_m, threads=config.threads,
         )  # fmt: skip
         planes = config.planes or planes_for(self._rig, depth_range_m(self._arrived, settings))
-        return settings.model_copy(update={"planes": planes})
+        return settings.model_copy(update={"planes": planes, **small_view(self._rig)})
 
 
 def _is_good(fit: Fit, closeness: float) -> bool:

@@ -64,10 +64,15 @@ def check_openmp() -> None:
 
 def use_threads(count: int) -> int:
     """Sets how many threads the kernels use and returns it; 0 means all of them."""
-    available = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
-    chosen = min(count, available) if count > 0 else available
+    chosen = thread_count(count)
     numba.set_num_threads(chosen)
     return chosen
+
+
+def thread_count(count: int) -> int:
+    """How many threads the kernels get that ask for `count`; 0 means all of them."""
+    available = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+    return min(count, available) if count > 0 else available
 
 
 def versions() -> dict[str, str]:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import Field, model_validator
 
@@ -21,7 +21,7 @@ from eventsweep.emvs.utils.inputs import file_in
 from eventsweep.eval.scoring.direction import Direction
 from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
-from eventsweep.eval.scoring.results import POOLED, Value, each, read_json
+from eventsweep.eval.scoring.results import POOLED, Value, each, read_json, together
 from eventsweep.eval.suite.results import (
     DEFAULT_MAPPER,
     EVENTS,
@@ -32,6 +32,9 @@ from eventsweep.eval.suite.results import (
     read_suite,
 )
 from eventsweep.eval.suite.submission import SubmissionFacts, perfect_scores
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 DATA_NAME = "ranking.json"
 RANKED_BY = "mean_error"
@@ -44,6 +47,11 @@ METRICS = (
     *(f"mean_error_top_{share}pct" for share in COVERAGES),
     *(f"{CAUSE_PREFIX}{cause}" for cause in CAUSES),
 )  # fmt: skip
+POSE_METRICS = (
+    "ate_share", "ate_rmse", "ate_rotation_rmse", "drift", "drift_rotation", "scale_error",
+    "time_covered",
+)  # fmt: skip
+"""Metrics of poses that were found from events, where a case asks for them."""
 _DIGITS = 6
 
 
@@ -83,6 +91,7 @@ class RankingEntry(FrozenModel):
         units: per metric, its unit and direction.
         versions_of_metrics: per metric, the hash of what it computes.
         values: per method, metric and case one value for each seed.
+        poses: per tracker, metric and case one value for each seed.
         stated: per method of others, what its submitter says.
         cost: per method, what was measured here.
         perfect: per method, where it has a perfect score.
@@ -103,6 +112,7 @@ class RankingEntry(FrozenModel):
     units: dict[str, tuple[str, Direction]]
     versions_of_metrics: dict[str, str]
     values: dict[str, dict[str, dict[str, tuple[Value, ...]]]]
+    poses: dict[str, dict[str, dict[str, tuple[Value, ...]]]] = Field(default_factory=dict)
     stated: dict[str, SubmissionFacts] = Field(default_factory=dict)
     cost: dict[str, MeasuredCost] = Field(default_factory=dict)
     perfect: dict[str, list[str]] = Field(default_factory=dict)
@@ -121,7 +131,7 @@ class RankingEntry(FrozenModel):
         for case, ranked in self.cases.items():
             if len(ranked.sequences) != len(self.seeds):
                 raise ValueError(f"cases.{case}: {len(ranked.sequences)} sequences")
-        for method, metrics in self.values.items():
+        for method, metrics in (*self.values.items(), *self.poses.items()):
             for place, found in chain.from_iterable(cases.items() for cases in metrics.values()):
                 if len(found) != len(self.seeds) or any(map(math.isinf, found)):
                     raise ValueError(f"values.{method}: {place} needs a number for each seed")
@@ -166,16 +176,12 @@ class RankingData(FrozenModel):
 def of_suite(result: SuiteResult, label: str) -> RankingEntry:
     """A suite's run in small."""
     mappers = result.definition["mappers"]
-    values: dict[str, dict[str, dict[str, list[float]]]] = {}
-    units: dict[str, tuple[str, Direction]] = {}
     rows = result.rows
-    ranked = (rows["window"] == POOLED) & rows["metric"].isin(METRICS) & (rows["method"] != EVENTS)
-    for row in each(rows[ranked]):
-        units[row.metric] = row.unit, row.direction
-        by_case = values.setdefault(shown_name(row.method, mappers), {}).setdefault(row.metric, {})
-        of_seeds = by_case.setdefault(row.case, [math.nan] * len(result.seeds))
-        of_seeds[result.seeds.index(row.seed)] = float(f"{row.value:.{_DIGITS}g}")
-    perfect = perfect_scores(rows)
+    rows = rows[(rows["window"] == POOLED) & (rows["method"] != EVENTS)]
+    depth, poses = rows[rows["metric"].isin(METRICS)], rows[rows["metric"].isin(POSE_METRICS)]
+    names = {method: shown_name(method, mappers) for method in dict.fromkeys(rows["method"])}
+    values = _by_method(depth.assign(method=depth["method"].map(names)), result.seeds)
+    perfect = perfect_scores(result.rows)
     return RankingEntry(
         label=label,
         suite=result.suite,
@@ -183,9 +189,10 @@ def of_suite(result: SuiteResult, label: str) -> RankingEntry:
         archive=result.archive,
         seeds=result.seeds,
         cases={case: _case(result, case) for case in result.cases},
-        units=units,
+        units={r.metric: (r.unit, r.direction) for r in each(together([depth, poses]))},
         versions_of_metrics=_metric_versions(result),
         values=values,
+        poses=_by_method(poses, result.seeds),
         stated={n: SubmissionFacts.model_validate(one) for n, one in result.stated.items()},
         cost={shown_name(name, mappers): one for name, one in result.cost.items()},
         perfect={shown_name(name, mappers): where for name, where in perfect.items()},
@@ -200,6 +207,19 @@ def of_suite(result: SuiteResult, label: str) -> RankingEntry:
         platform=result.platform,
         failures={job.name: job.failure for job in result.failures},
     )
+
+
+def _by_method(
+    rows: pd.DataFrame, seeds: Sequence[int]
+) -> dict[str, dict[str, dict[str, tuple[float, ...]]]]:
+    """Per method, metric and case one value for each seed; NaN where there is none."""
+    found: dict[str, dict[str, dict[str, tuple[float, ...]]]] = {}
+    for _, some in rows.groupby(["method", "metric", "case"], sort=False):
+        known = {row.seed: float(f"{row.value:.{_DIGITS}g}") for row in each(some)}
+        first = next(each(some))
+        values = tuple(known.get(seed, math.nan) for seed in seeds)
+        found.setdefault(first.method, {}).setdefault(first.metric, {})[first.case] = values
+    return found
 
 
 def shown_name(method: str, mappers: Mapping[str, Mapping[str, Any]]) -> str:
@@ -235,7 +255,7 @@ def _case(result: SuiteResult, case: str) -> RankedCase:
 
 def _metric_versions(result: SuiteResult) -> dict[str, str]:
     known = result.samples[0].facts.metrics if result.samples else {}
-    return {name: version for name, version in known.items() if name in METRICS}
+    return {name: version for name, version in known.items() if name in (*METRICS, *POSE_METRICS)}
 
 
 def _code(result: SuiteResult) -> dict[str, str]:

@@ -61,28 +61,36 @@ print([picture.tolist() for picture in passage.pictures([3000, 6000])])
 """
 LINES = """
 import numpy as np
-from eventsweep.emvs.geometry import se3
-from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.emvs.odometry.lines import LineField
-from eventsweep.emvs.odometry.residuals_kernels import map_to_events
-from eventsweep.emvs.odometry.views import View
-view = View.of(Camera(160, 120, 130, 130, 79.5, 59.5), np.eye(4))
-field = LineField(*view.size_px, 0)
-field.fill(np.c_[np.arange(50, 110, 0.25), np.full(240, 60.2), np.ones(240)], 240)
-H, g = np.zeros((6, 6)), np.zeros(6)
+from eventsweep.emvs.odometry.registration.lines import LineFields
+from eventsweep.emvs.odometry.registration.residuals_kernels import map_to_events
+fields = LineFields([(160, 120)], 1)
+fields.begin()
+fields.fill(0, np.c_[np.arange(50, 110, 0.25), np.full(240, 60.2), np.ones(240)], 240, 1)
+H, g, lens = np.zeros((6, 6)), np.zeros(6), np.array([130, 130, 79.5, 59.5])
 found = map_to_events(
-    np.array([[0.02, 0.0, 1.3]]), np.eye(4), view.T_cam_body, view.intrinsics, view.size,
-    field.moments, 1.0, field.least, 1e9, 5.0, H, g)
+    np.array([[0.02, 0.0, 1.3]]), np.eye(4), lens, np.array([160.0, 120.0]), fields.places[0, 0],
+    fields.drawing, fields.field, 1e9, 5.0, H, g)
 print(found, H.tolist(), g.tolist())
 """
-COMPENSATED = """
+EQUATIONS = """
 import numpy as np
-from eventsweep.emvs.odometry.events_kernels import compensate
+from eventsweep.emvs.odometry.registration.events_kernels import compensate
+from eventsweep.emvs.odometry.registration.lines import LineFields
+from eventsweep.emvs.odometry.registration.gauss_newton_kernels import equations
 out, eye = np.zeros((1, 3)), np.eye(4)
-twist, lens, size = np.array([1.0, 0, 0, 0, 0, 0]), (9.0, 9.0, 4.0, 3.0), (9.0, 7.0)
-found = compensate(
-    np.array([[5.0, 3.0, 0.1]]), 1, np.ones((7, 9)), 1.0, twist, eye, eye, lens, size, out)
+twist, lens, size = np.array([1.0, 0, 0, 0, 0, 0]), np.array([9.0, 9, 4, 3]), np.array([9.0, 7])
+found = compensate(np.array([[5.0, 3.0, 0.1]]), 1, np.ones((7, 9)), 1.0, twist, lens, size, out)
 print(found, out.tolist())
+fields = LineFields([(9, 7)], 1)
+fields.begin()
+fields.fill(0, np.c_[np.arange(1, 8, 0.25), np.full(28, 3.2), np.ones(28)], 28, 1)
+lines = fields.places[0, 0], fields.drawing, fields.field
+scratch = np.eye(4), np.eye(4), np.zeros(6), np.zeros((12, 12)), np.zeros(12)
+H, g, fit = np.zeros((12, 12)), np.zeros(12), np.zeros(6)
+depth, lens_of = (np.ones(99), np.array([0, 9, 11, 1])), (eye, eye, np.eye(6), lens, size)
+equations((np.array([[5.0, 3.0, 0.01]]), 1), np.array([[0.1, 0.0, 1.0]]), lines, lines, 0, depth,
+          lens_of, eye, eye, twist, scratch, H, g, fit)
+print(fit.tolist(), g.tolist())
 """
 ALIGNED = """
 from eventsweep.emvs.utils.vectors_kernels import aligned
@@ -106,8 +114,8 @@ print(done.found, done.code, done.text)
 # The caller that shows an edit in a file, and the edit where adding 1 to what is returned is none.
 CALLERS = {
     "emvs/dsi/fusion_kernels.py": FOLD,
-    "emvs/odometry/lines_kernels.py": LINES,
-    "emvs/odometry/residuals_kernels.py": COMPENSATED,
+    "emvs/odometry/registration/lines_kernels.py": LINES,
+    "emvs/odometry/registration/residuals_kernels.py": EQUATIONS,
     "emvs/utils/vectors_kernels.py": VARIANCE,
     "sim/sensor/esim_kernels.py": PIXELS,
     "sim/compensation/layer_kernels.py": CARRIED,
@@ -116,6 +124,9 @@ CALLERS = {
 }
 EDITS = {
     "later": ("x + dt_s * ax", "y + dt_s * ax"),
+    "events_to_map": ("r = n_u * (u - (fx", "r = 0.5 + n_u * (u - (fx"),
+    "line_at": ("- line[3]", "- line[3] + 0.1"),
+    "map_to_events": ("closeness += close\n        weight", "closeness -= close\n        weight"),
     "moved": ("T[1, 2] * z + T[1, 3]", "T[1, 2] * z + T[1, 3] + x"),
     "aligned": ("np.zeros(count", "np.ones(count"),
     "larger": ('fcmp_ordered(">"', 'fcmp_ordered("<"'),

@@ -23,6 +23,7 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.found_poses import method_on_own_poses
 from eventsweep.eval.own_poses import map_on_poses
 from eventsweep.eval.progress import Silent
+from eventsweep.eval.ranking.entries import of_suite
 from eventsweep.eval.report.ranking import findings
 from eventsweep.eval.scoring.results import each, read_results
 from eventsweep.eval.scoring.trajectories.own_poses import own_estimates, pose_rows
@@ -205,6 +206,12 @@ def test_a_suite_may_ask_for_poses_of_its_own(tmp_path, monkeypatch, jobs_in_thi
         true, mine = (values_of(rows, name)["points"] for name in (method, own))
         assert mine == (pytest.approx(true, rel=0.05) if found else 0)
     assert "ate_rmse" in result.samples[0].facts.metrics
+    ranked = of_suite(result, "here")
+    assert ranked.poses["track"]["time_covered"]["wall"] == pytest.approx([100 * found], abs=1)
+    assert ranked.units["time_covered"] == ("%", "higher")
+    assert ranked.units["ate_share"] == ("%", "lower")
+    assert ranked.versions_of_metrics["ate_share"]
+    assert "track" not in ranked.values
     assert main(["report", str(tmp_path / "o"), "--quiet"]) == 0
 
 

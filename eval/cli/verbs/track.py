@@ -35,7 +35,7 @@ def track(
     """Find the poses of a recording from its events and calibration alone.
 
     The recording's own poses are not used. Exit code 1 means that the track was lost and not found
-    again. An interrupted run leaves nothing: the same command starts again.
+    again. After an interrupt or a kill the same command continues.
 
     Args:
         recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.

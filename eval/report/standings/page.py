@@ -176,8 +176,9 @@ def ranking_page(
     base = page.joined.base
     shown = (
         *sections.hidden(page), sections.ranks(page), sections.coverage(page),
-        sections.conditions(page), sections.scenes(page), sections.cost(page),
-        *sections.causes(page), *sections.gallery(page), *sections.history(page),
+        sections.conditions(page), sections.scenes(page), *sections.poses(page),
+        sections.cost(page), *sections.causes(page), *sections.gallery(page),
+        *sections.history(page),
     )  # fmt: skip
     seeds = plural(len(base.seeds), "seed")
     lead, *findings = _findings(page)

@@ -12,7 +12,13 @@ from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.figures.plots import causes_figure, svg
 from eventsweep.eval.figures.ranking import cost_figure, coverage_figure, history_figure
 from eventsweep.eval.ranking import summary
-from eventsweep.eval.ranking.entries import COVERAGES, Merged, RankingEntry, finite_mean
+from eventsweep.eval.ranking.entries import (
+    COVERAGES,
+    POSE_METRICS,
+    Merged,
+    RankingEntry,
+    finite_mean,
+)
 from eventsweep.eval.ranking.standings import Standing
 from eventsweep.eval.ranking.summary import CONDITIONS, MAIN, OTHERS, Ranked
 from eventsweep.eval.report.html import (
@@ -304,6 +310,34 @@ def _scene_grid(joined: Merged, methods: Sequence[str], cases: Sequence[str], me
         if any(math.isfinite(value) for value, _ in found):
             lines.append((_name(method), *(value_cell(value, unit, top) for value, top in found)))
     return Grid(heads, tuple(lines), definition(metric))
+
+
+def poses(page: RankingPage) -> Iterator[Section]:
+    """How well poses were found from events, case by case; nothing where none were."""
+    base = page.joined.base
+    metrics = [m for m in POSE_METRICS if any(m in found for found in base.poses.values())]
+    if not metrics:
+        return
+    heads = (Head("case", text=True), *(column(m).head(column(m).title) for m in metrics))
+    grids = [Grid(heads, _pose_lines(base, found, metrics)) for found in base.poses.values()]
+    text = "Means over the seeds; where one had no poses, only the time covered has one."
+    yield Section("poses", "Poses from events", tuple(base.poses), tuple(grids), text)
+
+
+def _pose_lines(
+    base: RankingEntry, found: Mapping[str, Mapping[str, Sequence[float]]], metrics: Sequence[str]
+) -> tuple[tuple[GridCell, ...], ...]:
+    cases = dict.fromkeys(case for metric in metrics for case in found.get(metric, {}))
+    return tuple(
+        (
+            GridCell(case),
+            *(
+                value_cell(finite_mean(found.get(m, {}).get(case, ())), base.units[m][0], math.nan)
+                for m in metrics
+            ),
+        )
+        for case in cases
+    )
 
 
 def cost(page: RankingPage) -> Section:

@@ -35,8 +35,8 @@ def test_a_finished_row_is_kept_and_a_damaged_one_refused(tmp_path, monkeypatch)
         made.append(twin.seed)
         return row(twin.seed, 0.1 * twin.seed)
 
-    monkeypatch.setattr(track_scores, "_simulated", lambda _twin, folder: folder)
-    monkeypatch.setattr(track_scores, "_warm_up", lambda _path: None)
+    monkeypatch.setattr(track_scores, "simulated", lambda _twin, folder: folder)
+    monkeypatch.setattr(track_scores, "warm_up", lambda _path: None)
     monkeypatch.setattr(track_scores, "_tracked", tracked)
     twins = [row(seed, 1.0).twin for seed in (2, 3)]
     with pytest.raises(KeyboardInterrupt):
@@ -73,9 +73,9 @@ def test_only_what_the_tracker_says_is_a_failure_of_it(tmp_path, monkeypatch, co
 
 
 def test_a_scene_may_have_seeds_of_its_own():
-    twins = list(track_scores._twins(["desk=2-3", "rpg-bin"], "4", None))
+    twins = list(track_scores.twins_of(["desk=2-3", "rpg-bin"], "4", None))
     assert [(one.scene, one.seed, one.seconds) for one in twins] == [
         ("desk", 2, 1.5), ("desk", 3, 1.5), ("rpg-bin", 4, 10),
     ]  # fmt: skip
     with pytest.raises(InputError, match="no twin 'attic'"):
-        list(track_scores._twins(["attic"], "4", 1.0))
+        list(track_scores.twins_of(["attic"], "4", 1.0))

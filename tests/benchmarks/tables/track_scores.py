@@ -48,8 +48,9 @@ TWINS = {
 """By scene: the sensor, and how long a sequence is, s."""
 OPENED = frozenset({0, 1})
 """Seeds that were looked at while the tracker was built."""
-# A car taught the tracker to expect more speed, a wide image to map more events.
-_OPENED_TOO = frozenset({("dsec-street", 4), ("tumvie-6dof", 4)})
+# A car taught the tracker to expect more speed, a wide image to map more events, and the reader how
+# long the windows of maps are.
+_OPENED_TOO = frozenset({("dsec-street", 4), ("tumvie-6dof", 4), ("rpg-reader", 4)})
 _METHOD = "Focus/H"
 _HALF_US, _EVERY_US, _MOST_WINDOWS = 100_000, 300_000, 3  # of what is mapped on both poses
 _WARM_US = 300_000
@@ -112,9 +113,9 @@ def measured(twins: Sequence[Twin], folder: Path) -> list[Row]:
     for twin in twins:
         kept = folder / f"{twin.name}.json"
         if not kept.exists():
-            recording = _simulated(twin, folder)
+            recording = simulated(twin, folder)
             if not warm:
-                _warm_up(recording)
+                warm_up(recording)
                 warm = True
             row = _tracked(twin, recording, folder / twin.name / "track")
             with atomic_path(kept) as partial:
@@ -187,7 +188,8 @@ def _summary(rows: Sequence[Row]) -> str:
     )
 
 
-def _simulated(twin: Twin, folder: Path) -> Path:
+def simulated(twin: Twin, folder: Path) -> Path:
+    """A twin's recording in the folder; made where it is not there."""
     path = folder / twin.name / "recording"
     if not path.exists():
         flags = ("--seconds", f"{twin.seconds:g}", "--seed", str(twin.seed), "--quiet")
@@ -208,7 +210,7 @@ def _verb(*arguments: str) -> tuple[int, str]:
     return code, said.getvalue().strip()
 
 
-def _warm_up(path: Path) -> None:
+def warm_up(path: Path) -> None:
     """Loads or compiles the kernels, so that no row's time holds that."""
     recording = es.open_recording(path)
     tracker = es.Tracker(recording.rig, depth_range_m=recording.depth_range_m)
@@ -270,7 +272,8 @@ def _read(path: Path) -> Row:
         raise InputError(f"{path}: no row of this tool ({error}): remove the file") from error
 
 
-def _twins(scenes: Sequence[str], seeds: str, seconds: float | None) -> Iterator[Twin]:
+def twins_of(scenes: Sequence[str], seeds: str, seconds: float | None) -> Iterator[Twin]:
+    """Twins of `SCENE` or `SCENE=SEEDS`."""
     for asked in scenes:
         scene, _, own = asked.partition("=")
         if scene not in TWINS:
@@ -290,7 +293,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, help="another length of all sequences, s")
     asked = parser.parse_args(arguments)
     with exit_code() as code:
-        twins = list(_twins(asked.scene or list(TWINS), asked.seeds, asked.seconds))
+        twins = list(twins_of(asked.scene or list(TWINS), asked.seeds, asked.seconds))
         show(table(measured(twins, asked.out)), asked.page, MARK)
     return code.value
 

@@ -20,7 +20,7 @@ from eventsweep.emvs.odometry.recorded import track
 from eventsweep.emvs.odometry.tracker import Status
 
 T_BODY_IMU = se3.exp([0.1, 0.02, -0.05, 0.3, -1.2, 0.8])
-CONFIG = TrackConfig(map_rate_hz=8, planes=40, gyroscope=True)
+CONFIG = TrackConfig(map_rate_hz=8, map_s=0.2, planes=40, gyroscope=True)
 END_US = 400_000
 
 

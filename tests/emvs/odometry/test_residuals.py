@@ -4,25 +4,33 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import line_world
 import point_world as world
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.odometry.batches import Sizes
-from eventsweep.emvs.odometry.lines import LineField
 from eventsweep.emvs.odometry.motion import Motion
-from eventsweep.emvs.odometry.registration import Registration
-from eventsweep.emvs.odometry.residuals_kernels import events_to_map, later, map_to_events, slope
-from eventsweep.emvs.odometry.views import View
+from eventsweep.emvs.odometry.registration.fit import Registration
+from eventsweep.emvs.odometry.registration.gauss_newton_kernels import motion_of, solve, to_body
+from eventsweep.emvs.odometry.registration.lines import LineFields
+from eventsweep.emvs.odometry.registration.residuals_kernels import (
+    events_to_map,
+    later,
+    map_to_events,
+    slope,
+)
+from eventsweep.emvs.odometry.registration.views import View
 
 CAMERA = world.pinhole(width=160, height=120, f=130.0)
 T_BODY_CAM = se3.exp([0.05, -0.02, 0.03, 0.1, -0.2, 0.05])
 VIEW = View.of(CAMERA, T_BODY_CAM)
-X_BODY = se3.transform(T_BODY_CAM, [0.2, -0.1, 1.3])
+X_CAM = np.array([0.2, -0.1, 1.3])
 
 
-def projected(X_body):
-    x, y, z = se3.transform(VIEW.T_cam_body, X_body)
+def projected(X_cam):
+    x, y, z = X_cam
     fx, fy, cx, cy = VIEW.intrinsics
     return np.array([fx * x / z + cx, fy * y / z + cy])
 
@@ -36,37 +44,66 @@ def differences(f, n=6, step=1e-6):
 @pytest.mark.parametrize("normal", [(1.0, 0.0), (0.0, 1.0), (0.6, -0.8)])
 def test_the_slope_is_that_of_the_projection(normal):
     J = np.empty(6)
-    at = se3.transform(VIEW.T_cam_body, X_BODY)
-    slope(*normal, *at, tuple(X_BODY), VIEW.T_cam_body, VIEW.intrinsics, J)
-    numeric = differences(lambda xi: projected(se3.transform(se3.exp(xi), X_BODY)) @ normal)
+    slope(*normal, *X_CAM, VIEW.intrinsics, J)
+    numeric = differences(lambda xi: projected(se3.transform(se3.exp(xi), X_CAM)) @ normal)
     np.testing.assert_allclose(J, numeric, rtol=1e-6, atol=1e-5)
 
 
 def test_a_point_moves_as_the_twist_says_to_second_order():
     twist = np.array([0.5, -0.3, 0.2, 1.0, -2.0, 0.7])
     for dt_s in (-0.02, 0.01, 0.02):
-        exact = se3.transform(se3.exp(-twist * dt_s), X_BODY)
-        np.testing.assert_allclose(later(*X_BODY, twist, dt_s), exact, atol=3e-5)
+        exact = se3.transform(se3.exp(-twist * dt_s), X_CAM)
+        np.testing.assert_allclose(later(*X_CAM, twist, dt_s), exact, atol=3e-5)
+
+
+@given(st.integers(0, 1000), st.sampled_from([1e-9, 1e-5, 0.1, 2.0]))
+def test_the_motion_of_a_twist_is_its_exponential(seed, size):
+    xi, T = size * np.random.default_rng(seed).normal(size=6), np.empty((4, 4))
+    motion_of(xi, T)
+    np.testing.assert_allclose(T, se3.exp(xi), rtol=1e-9, atol=1e-12)
+
+
+@given(st.integers(0, 1000))
+def test_normal_equations_are_solved(seed):
+    rng = np.random.default_rng(seed)
+    A, g, x = rng.normal(size=(20, 12)), rng.normal(size=12), np.empty(12)
+    H = A.T @ A + 1e-3 * np.eye(12)
+    solve(H, g, np.zeros((12, 12)), x)
+    np.testing.assert_allclose(x, np.linalg.solve(H, -g), rtol=1e-6, atol=1e-9)
+
+
+def test_what_a_camera_sees_says_the_same_of_the_body():
+    """A camera at the body's frame moved by xi is at its own moved by the adjoint of xi."""
+    J_cam = np.random.default_rng(2).normal(size=(30, 12))
+    r = np.random.default_rng(3).normal(size=30)
+    H, g = np.zeros((12, 12)), np.zeros(12)
+    to_body(J_cam.T @ J_cam, J_cam.T @ r, VIEW.adjoint, H, g)
+    J = J_cam @ np.kron(np.eye(2), VIEW.adjoint)
+    np.testing.assert_allclose(H, J.T @ J, atol=1e-9)
+    np.testing.assert_allclose(g, J.T @ r, atol=1e-9)
+    xi = np.array([0.1, 0.2, -0.1, 0.3, -0.2, 0.1])
+    moved = VIEW.T_cam_body @ se3.exp(xi) @ VIEW.T_body_cam
+    np.testing.assert_allclose(moved, se3.exp(VIEW.adjoint @ xi), atol=1e-12)
 
 
 def drawn_line(uv, normal, rho):
-    """Moments of a long straight line of points through a place, drawn by our own field."""
+    """A long straight line of points through a place: place of its image, drawing and field."""
     along = np.array([normal[1], -normal[0]])
     points = uv + np.arange(-30, 30, 0.25)[:, None] * along
-    field = LineField(*VIEW.size_px, 0)
-    field.fill(np.c_[points, np.full(len(points), rho)], len(points))
-    return field
+    fields = LineFields([VIEW.size_px], 1)
+    fields.begin()
+    fields.fill(0, np.c_[points, np.full(len(points), rho)], len(points), 1)
+    return fields.places[0, 0], fields.drawing, fields.field
 
 
 def test_normal_equations_of_a_map_point_are_those_of_its_residual():
     normal = np.array([0.6, 0.8])
-    uv = projected(X_BODY)
-    field = drawn_line(uv + 0.7 * normal, normal, 1.0)
+    uv = projected(X_CAM)
+    lines = drawn_line(uv + 0.7 * normal, normal, 1.0)
     H, g = np.zeros((6, 6)), np.zeros(6)
-    points = X_BODY[None]
-    args = VIEW.T_cam_body, VIEW.intrinsics, VIEW.size, field.moments, 1.0, field.least, 1e9, 5.0
-    assert map_to_events(points, np.eye(4), *args, H, g)[:2] == (1, 1)
-    J = differences(lambda xi: projected(se3.transform(se3.exp(xi), X_BODY)) @ normal)
+    args = X_CAM[None], np.eye(4), VIEW.intrinsics, VIEW.size, *lines, 1e9, 5.0, H, g
+    assert map_to_events(*args)[:2] == (1, 1)
+    J = differences(lambda xi: projected(se3.transform(se3.exp(xi), X_CAM)) @ normal)
     # g is w J r and H is w J J^T, of the same weight in 0..1.
     weight = H[0, 0] / J[0] ** 2
     assert 0.7 < weight <= 1
@@ -78,20 +115,20 @@ def test_normal_equations_of_a_map_point_are_those_of_its_residual():
 def test_normal_equations_of_an_event_are_those_of_its_residual(dt_s):
     """At rest the Jacobian is exact: pose and twist against finite differences of the residual."""
     normal, depth_m = np.array([0.8, -0.6]), 1.3
-    uv = projected(X_BODY)
-    field = drawn_line(uv, normal, 1 / depth_m)
+    uv = projected(X_CAM)
+    lines = drawn_line(uv, normal, 1 / depth_m)
     event = uv + 0.5 * normal
     H, g = np.zeros((12, 12)), np.zeros(12)
     rho = np.full((40, 50), 1 / depth_m)
     counts = events_to_map(
-        np.array([[*event, dt_s]]), 1, field.moments, 1.0, field.least, rho, 4.0, np.eye(4),
-        np.zeros(6), VIEW.T_cam_body, VIEW.T_body_cam, VIEW.intrinsics, 1e9, 5.0, H, g,
+        np.array([[*event, dt_s]]), 1, *lines, rho, 4, np.eye(4), np.zeros(6), VIEW.intrinsics,
+        1e9, 5.0, H, g,
     )  # fmt: skip
     assert counts[:2] == (1, 1)
 
     def residual(parameters):
         moving = se3.exp(-parameters[6:] * dt_s) @ se3.exp(parameters[:6])
-        return normal @ (event - projected(se3.transform(moving, X_BODY)))
+        return normal @ (event - projected(se3.transform(moving, X_CAM)))
 
     J = differences(residual, 12)
     weight = H[0, 0] / J[0] ** 2

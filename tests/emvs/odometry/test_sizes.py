@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from threading import current_thread
-
 import pytest
 
 import point_world as world
-from eventsweep.emvs.odometry.batches import Sizes, planes_for
-from eventsweep.emvs.odometry.views import PerCamera
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.odometry.batches import Sizes, planes_for, small_view
 
 
 @pytest.mark.parametrize(
@@ -34,17 +32,9 @@ def test_more_columns_need_more_events_and_levels():
     assert large.levels == small.levels + 2
 
 
-def test_work_of_cameras_comes_back_in_their_order_and_with_their_errors():
-    def name(camera):
-        if camera == 3:
-            raise ValueError("camera 3")
-        return camera, current_thread().name
-
-    for threads, used in ((0, 3), (1, 1), (2, 2)):
-        each = PerCamera(3, threads)
-        found = each(name)
-        assert [camera for camera, _ in found] == [0, 1, 2]
-        assert found[0][1] == current_thread().name
-        assert len({thread for _, thread in found}) <= used
-    with pytest.raises(ValueError, match="camera 3"):
-        PerCamera(4)(name)
+def test_maps_of_a_wide_sensor_are_made_in_a_smaller_view_of_the_same_angles():
+    wide = world.stereo_rig(world.pinhole(width=1280, height=720, f=1050.0), 0.1, 2)
+    config = MapperConfig(**small_view(wide))
+    view = config.view_width_px, config.view_height_px, config.view_focal_px
+    assert view == (640, 360, 525.0)
+    assert small_view(world.stereo_rig(world.pinhole(width=346, height=260, f=226.0), 0.1, 2)) == {}

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -88,6 +92,50 @@ def test_an_interrupt_leaves_nothing_and_the_same_command_starts_again(
     monkeypatch.setattr("eventsweep.eval.odometry.track", lambda *_, **__: found(recording))
     assert main(command) == 0
     assert len(read_poses(out / "trajectory.txt")) == len(recording.trajectory)
+
+
+KILLED = """
+import os, signal, sys
+sys.path.insert(0, sys.argv[1])
+import line_world, point_world as world
+from eventsweep.emvs import datasets
+from eventsweep.eval import odometry
+from eventsweep.eval.cli.main import main
+trajectory = world.swinging(turn_deg=(3, 4, 2), way_m=(0.08, 0.05, 0.04), duration_us=600_000)
+recording, out, kill_us = line_world.recorded(trajectory), sys.argv[2], int(sys.argv[3])
+class Deadly:
+    def __getattr__(self, name):
+        return getattr(recording, name)
+    def events(self, camera, t0_us, t1_us):
+        print(t0_us, flush=True)
+        if t0_us >= kill_us:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return recording.events(camera, t0_us, t1_us)
+datasets.open_recording = lambda _path: Deadly()
+odometry._KEEP_EVERY_S, odometry._KEEP_SHARE = 0.0, 1e9
+main(["track", "recording", "--out", out, "--planes", "40", "--map-s", "0.2", "--quiet"])
+"""
+
+
+@pytest.mark.slow
+def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(tmp_path):
+    helpers = Path(line_world.__file__).parent
+
+    def run(out, kill_us):
+        command = [sys.executable, "-c", KILLED, str(helpers), str(tmp_path / out), str(kill_us)]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        return done.returncode, int(done.stdout.split()[0])
+
+    assert run("whole", 1 << 40) == (0, 7)
+    code, _ = run("out", 500_000)
+    assert code == -signal.SIGKILL
+    assert not (tmp_path / "out").exists()
+    code, began_us = run("out", 1 << 40)
+    assert code == 0
+    assert began_us >= 250_000
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "whole"]
+    for name in ("trajectory.txt", "cloud.ply", "track.json"):
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
 def test_a_first_map_that_is_none_is_refused(tmp_path, capsys):

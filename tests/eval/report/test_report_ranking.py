@@ -13,7 +13,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.output_manifest import NAME, strangers
 from eventsweep.emvs.utils.outputs import atomic_dir
 from eventsweep.eval.cli.main import main
-from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, Source, read_data
+from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, Source, read_data, read_source
 from eventsweep.eval.report import run_page
 from eventsweep.eval.report.standings import page as standings
 from eventsweep.eval.report.standings.method_page import page_names
@@ -168,6 +168,22 @@ def test_of_a_hidden_part_no_seed_and_no_picture_is_shown(written):
     assert re.findall(r"<td[^>]*>([^<]*)</td>", seeds)[:3] == [
         "0, 1, 2, 3, 4", "0, 1, 2, 3, 4", "2 seeds",
     ]  # fmt: skip
+
+
+def test_poses_from_events_have_a_table_with_directions_and_rank_no_method(tmp_path):
+    own = {"ate_share": ("%", "lower"), "time_covered": ("%", "higher")}
+    units = entry("x", ERRORS).units | own
+    poses = {"track": {"ate_share": {"wall": (0.25,) * 5}, "time_covered": {"wall": (98.5,) * 5}}}
+    source = stored(tmp_path / "new", entry("v1", ERRORS, poses=poses, units=units))
+    out = tmp_path / "page"
+    write_ranking([read_source(str(source))], out)
+    page = text_of(out)
+    heads, line = re.findall(r"<tr>.*?</tr>", page[page.index("<h2>Poses from events") :])[:2]
+    assert re.findall(r"ATE of way.*?([↓↑]).*time covered.*?([↓↑])", heads) == [("↓", "↑")]
+    assert re.sub(r"<[^>]+>", " ", line).split() == ["wall", "0.25", "98.50"]
+    assert sorted(path.stem for path in (out / "methods").glob("*.html")) == sorted(
+        method.replace("/", "_") for method in ERRORS
+    )
 
 
 def test_history_has_a_column_for_each_version(written):

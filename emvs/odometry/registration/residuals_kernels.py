@@ -1,7 +1,8 @@
 """Compiled loops of the two residuals, and their normal equations. Units: px, s, m, rad.
 
-A pose is corrected by `X_body' = exp(xi) X_body`, xi = (v, w); the twist tau = (v, w) of the body
-moves points from the body's frame at dt 0 to that at dt by exp(-tau dt).
+All is seen from one camera: its pose is corrected by `X_cam' = exp(xi) X_cam`, xi = (v, w), and its
+twist tau = (v, w) moves points from its frame at dt 0 to that at dt by exp(-tau dt). What that says
+of the body, `gauss_newton_kernels` adds up over the cameras.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
@@ -12,14 +13,14 @@ import numpy as np
 from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.emvs.odometry.lines_kernels import NEAREST_M, line_at, moved
+from eventsweep.emvs.odometry.registration.lines_kernels import NEAREST_M, line_at, moved
 
 LEAST_WEIGHT = 0.1  # of a line
 
 
 @njit(cache=True, nogil=True)
 def later(x, y, z, twist, dt_s):
-    """A point at rest, from the body's frame into that `dt_s` later: exp(-twist dt) to order 2."""
+    """A point at rest, from a moving frame into that `dt_s` later: exp(-twist dt) to order 2."""
     vx, vy, vz, wx, wy, wz = twist
     ax, ay, az = -vx - (wy * z - wz * y), -vy - (wz * x - wx * z), -vz - (wx * y - wy * x)
     h = 0.5 * dt_s * dt_s
@@ -31,34 +32,27 @@ def later(x, y, z, twist, dt_s):
 
 
 @njit(cache=True, nogil=True)
-def slope(n_u, n_v, x, y, z, body, T_cam_body, intrinsics, J):
-    """Fills `J` (6,) with the derivative of n . pi(X_cam) by the motion xi of the body's frame.
-
-    `x, y, z` is the point in the camera's frame, `body` in the body's.
-    """
-    d_x, d_y = n_u * intrinsics[0] / z, n_v * intrinsics[1] / z
-    d_z = -(d_x * x + d_y * y) / z
-    for a in range(3):
-        J[a] = d_x * T_cam_body[0, a] + d_y * T_cam_body[1, a] + d_z * T_cam_body[2, a]
-    J[3] = body[1] * J[2] - body[2] * J[1]
-    J[4] = body[2] * J[0] - body[0] * J[2]
-    J[5] = body[0] * J[1] - body[1] * J[0]
+def slope(n_u, n_v, x, y, z, intrinsics, J):
+    """Fills `J` (6,) with the derivative of n . pi(X_cam) by xi."""
+    J[0], J[1] = n_u * intrinsics[0] / z, n_v * intrinsics[1] / z
+    J[2] = -(J[0] * x + J[1] * y) / z
+    J[3] = y * J[2] - z * J[1]
+    J[4] = z * J[0] - x * J[2]
+    J[5] = x * J[1] - y * J[0]
 
 
 @njit(cache=True, nogil=True)
-def map_to_events(
-    points, T_body_world, T_cam_body, intrinsics, size, moments, cell_px, least, width, gate, H, g
-):
+def map_to_events(points, T_cam_world, intrinsics, size, place, drawing, field, width, gate, H, g):
     """`mls`: distances of projected map points from lines of motion-compensated events.
 
-    Adds to the (6, 6) and (6,) normal equations; returns points in view, those near a line, and the
-    sum of their closeness, 1 / (1 + (r / width)²).
+    `place`, `drawing` and `field` are those of `lines_kernels`. Adds to the upper left (6, 6) of H
+    and (6,) of g; returns points in view, those near a line, and the sum of their closeness,
+    1 / (1 + (r / width)²).
     """
     J, part = np.empty(6), np.zeros((6, 6))
     seen, near, closeness = 0, 0, 0.0
     for k in range(len(points)):
-        body = moved(T_body_world, points[k, 0], points[k, 1], points[k, 2])
-        x, y, z = moved(T_cam_body, body[0], body[1], body[2])
+        x, y, z = moved(T_cam_world, points[k, 0], points[k, 1], points[k, 2])
         if z < NEAREST_M:
             continue
         u = intrinsics[0] * x / z + intrinsics[2]
@@ -66,15 +60,14 @@ def map_to_events(
         if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
             continue
         seen += 1
-        weight, n_u, n_v, c, _ = line_at(moments, cell_px, least, u, v)
-        r = n_u * u + n_v * v - c
+        weight, n_u, n_v, r, _ = line_at(place, drawing, field, u, v)
         if weight < LEAST_WEIGHT or abs(r) > gate:
             continue
         near += 1
         close = 1 / (1 + (r / width) ** 2)
         closeness += close
         weight *= close
-        slope(n_u, n_v, x, y, z, body, T_cam_body, intrinsics, J)
+        slope(n_u, n_v, x, y, z, intrinsics, J)
         for a in range(6):
             weighted = weight * J[a]
             g[a] += weighted * r
@@ -88,16 +81,17 @@ def map_to_events(
 
 @njit(cache=True, nogil=True)
 def events_to_map(
-    events, count, moments, cell_px, least, rho, rho_cell_px, T_now_drawn, twist,
-    T_cam_body, T_body_cam, intrinsics, width, gate, H, g,
+    events, count, place, drawing, field, rho, rho_cell_px, T_now_drawn, twist, intrinsics,
+    width, gate, H, g,
 ):  # fmt: skip
     """`ev`: distances of events, each at its own time, from lines of the map.
 
-    `events` are rows (u, v, dt). `moments` and `rho`, a smooth inverse depth in larger cells, are
-    drawn from the map at a body frame from which `T_now_drawn` leads to that at dt 0. An event is
-    carried back there, its foot on the line there becomes a point P at the line's depth, and
+    `events` are rows (u, v, dt). The lines, and `rho`, a smooth inverse depth in larger cells, are
+    drawn from the map at a frame of the camera from which `T_now_drawn` leads to that at dt 0. An
+    event is carried back there, its foot on the line there becomes a point P at the line's depth,
+    and
 
-        r = n . (u - pi(T_cam_body exp(-tau dt) T_now_drawn T_body_cam P)).
+        r = n . (u - pi(exp(-tau dt) T_now_drawn P)).
 
     Adds to the (12, 12) and (12,) normal equations of (xi, tau); the Jacobian leaves out what is
     of second order in tau dt. Returns events looked at, those near a line, and their closeness.
@@ -108,24 +102,19 @@ def events_to_map(
     for k in range(count):
         u, v, dt = events[k, 0], events[k, 1], events[k, 2]
         z = 1 / rho[int(v / rho_cell_px + 0.5), int(u / rho_cell_px + 0.5)]
-        x, y, z = moved(T_body_cam, (u - cx) / fx * z, (v - cy) / fy * z, z)
-        x, y, z = moved(T_now_drawn, x, y, z)
+        x, y, z = moved(T_now_drawn, (u - cx) / fx * z, (v - cy) / fy * z, z)
         x, y, z = later(x, y, z, twist, dt)
-        x, y, z = moved(T_cam_body, x, y, z)
         if z < NEAREST_M:
             continue
         at_u, at_v = u - (fx * x / z + cx - u), v - (fy * y / z + cy - v)
-        weight, n_u, n_v, c, inverse = line_at(moments, cell_px, least, at_u, at_v)
+        weight, n_u, n_v, off, inverse = line_at(place, drawing, field, at_u, at_v)
         seen += 1
-        off = n_u * at_u + n_v * at_v - c
         if weight < LEAST_WEIGHT or abs(off) > gate:
             continue
         z = 1 / inverse
         x, y = (at_u - n_u * off - cx) / fx * z, (at_v - n_v * off - cy) / fy * z
-        x, y, z = moved(T_body_cam, x, y, z)
         x, y, z = moved(T_now_drawn, x, y, z)
-        body = later(x, y, z, twist, dt)
-        x, y, z = moved(T_cam_body, body[0], body[1], body[2])
+        x, y, z = later(x, y, z, twist, dt)
         if z < NEAREST_M:
             continue
         r = n_u * (u - (fx * x / z + cx)) + n_v * (v - (fy * y / z + cy))
@@ -135,15 +124,16 @@ def events_to_map(
         close = 1 / (1 + (r / width) ** 2)
         closeness += close
         weight *= close
-        slope(-n_u, -n_v, x, y, z, body, T_cam_body, intrinsics, J)
+        slope(-n_u, -n_v, x, y, z, intrinsics, J)
         for a in range(6):
             weighted = weight * J[a]
             g[a] += weighted * r
             g[6 + a] -= dt * weighted * r
             for b in range(a + 1):
-                parts[0, a, b] += weighted * J[b]
-                parts[1, a, b] += dt * weighted * J[b]
-                parts[2, a, b] += dt * dt * weighted * J[b]
+                product = weighted * J[b]
+                parts[0, a, b] += product
+                parts[1, a, b] += dt * product
+                parts[2, a, b] += dt * dt * product
     for a in range(6):
         for b in range(6):
             i, j = max(a, b), min(a, b)

@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.emvs.odometry.lines_kernels import NEAREST_M, moved
-from eventsweep.emvs.odometry.residuals_kernels import later
+from eventsweep.emvs.odometry.registration.lines_kernels import NEAREST_M
+from eventsweep.emvs.odometry.registration.residuals_kernels import later
 
 NEVER_US = -(1 << 62)
 
@@ -35,14 +35,12 @@ def in_company(x, y, t_us, within_us, last_us, out):
 
 @njit(cache=True, nogil=True)
 def place(x, y, t_us, t_mid_us, table, out):
-    """Fills rows (u, v, dt_s) of `out` with as many events as it has rows, evenly through them.
+    """Fills rows (u, v, dt_s) of `out` with the events that have a place; returns how many.
 
     `table` is (H, W, 2) float32, the undistorted pixel of every pixel, below 0 where there is none.
-    Returns how many have a place.
     """
-    n, most = 0, min(len(t_us), len(out))
-    for number in range(most):
-        k = number * len(t_us) // most
+    n = 0
+    for k in range(len(t_us)):
         u, v = table[y[k], x[k], 0], table[y[k], x[k], 1]
         if u >= 0 and v >= 0:
             out[n, 0], out[n, 1], out[n, 2] = u, v, (t_us[k] - t_mid_us) * 1e-6
@@ -51,12 +49,11 @@ def place(x, y, t_us, t_mid_us, table, out):
 
 
 @njit(cache=True, nogil=True)
-def compensate(
-    placed, count, rho, rho_cell_px, twist, T_cam_body, T_body_cam, intrinsics, size, out
-):
+def compensate(placed, count, rho, rho_cell_px, twist, intrinsics, size, out):
     """Moves (u, v, dt) events to dt 0 at the depths of `rho`: rows (u, v, rho); returns how many.
 
-    `twist` is that of the body, (v, w) in its own frame, m/s and rad/s; `size` is width and height.
+    `twist` is that of the camera, (v, w) in its own frame, m/s and rad/s; `size` is width and
+    height.
     """
     n = 0
     fx, fy, cx, cy = intrinsics
@@ -64,9 +61,7 @@ def compensate(
         u, v, dt = placed[k, 0], placed[k, 1], placed[k, 2]
         inverse = rho[int(v / rho_cell_px + 0.5), int(u / rho_cell_px + 0.5)]
         z = 1 / inverse
-        x, y, z = moved(T_body_cam, (u - cx) / fx * z, (v - cy) / fy * z, z)
-        x, y, z = later(x, y, z, twist, -dt)
-        x, y, z = moved(T_cam_body, x, y, z)
+        x, y, z = later((u - cx) / fx * z, (v - cy) / fy * z, z, twist, -dt)
         if z < NEAREST_M:
             continue
         u, v = fx * x / z + cx, fy * y / z + cy

@@ -13,17 +13,12 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.odometry.checkpoint import State
 from eventsweep.emvs.odometry.motion import Motion
-from eventsweep.emvs.odometry.residuals_kernels import events_to_map, map_to_events
-from eventsweep.emvs.odometry.views import DrawnEvents, DrawnMap, PerCamera, View
+from eventsweep.emvs.odometry.registration.gauss_newton_kernels import gauss_newton
+from eventsweep.emvs.odometry.registration.views import DrawnEvents, DrawnMap, View
 
 Matrix = NDArray[np.float64]
-_CAUCHY_PX, _GATE_PX = 0.7, 2.5  # at the finest level; twice as much at each coarser one
-# What a squared residual of a pixel counts: events of one edge, and of batches that overlap, err
-# together.
-_TRUST = 0.2
-_STEPS, _COARSER_STEPS = 4, 2  # of Gauss-Newton per level, associations anew in each
-_ENOUGH = 2e-5  # m, rad: a smaller step changes nothing
 _REDRAW_PX = 6.0  # the map is drawn anew once it has moved by so much
 
 
@@ -77,17 +72,15 @@ class Registration:
         views: the cameras.
         levels: scales of line fields; a wide search has one more.
         most_events: events of each camera that take part by themselves.
-        per_camera: does the work of all cameras; by default in a thread each.
     """
 
-    def __init__(
-        self, views: Sequence[View], levels: int, most_events: int,
-        per_camera: PerCamera | None = None,
-    ) -> None:  # fmt: skip
-        self._views, self._levels, self._most = tuple(views), levels, most_events
-        self._per_camera = per_camera or PerCamera(len(views))
-        self._maps = [DrawnMap(view, levels + 1) for view in views]
-        self._events = [DrawnEvents(view, levels + 1) for view in views]
+    def __init__(self, views: Sequence[View], levels: int, most_events: int) -> None:
+        self._levels = levels
+        names = "T_cam_body", "T_body_cam", "adjoint", "intrinsics", "size"
+        self._cameras = tuple(np.stack([getattr(v, name) for v in views]) for name in names)
+        self._focal_px = max(float(view.intrinsics[0]) for view in views)
+        self._map = DrawnMap(views, levels + 1)
+        self._events = DrawnEvents(views, levels + 1, most_events)
         self._drawn_at: Matrix | None = None
         self._drawn_levels = 0
         self._points = self._few = np.empty((0, 3))
@@ -96,72 +89,39 @@ class Registration:
         """Takes (N, 3) points for lines, and (M, 3) of them for distances, instead of the last."""
         self._points, self._few, self._drawn_at = points_world, few_world, None
 
+    def state(self) -> State:
+        """The map, and where it is drawn."""
+        drawn = {"drawn_at": self._drawn_at, "levels": self._drawn_levels}
+        return {"points": self._points, "few": self._few, **drawn}
+
+    def restore(self, state: State) -> None:
+        """Takes the map of a `state`, and draws it where it was."""
+        self.use_map(state["points"], state["few"])
+        if state["drawn_at"] is not None:
+            self._draw_map(state["drawn_at"], state["levels"])
+
     def __call__(
         self, batches: Sequence[Events], expected: Motion, *, wide: bool = False
     ) -> tuple[Motion, Fit]:
         """The motion that fits a batch of every camera best, near what is expected, or wider."""
         T_body_world, levels = se3.inverse(expected.T_world_body), self._levels + wide
         T_drawn_world = self._draw_map(T_body_world, levels)
-        twist, t_us = expected.twist, expected.t_us
-
-        def draw(k: int) -> None:
-            if self._maps[k].count:
-                drawn, settings = self._maps[k], (twist, self._most, levels)
-                self._events[k].draw(batches[k], t_us, drawn, *settings)
-
-        self._per_camera(draw)
-        T_now_drawn = T_as_expected = T_body_world @ se3.inverse(T_drawn_world)
-        belief = np.linalg.inv(expected.covariance)
-        fit, H = Fit(), belief
-        for level in reversed(range(levels)):
-            for _ in range(_COARSER_STEPS if level else _STEPS):
-                H, g, fit = self._normal_equations(
-                    batches, level, T_now_drawn, T_drawn_world, twist
-                )
-                off = se3.log(T_now_drawn @ se3.inverse(T_as_expected))
-                H, g = _TRUST * H + belief, _TRUST * g
-                g += belief @ np.concatenate([off, twist - expected.twist])
-                step = np.linalg.solve(H, -g)
-                T_now_drawn, twist = se3.exp(step[:6]) @ T_now_drawn, twist + step[6:]
-                if np.abs(step[:6]).max() < _ENOUGH:
-                    break
+        self._events.draw(batches, expected.t_us, self._map, expected.twist, levels)
+        T_now_drawn, twist = np.empty((4, 4)), np.empty(6)
+        H, counts = np.linalg.inv(expected.covariance), np.zeros(6)
+        map_lines, event_lines, depth = self._map.lines, self._events.lines, self._map.depth
+        gauss_newton(
+            self._events.events, self._events.counts, self._few,
+            (map_lines.drawing, map_lines.field), (event_lines.drawing, event_lines.field),
+            map_lines.places, (depth.rho, depth.places), self._cameras, levels,
+            T_body_world @ se3.inverse(T_drawn_world), T_drawn_world, expected.twist, H.copy(),
+            T_now_drawn, twist, H, counts,
+        )  # fmt: skip
         # Rounding errors of products of poses would otherwise grow from batch to batch.
         T_world_body = se3.nearest_rigid(se3.inverse(T_now_drawn @ T_drawn_world))
         covariance = np.linalg.inv(H)
         found = replace(expected, T_world_body=T_world_body, twist=twist, covariance=covariance)
-        return found, fit
-
-    def _normal_equations(
-        self,
-        batches: Sequence[Events],
-        level: int,
-        T_now_drawn: Matrix,
-        T_drawn_world: Matrix,
-        twist: Matrix,
-    ) -> tuple[Matrix, Matrix, Fit]:
-        wide, gate = _CAUCHY_PX * (1 << level), _GATE_PX * (1 << level)
-        T_body_world = T_now_drawn @ T_drawn_world
-
-        def equations(k: int) -> tuple[Matrix, Matrix, Matrix]:
-            H, g, counts = np.zeros((12, 12)), np.zeros(12), np.zeros(6)
-            view, drawn, events = self._views[k], self._maps[k], self._events[k]
-            if not drawn.count or not len(batches[k]):
-                return H, g, counts
-            lines = drawn.lines[level]
-            counts[:3] = events_to_map(
-                events.events, events.count, lines.moments, lines.cell_px, lines.least,
-                drawn.depth.rho, drawn.depth.cell_px, T_now_drawn, twist, view.T_cam_body,
-                view.T_body_cam, view.intrinsics, wide, gate, H, g,
-            )  # fmt: skip
-            lines = events.lines[level]
-            counts[3:] = map_to_events(
-                self._few, T_body_world, view.T_cam_body, view.intrinsics, view.size,
-                lines.moments, lines.cell_px, lines.least, wide, gate, H[:6, :6], g[:6],
-            )  # fmt: skip
-            return H, g, counts
-
-        H, g, counts = (sum(parts) for parts in zip(*self._per_camera(equations), strict=True))
-        return H, g, Fit.of(counts)
+        return found, Fit.of(counts)
 
     def _draw_map(self, T_body_world: Matrix, levels: int) -> Matrix:
         """Draws the map at a pose, unless it is drawn at one nearby; returns where."""
@@ -173,12 +133,12 @@ class Registration:
         ):
             return drawn_at
         self._drawn_at, self._drawn_levels = T_body_world, levels
-        self._per_camera(lambda k: self._maps[k].draw(self._points, T_body_world, levels))
+        self._map.draw(self._points, T_body_world, levels)
         return T_body_world
 
     def _moved_px(self, T_body_world: Matrix, drawn_at: Matrix) -> float:
         """About how far the map has moved in the images since it was drawn."""
         xi = se3.log(T_body_world @ se3.inverse(drawn_at))
-        rho = max((float(drawn.depth.rho.mean()) for drawn in self._maps if drawn.count), default=1)
-        focal_px = max(float(view.intrinsics[0]) for view in self._views)
-        return focal_px * float(rho * np.linalg.norm(xi[:3]) + np.linalg.norm(xi[3:]))
+        drawn = [k for k, count in enumerate(self._map.counts) if count]
+        rho = max((float(self._map.depth.image(k).mean()) for k in drawn), default=1.0)
+        return self._focal_px * float(rho * np.linalg.norm(xi[:3]) + np.linalg.norm(xi[3:]))

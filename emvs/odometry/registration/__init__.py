@@ -1,0 +1,1 @@
+"""Batches of events against the lines of a map, and map points against lines of events."""
