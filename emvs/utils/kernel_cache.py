@@ -62,11 +62,17 @@ def use_kernel_cache() -> Path:
     )
 
 
+def has_kernel(name: str) -> bool:
+    """Whether a function, `module.function` with its folder left out, was ever compiled here."""
+    folder = Path(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
+    return any(folder.glob(f"*/{name}-*.nbi"))
+
+
 def kernel_version() -> str:
     """16 hexadecimal digits over the files of compiled functions and over who compiles them."""
     parts = [repr(_HEAD), platform.python_implementation(), platform.python_version()]
     parts += [numba.__version__, llvmlite.__version__]
-    parts += digests(kernel_files(), _ROOT)
+    parts += digests([*kernel_files(), _ROOT / "emvs/utils/kernel_compiler.py"], _ROOT)
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 

@@ -347,8 +347,11 @@ def chosen(reached: Reached) -> Layers:
         for x in range(width):
             k = slot[y, x]
             if k >= 0:
-                layers.number[k], layers.way[k] = reached.number[y, x], reached.way[:, y, x]
-                layers.low[k], layers.high[k] = reached.low[:, y, x], reached.high[:, y, x]
+                layers.number[k] = reached.number[y, x]
+                for m in range(MOST):  # as slices they would compile two seconds longer
+                    layers.way[k, m] = reached.way[m, y, x]
+                    layers.low[k, m] = reached.low[m, y, x]
+                    layers.high[k, m] = reached.high[m, y, x]
                 layers.dark[k], layers.bright[k] = reached.dark[y, x], reached.bright[y, x]
                 sort_layers(layers.way[k], layers.low[k], layers.high[k], layers.number[k])
     return layers
