@@ -35,27 +35,23 @@ _OF_RECORDINGS = {
 
 
 @contextmanager
-def compiled_beside(
-    config: MapperConfig, rig: Rig, say: Callable[[str], None]
-) -> Iterator[Callable[[], None]]:
+def compiled_beside(config: MapperConfig, rig: Rig, say: Callable[[str], None]) -> Iterator[None]:
     """Compiles a mapper's kernels in another process if this is a first run; else does nothing.
 
-    A second process pays off only where there is a second processor. One that fails is told of, and
-    the kernels are then compiled when they are called.
+    A second process pays off only where there is a second processor. Who comes to a kernel that the
+    other one compiles waits for it. One that fails is told of; what it left is compiled when it is
+    called.
 
     Args:
         config: what will be mapped with.
         rig: the cameras; their number and size count.
         say: takes a line for the user.
-
-    Yields:
-        A function to call before mapping: it returns when the kernels are there.
     """
     alone = len(os.sched_getaffinity(0)) < 2
     if alone or config.device != "cpu" or has_kernel(_FIRST):
-        yield lambda: None
+        yield
         return
-    say("first run: compiling the mapper's kernels beside the simulation, for about a minute")
+    say("first run: compiling the mapper's kernels beside the simulation, for about half a minute")
     size = rig.cameras[0].width_px, rig.cameras[0].height_px
     words = [*map(str, (len(rig), *size)), config.model_dump_json()]
     process = subprocess.Popen(
@@ -63,15 +59,10 @@ def compiled_beside(
         env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
-
-    def wait() -> None:
-        if process.poll() is None:
-            say("waiting for the mapper's kernels")
-        if process.wait():
-            say("the mapper's kernels were not compiled beside: that happens while mapping")
-
     try:
-        yield wait
+        yield
+        if process.poll():
+            say(f"the process that compiles kernels ended with {process.returncode}: a slower run")
     finally:
         process.kill()
         process.wait()

@@ -66,14 +66,13 @@ def run_cases(
     _check_run(cases, settings, rig, track=track is not None)
     with (
         atomic_dir(out, force=force, inputs=_inputs(cases, settings)) as folder,
-        _kernels_beside(cases, settings, rig, progress) as kernels_are_there,
+        _kernels_beside(cases, settings, rig, progress),
     ):
         (folder / run_folder.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
         for case in cases:
             of_case = folder / case_name(case)
             sequence = of_case / run_folder.SEQUENCE_FOLDER
             simulate_scene(case, sequence, settings, rig, seed, workers=workers, progress=progress)
-            kernels_are_there()
             map_recording(sequence, of_case / run_folder.MAP_FOLDER, settings, progress=progress)
             if track is not None:
                 track(sequence, of_case / run_folder.TRACK_FOLDER)
@@ -85,7 +84,7 @@ def run_cases(
 
 def _kernels_beside(
     cases: Sequence[str], settings: Settings, rig: str | None, progress: Display
-) -> AbstractContextManager[Callable[[], None]]:
+) -> AbstractContextManager[None]:
     """On a first run the mapper's kernels are compiled while the first case is simulated."""
     from eventsweep import scenes
     from eventsweep.emvs.rehearsal import compiled_beside

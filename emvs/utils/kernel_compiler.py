@@ -3,7 +3,8 @@
 Numba compiles every function that a kernel calls as if Python called it, too: wrapped, optimised,
 down to machine code that nobody runs; then all of it again within each caller. Here such a function
 stops at LLVM's intermediate code, and is optimised where it ends up. A kernel costs about two
-thirds as much to compile, and computes the same.
+thirds as much to compile, and computes the same. Of several processes that call a kernel first, one
+compiles it, and the others wait.
 
 This knows numba from the inside, and so leaves other versions than `TESTED` as they are.
 """
@@ -12,7 +13,8 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from typing import Any
 
 import numba
@@ -22,6 +24,7 @@ from numba.core.compiler_lock import global_compiler_lock
 TESTED = ("0.68",)
 _OURS = "eventsweep."
 _Function = Callable[..., Any]
+_Lock = Callable[[str], AbstractContextManager[None]]
 
 
 class _Inner:
@@ -40,7 +43,7 @@ class _Nesting:
     def deeper(self, function: _Function, *, parallel: bool) -> Iterator[None]:
         """One more, if it is ours or for one of ours. Loops in parallel need machine code."""
         before = self.depth
-        if before or (function.__module__ or "").startswith(_OURS):
+        if before or _is_ours(function):
             self.depth = 1 if parallel else before + 1
         try:
             with _no_collection() if self.depth else _as_it_is():
@@ -57,8 +60,15 @@ class _Nesting:
 _nesting = _Nesting()
 
 
-def compile_once() -> None:
-    """To be called before the first kernel is decorated, and once."""
+def _is_ours(function: _Function) -> bool:
+    return (function.__module__ or "").startswith(_OURS)
+
+
+def compile_once(locked: _Lock) -> None:
+    """To be called before the first kernel is decorated, and once.
+
+    `locked` keeps other processes from compiling the kernel of a name meanwhile.
+    """
     if numba.__version__.rpartition(".")[0] not in TESTED:
         return
     compiler: Any = getattr(dispatcher, "_FunctionCompiler")  # noqa: B009 (unknown to mypy)
@@ -68,7 +78,7 @@ def compile_once() -> None:
         (codegen.CPUCodeLibrary, "finalize", _linked_only),
         (cpu.CPUContext, "get_executable", _without_entry),
         (dispatcher.Dispatcher, "add_overload", _unknown_to_python),
-        (dispatcher.Dispatcher, "compile", _again_for_python),
+        (dispatcher.Dispatcher, "compile", partial(_by_one_process, locked)),
         (caching.Cache, "save_overload", _not_stored),
     )
     for owner, name, made in replaced:
@@ -146,17 +156,18 @@ def _unknown_to_python(add_overload: _Function) -> _Function:
     return added
 
 
-def _again_for_python(compile_: _Function) -> _Function:
+def _by_one_process(locked: _Lock, compile_: _Function) -> _Function:
     def compiled(self: Any, signature: Any) -> Any:
-        entry = compile_(self, signature)
-        if not isinstance(entry, _Inner) or _nesting.depth:
-            return entry
         normalize: Any = sigutils.normalize_signature
         types = tuple(normalize(signature)[0])
         with global_compiler_lock:
-            if isinstance(self.overloads[types].entry_point, _Inner):
-                del self.overloads[types]
-            return compile_(self, signature)
+            known = self.overloads.get(types)
+            if _nesting.depth or not _is_ours(self.py_func):
+                return compile_(self, signature)
+            if known is not None and isinstance(known.entry_point, _Inner):
+                del self.overloads[types]  # now Python calls it, too
+            with locked(f"{self.py_func.__module__}.{self.py_func.__qualname__}"):
+                return compile_(self, signature)
 
     return compiled
 
