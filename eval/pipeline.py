@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,7 +64,10 @@ def run_cases(
     from eventsweep.eval.scoring import run_folder
 
     _check_run(cases, settings, rig, track=track is not None)
-    with atomic_dir(out, force=force, inputs=_inputs(cases, settings)) as folder:
+    with (
+        atomic_dir(out, force=force, inputs=_inputs(cases, settings)) as folder,
+        _kernels_beside(cases, settings, rig, progress),
+    ):
         (folder / run_folder.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
         for case in cases:
             of_case = folder / case_name(case)
@@ -77,6 +80,17 @@ def run_cases(
         results = score_folder(folder, settings.score)
         finish(folder)
     return results
+
+
+def _kernels_beside(
+    cases: Sequence[str], settings: Settings, rig: str | None, progress: Display
+) -> AbstractContextManager[None]:
+    """On a first run the mapper's kernels are compiled while the first case is simulated."""
+    from eventsweep import scenes
+    from eventsweep.emvs.rehearsal import compiled_beside
+
+    cameras = scenes.rig_for(cases[0], rig, settings.sim)
+    return compiled_beside(settings.map, cameras, progress.say)
 
 
 def _map_on_own_poses(of_case: Path, config: MapperConfig, progress: Display) -> None:

@@ -316,8 +316,10 @@ def chosen(reached: Reached) -> Layers:
             m = slot[y, x]
             if m >= 0 and reached.number[m] > 1:
                 layers.slot[y, x], layers.number[k] = k, reached.number[m]
-                layers.way[k], layers.low[k] = reached.way[:, m], reached.low[:, m]
-                layers.high[k] = reached.high[:, m]
+                for i in range(MOST):  # as slices they would compile two seconds longer
+                    layers.way[k, i] = reached.way[i, m]
+                    layers.low[k, i] = reached.low[i, m]
+                    layers.high[k, i] = reached.high[i, m]
                 layers.dark[k], layers.bright[k] = reached.dark[m], reached.bright[m]
                 sort_layers(layers.way[k], layers.low[k], layers.high[k], layers.number[k])
                 k += 1

@@ -10,11 +10,13 @@ import re
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 from xml.etree import ElementTree as xml
 
 import pytest
 import yaml
 
+from eventsweep.emvs.utils import kernel_cache
 from places import ROOT
 
 FILE = ROOT / "docs" / "gate-workflow.yml"
@@ -137,6 +139,13 @@ def test_the_install_step_asks_for_what_the_page_does():
     assert 'pip install "$EVENTSWEEP"' in install
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     assert settings["EVENTSWEEP"].endswith(f"/eventsweep-{project['version']}-py3-none-any.whl")
+
+
+def test_what_is_kept_between_jobs_is_where_kernels_lie(monkeypatch):
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    (job,) = yaml.safe_load(FILE.read_text(encoding="utf-8"))["jobs"].values()
+    kept = [step["with"]["path"] for step in job["steps"] if "cache" in step.get("uses", "")]
+    assert next(kernel_cache._homes(None)) in [Path(path).expanduser() for path in kept]
 
 
 def test_the_gate_step_is_strict():

@@ -3,10 +3,12 @@
     python tests/benchmarks paired_commits OLD NEW --runs 5 -- run desk --out {out}
     python tests/benchmarks paired_commits OLD NEW --runs 3 -- suite quick --out {out} --no-speed
     python tests/benchmarks paired_commits OLD NEW --also="--sim.sampling fast" -- simulate desk ...
+    python tests/benchmarks paired_commits OLD NEW --runs 2 --cold -- run desk --out {out}
 
 OLD and NEW are folders with a checkout each; `{out}` is a fresh folder of every run, and so is the
-job cache. One run of each comes first and does not count: it compiles the kernels. Then they take
-turns, so that a machine whose speed drifts slows down both. Wall time and time of processors, with
+job cache. One run of each comes first and does not count: it compiles the kernels; with `--cold`
+every run compiles them, in a cache of its own. Then they take turns, so that a machine whose speed
+drifts slows down both. Wall time and time of processors, with
 children; the ratio is taken pair by pair.
 """
 
@@ -32,8 +34,8 @@ class Cost(NamedTuple):
     cpu: float
 
 
-def cost_of(root: Path, words: Sequence[str]) -> Cost:
-    """Runs the command of a checkout, in a folder and with a cache that are new.
+def cost_of(root: Path, words: Sequence[str], *, cold: bool) -> Cost:
+    """Runs the command of a checkout, in a folder and with a cache that are new; kernels if `cold`.
 
     Raises:
         SystemExit: the command failed.
@@ -41,6 +43,8 @@ def cost_of(root: Path, words: Sequence[str]) -> Cost:
     with tempfile.TemporaryDirectory() as folder:
         arguments = [word.replace("{out}", f"{folder}/out") for word in words]
         variables = {"PYTHONPATH": str(root), "EVENTSWEEP_CACHE": f"{folder}/cache"}
+        if cold:
+            variables["NUMBA_CACHE_DIR"] = f"{folder}/kernels"
         before, began_s = _children_s(), time.perf_counter()
         done = subprocess.run(
             [sys.executable, "-m", _module(root), *arguments], env={**os.environ, **variables},
@@ -87,6 +91,7 @@ def main() -> None:
     parser.add_argument("old", type=Path)
     parser.add_argument("new", type=Path)
     parser.add_argument("--runs", type=int, default=5, help="pairs that count")
+    parser.add_argument("--cold", action="store_true", help="every run compiles all kernels")
     parser.add_argument("--also", default="", help="what only the new one is told besides")
     parser.add_argument("command", nargs="+", help="after --: what eventsweep is told")
     asked = parser.parse_args()
@@ -94,7 +99,9 @@ def main() -> None:
         (asked.old.resolve(), asked.command),
         (asked.new.resolve(), [*asked.command, *asked.also.split()]),
     )
-    pairs = [[cost_of(*side) for side in sides] for _ in range(asked.runs + 1)][1:]
+    first = 0 if asked.cold else 1
+    rounds = range(asked.runs + first)
+    pairs = [[cost_of(*side, cold=asked.cold) for side in sides] for _ in rounds][first:]
     sys.stdout.write(table(*zip(*pairs, strict=True)) + "\n")
 
 
