@@ -90,7 +90,7 @@ def open_vector(folder: Path) -> PosedRecording:
     lenses = calibration_folder(folder, _VECTOR_LENSES[0])
     scale = "large" if left.name.startswith(_VECTOR_LARGE) else "small"
     pattern, key = _VECTOR_TRACKED[scale]
-    tracked = find_one(lenses, [pattern], "pose of the left frame camera on the tracked body")
+    tracked = find_one(lenses, [pattern], "the pose of the left frame camera on the tracked body")
     joint = find_one(lenses, [f"{scale}_scale_joint_camera_extrinsic*.yaml"], "the cameras' places")
     T_cam0_tracked = _motion(tracked, "cam0", key)
     T_cam0_event = [_motion(joint, f"cam{k}", f"T_cam0_cam{k}") for k in (2, 3)]

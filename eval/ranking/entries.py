@@ -1,11 +1,13 @@
 """Results as a ranking needs them: small enough to be kept for ever, one entry for each run.
 
 An entry holds the pooled numbers of a suite's run, without windows. Entries of the same sequences
-are joined; those of other sequences are not comparable.
+are joined, and such whose sequences another graphics library rendered from the same definition:
+their numbers agree within a measured bound. Those of other sequences are not comparable.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,6 +30,7 @@ from eventsweep.eval.suite.results import (
     FILE_NAME,
     ArchiveFacts,
     MeasuredCost,
+    SampleFacts,
     SuiteResult,
     read_suite,
 )
@@ -52,7 +55,12 @@ POSE_METRICS = (
     "time_covered",
 )  # fmt: skip
 """Metrics of poses that were found from events, where a case asks for them."""
+RENDERERS_DIFFER_PERCENT = 2.0
+"""Largest change of a method's mean error between graphics libraries, by the table in the page
+`ranking`, which `python tests/benchmarks renderers` measures."""
 _DIGITS = 6
+# What decides a sequence beside its definition, its seed and the graphics library.
+_RENDERED_BY = ("eventsweep", "mujoco", "numpy")
 
 
 class Unit(NamedTuple):
@@ -70,12 +78,15 @@ class RankedCase(FrozenModel):
         conditions: what is hard about it.
         ranked: whether methods are ranked by it: those that only test the program are not.
         sequences: hash of the sequence of each of the entry's seeds; empty where it failed.
+        rendered_from: hash of what each was rendered from: scene, settings and versions, but not
+            the graphics library; empty where that is not known.
     """
 
     scene: str
     conditions: tuple[str, ...] = ()
     ranked: bool = True
     sequences: tuple[str, ...]
+    rendered_from: tuple[str, ...] = ()
 
 
 class RankingEntry(FrozenModel):
@@ -155,9 +166,16 @@ class RankingEntry(FrozenModel):
 
     def sequence(self, unit: Unit) -> str:
         """The hash of a sequence; empty where there is none."""
-        if unit.case not in self.cases or unit.seed not in self.seeds:
-            return ""
-        return self.cases[unit.case].sequences[self.seeds.index(unit.seed)]
+        return self._hash(unit, "sequences")
+
+    def rendered_from(self, unit: Unit) -> str:
+        """The hash of what a sequence was rendered from; empty where that is not known."""
+        return self._hash(unit, "rendered_from")
+
+    def _hash(self, unit: Unit, name: str) -> str:
+        hashes = getattr(self.cases.get(unit.case), name, ())
+        known = dict(zip(self.seeds, hashes, strict=False))
+        return str(known.get(unit.seed, ""))
 
 
 class RankingData(FrozenModel):
@@ -244,13 +262,20 @@ def settings_of(method: str, mappers: Mapping[str, Mapping[str, Any]]) -> dict[s
 
 def _case(result: SuiteResult, case: str) -> RankedCase:
     spec = result.definition["cases"][case]
-    found = {s.seed: s.facts.sequence for s in result.samples if s.case == case}
+    facts = {s.seed: s.facts for s in result.samples if s.case == case}
     return RankedCase(
         scene=spec["scene"],
         conditions=tuple(spec.get("conditions", ())),
         ranked=DEFAULT_MAPPER in spec["mappers"],
-        sequences=tuple(found.get(seed, "") for seed in result.seeds),
+        sequences=tuple(facts[s].sequence if s in facts else "" for s in result.seeds),
+        rendered_from=tuple(_rendered_from(facts[s]) if s in facts else "" for s in result.seeds),
     )
+
+
+def _rendered_from(facts: SampleFacts) -> str:
+    versions = {name: facts.versions.get(name, "") for name in _RENDERED_BY}
+    content = json.dumps([facts.scene, facts.sim, versions], sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()[:12]
 
 
 def _metric_versions(result: SuiteResult) -> dict[str, str]:
@@ -309,6 +334,7 @@ class Merged(NamedTuple):
         owner: per method, the newest entry that has it.
         refused: entries that are not comparable, and why.
         base: the newest entry, whose sequences count.
+        redrawn: labels of entries whose sequences another graphics library rendered.
     """
 
     cases: tuple[str, ...]
@@ -316,6 +342,7 @@ class Merged(NamedTuple):
     owner: Mapping[str, RankingEntry]
     refused: tuple[tuple[str, str], ...]
     base: RankingEntry
+    redrawn: tuple[str, ...] = ()
 
     def units(self, case: str) -> list[Unit]:
         """The units of a case."""
@@ -352,28 +379,37 @@ def join(entries: Sequence[RankingEntry]) -> Merged:
     }
     cases = tuple(case for case, found in seeds.items() if found and base.cases[case].ranked)
     owner: dict[str, RankingEntry] = {}
-    refused = []
+    refused, redrawn = [], []
+    units = [Unit(case, seed) for case in cases for seed in seeds[case]]
     for entry in entries:
-        why = why_not(base, entry, {case: seeds[case] for case in cases})
+        why = why_not(base, entry, units)
         if why:
             refused.append((entry.label, why))
             continue
         owner |= dict.fromkeys(entry.values, entry)
-    return Merged(cases, seeds, owner, tuple(refused), base)
+        if _differing(base, entry, units):
+            redrawn.append(entry.label)
+    return Merged(cases, seeds, owner, tuple(refused), base, tuple(redrawn))
 
 
-def why_not(base: RankingEntry, entry: RankingEntry, seeds: Mapping[str, Sequence[int]]) -> str:
+def why_not(base: RankingEntry, entry: RankingEntry, units: Sequence[Unit]) -> str:
     """Why an entry's numbers do not stand beside those of another; empty where they do."""
     if entry is base:
         return ""
-    units = [Unit(case, seed) for case, found in seeds.items() for seed in found]
-    theirs = [(entry.sequence(unit), base.sequence(unit)) for unit in units if entry.sequence(unit)]
-    if not theirs:
+    if not any(map(entry.sequence, units)):
         return f"no case and seed in common with {base.label}"
-    if any(one != two for one, two in theirs):
-        return f"not comparable, other sequences: {_source(entry)} against {_source(base)}"
+    for unit in _differing(base, entry, units):
+        source = entry.rendered_from(unit)
+        if not source or source != base.rendered_from(unit):
+            return f"not comparable, other sequences: {_source(entry)} against {_source(base)}"
     other = _other_metrics(base, entry)
     return f"not comparable, these metrics compute something else: {', '.join(other)}" * bool(other)
+
+
+def _differing(base: RankingEntry, entry: RankingEntry, units: Sequence[Unit]) -> list[Unit]:
+    """Of what both have, the sequences that differ."""
+    both = [unit for unit in units if entry.sequence(unit)]
+    return [unit for unit in both if entry.sequence(unit) != base.sequence(unit)]
 
 
 def _other_metrics(base: RankingEntry, entry: RankingEntry) -> list[str]:

@@ -288,7 +288,7 @@ def refused(call) -> str:
         (lambda: es.video_to_events("x", "o", seed=0.5), "seed is 0.5"),
         (lambda: es.VideoConfig(rate_hz=-1), "rate_hz is -1"),
         (lambda: es.METRICS["mean_eror"], "no metric 'mean_eror': did you mean mean_error?"),
-        (lambda: es.METRICS["x"], "no metric 'x': there are points, completeness"),
+        (lambda: es.METRICS["x"], "no metric 'x': choose from points, completeness"),
         (lambda: es.Camera(0, 3, 1, 1, 1, 1), "camera of 0x3 px"),
     ],
 )

@@ -9,13 +9,25 @@ from eventsweep.eval.suite.results import ArchiveFacts, MeasuredCost
 CASES = {"wall": (), "dark": ("light",), "crowd": ("motion", "occlusion")}
 
 
-def entry(label, errors, seeds=5, *, spread=0.05, archive="", part="public", drawn="", **changed):
+def entry(
+    label,
+    errors,
+    seeds=5,
+    *,
+    spread=0.05,
+    archive="",
+    part="public",
+    drawn="",
+    source="",
+    **changed,
+):
     """An entry in which methods have these errors, in m, with seeds around them."""
     cases = {
         case: RankedCase(
             scene=case,
             conditions=conditions,
             sequences=tuple(f"{drawn or part}{case}{k}" for k in range(seeds)),
+            rendered_from=tuple(f"{source}{case}{k}" for k in range(seeds)) if source else (),
         )
         for case, conditions in CASES.items()
     }

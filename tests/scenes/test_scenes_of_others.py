@@ -83,7 +83,7 @@ def test_a_scene_of_another_package_is_listed_and_simulated(package, tmp_path):
     [
         ("green-house = nowhere:SCENE", "theirs: its scene (green-house = nowhere:SCENE) cannot"),
         ("green-house = theirs_scenes:GONE", "cannot be loaded"),
-        ("green-house = theirs_scenes:WRONG", "theirs_scenes:WRONG is a int, no Scene"),
+        ("green-house = theirs_scenes:WRONG", "theirs_scenes:WRONG is a int, not a Scene"),
     ],
 )
 def test_one_that_fails_is_told_in_one_line(here, tmp_path, capsys, line, message):

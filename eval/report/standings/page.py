@@ -20,7 +20,14 @@ from eventsweep.emvs.utils.outputs import (
 )
 from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.ranking import summary
-from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, RankingEntry, Source
+from eventsweep.eval.ranking.entries import (
+    DATA_NAME,
+    RENDERERS_DIFFER_PERCENT,
+    Merged,
+    RankingData,
+    RankingEntry,
+    Source,
+)
 from eventsweep.eval.ranking.summary import MAIN
 from eventsweep.eval.report.html import Page, Picture, files_in, page_text, plural
 from eventsweep.eval.report.ranking import column
@@ -127,7 +134,10 @@ class MethodPictures:
         """As a page shows them."""
         for which, one in self.about.items():
             uri = data_uri("image/webp", self.content[which])
-            text = f"{which}: {one['case']}, {one['abs_rel']:.2f} %, orange {one['error_cm']:g} cm"
+            text = (
+                f"{which} case: {one['case']}, {one['abs_rel']:.2f} % error; depth, true depth, "
+                f"error (orange: {one['error_cm']:g} cm)"
+            )
             yield Picture(method, uri, text)
 
 
@@ -215,11 +225,21 @@ def _findings(page: RankingPage) -> Iterator[str]:
             places = f"{', '.join(where)} ({entry.label})"
             yield f"{method}: a perfect score, as if the truth were copied, in {places}."
     for ranked in filter(None, (page.public, page.hidden)):
-        for label, why in ranked.joined.refused:
-            yield f"{label}: {why}."
+        yield from _of_entries(ranked.joined)
     if page.public.lacking:
         lacking = ", ".join(f"{m} ({n})" for m, n in page.public.lacking.items())
         yield f"Not ranked, because some cases are missing: {lacking}."
     for entry in page.entries:
         for job, why in entry.failures.items():
             yield f"Failed in {entry.label}: {job}: {why}"
+
+
+def _of_entries(joined: Merged) -> Iterator[str]:
+    """Which entries are left out, and which are of other pictures."""
+    for label, why in joined.refused:
+        yield f"{label}: {why}."
+    for label in joined.redrawn:
+        yield (
+            f"{label}: rendered with another graphics library; its mean errors are comparable "
+            f"within {RENDERERS_DIFFER_PERCENT:g} %."
+        )

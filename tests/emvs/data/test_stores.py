@@ -83,7 +83,7 @@ def test_blocks_are_the_whole_file_in_order(tmp_path):
 def test_columns_must_be_known_the_same_and_of_one_length(tmp_path):
     events, label, _ = some_events(10)
     with EventStoreWriter(tmp_path / "e", 20, 10) as writer:
-        with pytest.raises(InputError, match="there are label, depth_m"):
+        with pytest.raises(InputError, match="choose from label, depth_m"):
             writer.append(events, {"colour": label})
         writer.append(events, {"label": label})
         with pytest.raises(InputError, match="same ones"):
@@ -92,7 +92,7 @@ def test_columns_must_be_known_the_same_and_of_one_length(tmp_path):
             writer.append(events, {"label": label[:9]})
     with TruthWriter(tmp_path / "t", 20, 10) as writer:
         image = np.zeros((10, 20), np.float32)
-        with pytest.raises(InputError, match="there are flow_px"):
+        with pytest.raises(InputError, match="choose from flow_px"):
             writer.append(0, image, image.astype(np.uint8), {"colour": image})
         writer.append(0, image, image.astype(np.uint8), {"boundary": image.astype(np.uint8)})
         with pytest.raises(InputError, match="same ones"):

@@ -79,7 +79,9 @@ def test_vectors_large_scale_is_tracked_by_a_lidar(sequence, tmp_path):
     small = open_recording(path).trajectory
     for file in path.glob("plane1.*"):
         file.rename(file.with_name(file.name.replace("plane1", "units_dolly1")))
-    with pytest.raises(InputError, match=r"lacks where .* needs camera_lidar_extrinsic"):
+    with pytest.raises(
+        InputError, match=r"lacks the pose of the left .* needs camera_lidar_extrinsic"
+    ):
         open_recording(path)
     calib = path / "calib"
     joint = calib / "small_scale_joint_camera_extrinsic_results.yaml"
@@ -99,7 +101,9 @@ def test_of_two_calibrations_beside_a_sequence_none_is_guessed(sequence, tmp_pat
     other.mkdir()
     text = (tmp_path / "00_calib_results" / "camchain-kalibr.yaml").read_text()
     (other / "camchain-kalibr.yaml").write_text(text)
-    with pytest.raises(InputError, match="00_calib_results, 01_calib_results; put that of this"):
+    with pytest.raises(
+        InputError, match="00_calib_results, 01_calib_results; copy the one for this"
+    ):
         open_recording(path)
 
 

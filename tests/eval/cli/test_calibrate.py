@@ -44,7 +44,7 @@ def test_a_folder_with_calibration_and_page_is_written_and_the_recording_kept(
     )
     printed = capsys.readouterr()
     assert "cam1 clock" in printed.out
-    assert "note: files of calibration hold no clock" in printed.err
+    assert "note: calibration files cannot store clock" in printed.err
     assert content(sequence) == before
     assert {"rig.json", "poses.txt", "recording.toml", "refinement.json", "report.html"} <= set(
         content(out)

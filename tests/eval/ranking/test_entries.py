@@ -92,6 +92,18 @@ def test_other_sequences_are_not_comparable():
     ] == ("x", "not comparable, these metrics compute something else: mean_error")
 
 
+def test_what_another_library_rendered_from_the_same_definition_is_joined():
+    """Not so what another definition or version gave, nor where nobody knows."""
+    new = entry("new", {"b": 0.2}, archive="0123", source="v1")
+    joined = join([entry("old", {"a": 0.1}, drawn="elsewhere", source="v1"), new])
+    assert (list(joined.owner), joined.redrawn, joined.refused) == (["a", "b"], ("old",), ())
+    assert joined.complete() == ["a", "b"]
+    for source in ("v2", ""):
+        other = join([entry("old", {"a": 0.1}, drawn="elsewhere", source=source), new])
+        assert (list(other.owner), other.redrawn) == (["b"], ())
+    assert join([entry("old", {"a": 0.1}, source="v2"), new]).redrawn == ()  # equal sequences
+
+
 def test_who_lacks_a_case_is_not_ranked():
     one = entry("one", {"a": 0.1, "b": 0.2})
     for found in one.values["b"].values():

@@ -180,7 +180,7 @@ HEAD = "# T_body_imu x_m y_m z_m qx qy qz qw: 0 0 0 0 0 0 1\n"
     [
         (HEAD + "1,2,3\n", "seven"),
         (HEAD + "1,2,3,4,5,6,nan\n", "finite"),
-        (HEAD + "1,2,3,4,5,6,7\n1,2,3,4,5,6,7\n", "rise"),
+        (HEAD + "1,2,3,4,5,6,7\n1,2,3,4,5,6,7\n", "increase"),
         (HEAD + "1,2,3,4,5,6,x\n", "cannot be read"),
         ("1,2,3,4,5,6,7\n", "first line"),
         (HEAD.replace("1\n", "2\n") + "1,2,3,4,5,6,7\n", "unit quaternion"),

@@ -153,7 +153,7 @@ def missing(folder):
         (another_size, r"7\.png is 40x29 grey uint8 and 6\.png 40x30 grey uint8"),
         (another_kind, r"7\.png is 40x30 grey uint16"),
         (truncated, r"7\.png: not a complete PNG"),
-        (outside, "no times|no image of this folder"),
+        (outside, "no times|not an image in this folder"),
         (missing, r"nope\.png is not an image in this folder"),
     ],
 )
