@@ -44,7 +44,7 @@ def track(
         start: Poses in TUM format, the first of which is where the first pose lies.
     """
     from eventsweep.emvs.datasets import open_recording
-    from eventsweep.emvs.odometry.tracker import Status
+    from eventsweep.emvs.odometry.pose import Status
     from eventsweep.emvs.utils.outputs import check_output
     from eventsweep.eval.odometry import facts_of, track_recording
 

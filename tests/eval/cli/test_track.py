@@ -14,8 +14,8 @@ import pytest
 import line_world
 import point_world as world
 from eventsweep.emvs.data.poses import read_poses, write_tum
+from eventsweep.emvs.odometry.pose import Status
 from eventsweep.emvs.odometry.recorded import Change, Tracked
-from eventsweep.emvs.odometry.tracker import Status
 from eventsweep.eval import odometry  # before what it opens recordings by is patched
 from eventsweep.eval.cli.main import main
 
