@@ -29,8 +29,8 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.odometry.checkpoint import State, read_state, write_state
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.online import OnlineMap
+from eventsweep.emvs.odometry.pose import Status
 from eventsweep.emvs.odometry.recorded import Tracked, track
-from eventsweep.emvs.odometry.tracker import Status
 from eventsweep.emvs.utils.files import made_parent, work_folder
 from eventsweep.emvs.utils.outputs import atomic_dir, check_output, inputs_of, real
 from eventsweep.emvs.utils.runtime import versions

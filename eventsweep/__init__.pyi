@@ -35,8 +35,8 @@ from .emvs.methods.method import Method as Method
 from .emvs.odometry.config import TrackConfig as TrackConfig
 from .emvs.odometry.online import OnlineMap as OnlineMap
 from .emvs.odometry.online import OnlineMapper as OnlineMapper
+from .emvs.odometry.pose import Pose as Pose
 from .emvs.odometry.recorded import Tracked as Tracked
-from .emvs.odometry.tracker import Pose as Pose
 from .emvs.odometry.tracker import Tracker as Tracker
 from .emvs.window_result import WindowResult as WindowResult
 from .eval.config import EvalConfig as EvalConfig

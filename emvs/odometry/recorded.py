@@ -16,8 +16,9 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.odometry.checkpoint import Checkpoints, State
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.online import OnlineMap
+from eventsweep.emvs.odometry.pose import Pose, Status
 from eventsweep.emvs.odometry.registration.fit import Fit
-from eventsweep.emvs.odometry.tracker import Pose, Status, Tracker
+from eventsweep.emvs.odometry.tracker import Tracker
 from eventsweep.emvs.utils.runtime import Progress, silent
 
 _PACKET_US = 50_000

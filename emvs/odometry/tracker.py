@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +35,7 @@ from eventsweep.emvs.odometry.online import (
     check_packet,
     window_us,
 )
+from eventsweep.emvs.odometry.pose import Pose, Status
 from eventsweep.emvs.odometry.registration.events_kernels import NEVER_US, in_company
 from eventsweep.emvs.odometry.registration.fit import Fit, Registration
 from eventsweep.emvs.odometry.registration.views import View
@@ -64,35 +63,6 @@ _AGREES, _FOUND_AGAIN = 0.6, 0.65
 _PLAIN = (
     "_searched", "_until_us", "_begin_us", "_next_us", "_fed_us", "reason", "since_us",
 )  # fmt: skip
-
-
-class Status(Enum):
-    """What a tracker does at the moment."""
-
-    STARTING = "starting"
-    TRACKING = "tracking"
-    STILL = "still"
-    COASTING = "coasting"
-    LOST = "lost"
-
-
-@dataclass(frozen=True, eq=False)
-class Pose:
-    """One pose of a tracker.
-
-    Attributes:
-        t_us: the time that it belongs to, µs: the middle of the events that it is made of.
-        T_world_body: (4, 4).
-        twist: (6,) velocity and turn of the body in its own frame, m/s and rad/s.
-        status: what it comes from.
-        fit: how well events and map agree.
-    """
-
-    t_us: int
-    T_world_body: Matrix
-    twist: Matrix
-    status: Status
-    fit: Fit
 
 
 class Tracker:

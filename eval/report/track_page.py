@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eventsweep.emvs.depth.point_cloud import PointCloud
+from eventsweep.emvs.odometry.pose import Status
 from eventsweep.emvs.odometry.recorded import Tracked
-from eventsweep.emvs.odometry.tracker import Status
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg

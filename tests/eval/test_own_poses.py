@@ -16,8 +16,8 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.maps.folder import RecordingInfo, read_map
 from eventsweep.emvs.maps.sliding import map_windows
+from eventsweep.emvs.odometry.pose import Status
 from eventsweep.emvs.odometry.recorded import Change, Tracked
-from eventsweep.emvs.odometry.tracker import Status
 from eventsweep.emvs.windows import Window
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.found_poses import method_on_own_poses

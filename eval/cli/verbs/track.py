@@ -45,7 +45,7 @@ def track(
         start: Poses in TUM format; the track starts at the first of them.
     """
     from eventsweep.emvs.datasets import open_recording
-    from eventsweep.emvs.odometry.tracker import Status
+    from eventsweep.emvs.odometry.pose import Status
     from eventsweep.emvs.utils.outputs import check_output
     from eventsweep.eval.odometry import facts_of, track_recording
 

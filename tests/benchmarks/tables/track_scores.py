@@ -25,7 +25,7 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.maps.folder import RecordingInfo, read_map
-from eventsweep.emvs.odometry.tracker import Status
+from eventsweep.emvs.odometry.pose import Status
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.windows import Window
 from eventsweep.eval.cli import job_flags

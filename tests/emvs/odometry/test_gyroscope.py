@@ -16,8 +16,8 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion
+from eventsweep.emvs.odometry.pose import Status
 from eventsweep.emvs.odometry.recorded import track
-from eventsweep.emvs.odometry.tracker import Status
 
 T_BODY_IMU = se3.exp([0.1, 0.02, -0.05, 0.3, -1.2, 0.8])
 CONFIG = TrackConfig(map_rate_hz=8, map_s=0.2, planes=40, gyroscope=True)

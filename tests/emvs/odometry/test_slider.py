@@ -8,8 +8,8 @@ import pytest
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.odometry.pose import Status
 from eventsweep.emvs.odometry.recorded import track
-from eventsweep.emvs.odometry.tracker import Status
 from eventsweep.eval.scoring.trajectories.score import score_poses
 
 

@@ -15,9 +15,10 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.odometry.checkpoint import read_state, write_state
 from eventsweep.emvs.odometry.config import TrackConfig
+from eventsweep.emvs.odometry.pose import Status
 from eventsweep.emvs.odometry.recorded import track
 from eventsweep.emvs.odometry.start import LONGEST_START_US, begin
-from eventsweep.emvs.odometry.tracker import Status, Tracker
+from eventsweep.emvs.odometry.tracker import Tracker
 
 CONFIG = TrackConfig(map_rate_hz=8, map_s=0.2, planes=40)
 END_US = 450_000

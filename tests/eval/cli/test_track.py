@@ -14,8 +14,9 @@ import pytest
 import line_world
 import point_world as world
 from eventsweep.emvs.data.poses import read_poses, write_tum
+from eventsweep.emvs.odometry.pose import Status
 from eventsweep.emvs.odometry.recorded import Change, Tracked
-from eventsweep.emvs.odometry.tracker import Status
+from eventsweep.eval import odometry  # before what it opens recordings by is patched
 from eventsweep.eval.cli.main import main
 
 
@@ -83,13 +84,13 @@ def test_an_interrupt_leaves_nothing_and_the_same_command_starts_again(
     with monkeypatch.context() as patched:
         patched.setattr("eventsweep.emvs.datasets.open_recording", lambda _path: opened)
         if stage == "writing":  # the poses are in the hidden folder then
-            patched.setattr("eventsweep.eval.odometry.track", lambda *_, **__: found(recording))
-            patched.setattr("eventsweep.eval.odometry.track_page", interrupted)
+            patched.setattr(odometry, "track", lambda *_, **__: found(recording))
+            patched.setattr(odometry, "track_page", interrupted)
         assert main(command) == 130
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
     monkeypatch.setattr("eventsweep.emvs.datasets.open_recording", lambda _path: recording)
-    monkeypatch.setattr("eventsweep.eval.odometry.track", lambda *_, **__: found(recording))
+    monkeypatch.setattr(odometry, "track", lambda *_, **__: found(recording))
     assert main(command) == 0
     assert len(read_poses(out / "trajectory.txt")) == len(recording.trajectory)
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from eventsweep.emvs.depth.point_cloud import PointCloud
 from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.odometry.pose import Status
 from eventsweep.emvs.odometry.recorded import Change, Tracked
-from eventsweep.emvs.odometry.tracker import Status
 from eventsweep.eval.report.track_page import track_page
 from report_data import WellFormed
 

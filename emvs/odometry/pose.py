@@ -1,0 +1,42 @@
+"""What a tracker says: a pose at a time, and what it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.odometry.registration.fit import Fit
+
+Matrix = NDArray[np.float64]
+
+
+class Status(Enum):
+    """What a tracker does at the moment."""
+
+    STARTING = "starting"
+    TRACKING = "tracking"
+    STILL = "still"
+    COASTING = "coasting"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """One pose of a tracker.
+
+    Attributes:
+        t_us: the time that it belongs to, µs: the middle of the events that it is made of.
+        T_world_body: (4, 4).
+        twist: (6,) velocity and turn of the body in its own frame, m/s and rad/s.
+        status: what it comes from.
+        fit: how well events and map agree.
+    """
+
+    t_us: int
+    T_world_body: Matrix
+    twist: Matrix
+    status: Status
+    fit: Fit
