@@ -52,7 +52,7 @@ def test_functions_of_others_are_compiled_as_numba_does():
 
 def test_where_operations_may_be_reordered_numba_compiles_as_it_does():
     named = {
-        f"eventsweep.{file.relative_to(ROOT).with_suffix('').as_posix().replace('/', '.')}"
+        f"eventsweep.{file.resolve().relative_to(ROOT.resolve()).with_suffix('').as_posix().replace('/', '.')}"
         for file in kernel_files()
         if "emvs" in file.parts
         and "cuda" not in file.parts
