@@ -3,8 +3,8 @@
 Numba compiles every function that a kernel calls as if Python called it, too: wrapped, optimised,
 down to machine code that nobody runs; then all of it again within each caller. Here such a function
 stops at LLVM's intermediate code, and is optimised where it ends up. A kernel costs about two
-thirds as much to compile, and computes the same. Of several processes that call a kernel first, one
-compiles it, and the others wait.
+thirds as much to compile, and computes the same bits: only where no operation may be reordered, so
+in the mapper. Of several processes that call a kernel first, one compiles it, and the others wait.
 
 This knows numba from the inside, and so leaves other versions than `TESTED` as they are.
 """
@@ -22,7 +22,9 @@ from numba.core import caching, codegen, cpu, dispatcher, sigutils
 from numba.core.compiler_lock import global_compiler_lock
 
 TESTED = ("0.68",)
-_OURS = "eventsweep."
+_OURS, _EXACT = "eventsweep.", "eventsweep.emvs."
+LOOSE = ("eventsweep.emvs.learned.derd_kernels",)
+"""Where operations may be joined: how they are depends on when they are optimised."""
 _Function = Callable[..., Any]
 _Lock = Callable[[str], AbstractContextManager[None]]
 
@@ -35,21 +37,35 @@ class _Inner:
 
 
 class _Nesting:
-    """How many functions are being compiled, one for another; under numba's lock."""
+    """How many exact functions are being compiled, one for another; under numba's lock.
+
+    `is_locked`: whether other processes are kept from compiling what is being compiled.
+    """
 
     depth = 0
+    is_locked = False
 
     @contextmanager
     def deeper(self, function: _Function, *, parallel: bool) -> Iterator[None]:
-        """One more, if it is ours or for one of ours. Loops in parallel need machine code."""
+        """One more, if it is exact or for such a one. Loops in parallel need machine code."""
         before = self.depth
-        if before or _is_ours(function):
+        if before or _is_exact(function):
             self.depth = 1 if parallel else before + 1
         try:
-            with _no_collection() if self.depth else _as_it_is():
+            with _no_collection() if self.depth or _is_ours(function) else _as_it_is():
                 yield
         finally:
             self.depth = before
+
+    @contextmanager
+    def alone(self, lock: AbstractContextManager[None]) -> Iterator[None]:
+        """Within the lock, but for what is compiled for a kernel that has one."""
+        outer, self.is_locked = self.is_locked, True
+        try:
+            with _as_it_is() if outer else lock:
+                yield
+        finally:
+            self.is_locked = outer
 
     @property
     def is_inner(self) -> bool:
@@ -62,6 +78,11 @@ _nesting = _Nesting()
 
 def _is_ours(function: _Function) -> bool:
     return (function.__module__ or "").startswith(_OURS)
+
+
+def _is_exact(function: _Function) -> bool:
+    module = function.__module__ or ""
+    return module.startswith(_EXACT) and module not in LOOSE
 
 
 def compile_once(locked: _Lock) -> None:
@@ -166,7 +187,8 @@ def _by_one_process(locked: _Lock, compile_: _Function) -> _Function:
                 return compile_(self, signature)
             if known is not None and isinstance(known.entry_point, _Inner):
                 del self.overloads[types]  # now Python calls it, too
-            with locked(f"{self.py_func.__module__}.{self.py_func.__qualname__}"):
+            name = f"{self.py_func.__module__}.{self.py_func.__qualname__}"
+            with _nesting.alone(locked(name)):
                 return compile_(self, signature)
 
     return compiled

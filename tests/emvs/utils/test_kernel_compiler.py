@@ -9,9 +9,11 @@ import pytest
 from numba.core import dispatcher
 
 from eventsweep.emvs.utils import kernel_compiler
+from eventsweep.emvs.utils.kernel_cache import kernel_files
+from places import ROOT
 
 
-def kernel(function, module="eventsweep.made_up", **options):
+def kernel(function, module="eventsweep.emvs.made_up", **options):
     function.__module__ = module
     return numba.njit(**options)(function)
 
@@ -32,7 +34,7 @@ def entries(module):
 
 
 def test_what_kernels_call_has_no_code_of_its_own_until_python_calls_it():
-    both, plus, minus = entries("eventsweep.made_up")
+    both, plus, minus = entries("eventsweep.emvs.made_up")
     assert both(5.0, 2.0) == 73.0
     assert isinstance(entry_of(plus), kernel_compiler._Inner)
     assert entry_of(plus) is not entry_of(minus)
@@ -44,6 +46,20 @@ def test_what_kernels_call_has_no_code_of_its_own_until_python_calls_it():
 
 def test_functions_of_others_are_compiled_as_numba_does():
     both, plus, _ = entries("somebody.made_up")
+    assert both(5.0, 2.0) == 73.0
+    assert callable(entry_of(plus))
+
+
+def test_where_operations_may_be_reordered_numba_compiles_as_it_does():
+    named = {
+        f"eventsweep.{file.resolve().relative_to(ROOT.resolve()).with_suffix('').as_posix().replace('/', '.')}"
+        for file in kernel_files()
+        if "emvs" in file.parts
+        and "cuda" not in file.parts
+        and "fastmath" in file.read_text(encoding="utf-8")
+    }
+    assert named == set(kernel_compiler.LOOSE)
+    both, plus, _ = entries(kernel_compiler.LOOSE[0])
     assert both(5.0, 2.0) == 73.0
     assert callable(entry_of(plus))
 
