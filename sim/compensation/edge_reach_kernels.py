@@ -16,12 +16,9 @@ from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from eventsweep.sim.compensation.path_kernels import TO_FIRST_END, TO_SECOND_START, carried
-from eventsweep.sim.compensation.range_kernels import spread_most
 
 APART_PX = 0.25
 """Surfaces whose parallax over the interval differs by less are one layer."""
-# Motion is looked at in tiles of so many pixels, at their middle.
-_TILE = 4
 # What is no further from an edge belongs to it; and pixels beside an edge's way are on it.
 _EDGE_WIDTH_PX, _BESIDE_PX = 1, 1
 _FAR_PX = 1 << 14
@@ -99,47 +96,6 @@ def mark_edges(
                 a, b = np.float64(bearing[i, j, 0]), np.float64(bearing[i, j, 1])
                 spread = np.float64(near) - np.float64(far)
                 marked[i, j] |= not is_quiet(spread, a, b, ways[own, to_other], lens)
-
-
-@numba.njit(cache=True, nogil=True)
-def move_tiles(
-    frame: Seen, border: int, bearing: NDArray[np.float32], lens: NDArray[np.float64],
-    ways: NDArray[np.float64], to_other: int, moves_px: NDArray[np.float32],
-) -> None:  # fmt: skip
-    """Raises each tile's value to how far, along either axis, what it shows moves.
-
-    Args:
-        frame: its samples.
-        border: pixels beyond the sensor's edge.
-        bearing: and the rest as in `mark_edges`.
-        lens: ...
-        ways: ...
-        to_other: ...
-        moves_px: in and out, a value per tile.
-    """
-    rows, columns = frame.body.shape
-    for p in range(moves_px.shape[0]):
-        for q in range(moves_px.shape[1]):
-            top, left = _TILE * p, _TILE * q
-            bottom, right = min(top + _TILE, rows), min(left + _TILE, columns)
-            y, x = (top + bottom) // 2, (left + right) // 2
-            near, far = frame.nearest[top, left], frame.farthest[top, left]
-            for i in range(top, bottom):
-                for j in range(left, right):
-                    near = max(near, frame.nearest[i, j])
-                    far = min(far, frame.farthest[i, j])
-            last = -1
-            for i in range(top, bottom):
-                for j in range(left, right):
-                    own = int(frame.body[i, j])
-                    if own == last:
-                        continue
-                    last = own
-                    a, b = np.float64(bearing[y, x, 0]), np.float64(bearing[y, x, 1])
-                    for rho in (near, far):
-                        u, v = carried(ways[own, to_other], a, b, np.float64(rho), lens)
-                        moved_px = max(abs(u - (x - border)), abs(v - (y - border)))
-                        moves_px[p, q] = max(moves_px[p, q], moved_px)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -236,17 +192,12 @@ def within_reach(
     mark_ways(before, border, bearing, lens, ways, _TO_SECOND, away, walks)
     mark_ways(after, border, bearing, lens, ways, _TO_FIRST, away, walks)
     away = distances(walks)
-    shape = (rows + _TILE - 1) // _TILE, (columns + _TILE - 1) // _TILE
-    moves_px = np.zeros(shape, np.float32)
-    move_tiles(before, border, bearing, lens, ways, _TO_SECOND, moves_px)
-    move_tiles(after, border, bearing, lens, ways, _TO_FIRST, moves_px)
-    spread_most(moves_px, 1, 1)  # a tile's pixels may show what its neighbours do
     numbers, count = np.full((rows - 2 * border, columns - 2 * border), -1, np.int32), 0
     for i in range(rows):
         for j in range(columns):
-            # A walk tells two pixels of each row and column.
-            comes_px = moves_px[i // _TILE, j // _TILE] + _BESIDE_PX + 1
-            walks[i, j] = away[i, j] <= comes_px
+            # Edges of both frames walk, of what is near and of what is far: what comes over a pixel
+            # with layers from further away has been on one of these ways before.
+            walks[i, j] = away[i, j] <= _BESIDE_PX + 1
             inside = border <= i < rows - border and border <= j < columns - border
             if inside and away[i, j] <= _BESIDE_PX:
                 numbers[i - border, j - border] = count

@@ -206,6 +206,7 @@ def stage_cases() -> list[Case]:
         case("boxes", "davis346", 0.5),
         case("desk", "davis346", 0.5),
         case("mvsec-flying", "mvsec", 0.5),
+        case("dsec-street", "dsec", 0.1),
         case("tumvie-6dof", "tumvie", 0.1),
         case("desk", "tumvie", 0.1),
     ]
