@@ -231,15 +231,19 @@ def outcome(found: dict[str, Any]) -> str:
     return "unknown" if first == UNKNOWN[0] and right else "wrong cure"
 
 
-def table(every: Sequence[dict[str, Any]]) -> str:
-    """The confusion table as Markdown."""
+def table(every: Sequence[dict[str, Any]], planned: int) -> str:
+    """The confusion table of what was checked of so many cases, as Markdown."""
     unseen = {fault.kind for fault in UNSEEN}
     faults = [one for one in every if one["named"]]
     right = [one for one in every if not one["named"]]
     accused = sum(bool(one["suspects"]) for one in right)
     doubted = sum(bool(one["doubtful"]) and not one["suspects"] for one in right)
     known = [one for one in faults if one["kind"] not in unseen]
+    part = (
+        f"Of {planned} planned recordings, in a mixed order, the first {len(every)} were checked."
+    )
     lines = [
+        *([part, ""] if len(every) < planned else []),
         *([_summary("known kinds", known)] if known else []),
         _summary("new kinds", [o for o in faults if o["kind"] in unseen]),
         f"Of {len(right)} unspoilt ones {accused} ({accused / len(right):.1%}) are accused; "
@@ -313,7 +317,7 @@ def main() -> None:
             f"{k}/{len(chosen)} {outcome(found)}: {case.kind} | {case.base.name} | "
             f"{found['suspects']} {found['doubtful']} {found['cpu_s']:.1f} s\n"
         )
-    text = table(every)
+    text = table(every, len(chosen))
     sys.stdout.write(text)
     if flags.page is not None and step == 1:
         into_page(flags.page, "check-faults", text)
