@@ -79,6 +79,15 @@ def shared_reference() -> Path:
 
 
 @pytest.fixture(scope="module")
+def blank_figures():
+    """For tests that make a page on their way to something else."""
+    from blank_pictures import blank_figures
+
+    with blank_figures():
+        yield
+
+
+@pytest.fixture(scope="module")
 def jobs_in_this_process():
     """Jobs of suites and studies run here: a process of its own for each run takes 3 s to start."""
     from in_process import in_process

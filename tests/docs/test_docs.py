@@ -18,6 +18,8 @@ from eventsweep.sim.simulate import simulate
 from places import ROOT
 from twin_checks import smaller
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")

@@ -10,6 +10,8 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.numbers import display_unit, displayed, in_display_unit, thousands
 from small_pair import small_sequence
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 
 @pytest.mark.parametrize(
     ("value", "unit", "text"),

@@ -35,6 +35,8 @@ from in_process import in_process
 from small_pair import small_sequence
 from small_suite import case, suite_text
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 CONFIG = MapperConfig(methods=("Alg1/H", "EMVS/cam0"), planes=8, window_s=0.04, stride_s=0.02)
 
 

@@ -72,6 +72,7 @@ def test_white_noise_has_the_spread_that_was_asked_for_in_every_pose():
     assert abs(np.corrcoef(position_mm[1:, 0], position_mm[:-1, 0])[0, 1]) < 0.06
 
 
+@pytest.mark.slow
 def test_a_random_walk_spreads_with_the_square_root_of_time():
     amount = Perturbation(pose_walk_mm=2, pose_walk_deg=0.1)
     ends = [errors(still(401), perturbed_trajectory(still(401), amount, s)) for s in range(300)]

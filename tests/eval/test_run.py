@@ -22,12 +22,14 @@ from eventsweep.eval.scoring.metrics import METRICS
 from eventsweep.eval.scoring.results import each, read_results
 from eventsweep.eval.scoring.score import RIG
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 
 @pytest.fixture(scope="session")
 def desk_run(tmp_path_factory):
-    """`eventsweep run desk`, exactly as the README says."""
+    """`eventsweep run desk` as the README says, cut to its first half second."""
     out = tmp_path_factory.mktemp("desk") / "run"
-    assert main(["run", "desk", "--out", str(out), "--quiet"]) == 0
+    assert main(["run", "desk", "--seconds", "0.5", "--out", str(out), "--quiet"]) == 0
     return out
 
 
@@ -117,6 +119,7 @@ def test_the_configuration_that_was_used_makes_the_same_results(desk_run, tmp_pa
     assert np.array_equal(first.mask, again.mask)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("interpolate", "share"), [(True, 0.25), (False, 0.5)])
 def test_planes_are_found_within_a_part_of_a_plane_step(planes_sequence, interpolate, share):
     """Median error in inverse depth, in steps between two depth planes."""
@@ -154,6 +157,7 @@ def test_a_prediction_that_copies_ours_gets_our_score_and_an_incomplete_one_none
     assert (copy / "results.json").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_prediction_is_a_method_like_any_other(desk_run, tmp_path):
     """Of a few pixels only: what is said of the map's own methods stays as it was."""
     copy, given = shutil.copytree(desk_run, tmp_path / "run"), tmp_path / "theirs"

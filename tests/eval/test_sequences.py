@@ -14,6 +14,8 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.progress import MapBars
 from eventsweep.eval.scoring.results import read_results
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 SLIDING = ("--map.window-s", "0.04", "--map.stride-s", "0.02", "--map.planes", "20")
 
 

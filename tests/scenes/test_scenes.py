@@ -96,7 +96,9 @@ def test_listing_the_scenes_imports_nothing_heavy():
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("name", PLAIN)
+@pytest.mark.parametrize(
+    "name", [pytest.param(x, marks=[pytest.mark.slow] * (x == "desk")) for x in PLAIN]
+)
 def test_a_scene_is_the_same_every_time(name):
     scene, renderer = opened(name)
     again = scene.spec().compile()

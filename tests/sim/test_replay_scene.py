@@ -25,6 +25,8 @@ from eventsweep.sim.scene import replayed
 from eventsweep.sim.simulate import describe, make_job, simulate
 from noise_scene import Killed, stop_at
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 
 @pytest.fixture(scope="module")
 def tum(folder):

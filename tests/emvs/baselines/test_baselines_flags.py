@@ -7,6 +7,8 @@ from eventsweep.emvs.maps.folder import read_map
 from eventsweep.eval.cli.main import main
 from point_world import fronto_parallel
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 PLANES = ["--map.planes", "25", "--map.border-px", "0"]
 
 

@@ -81,6 +81,7 @@ def test_where_nothing_turns_the_calibration_as_given_is_believed():
     assert found[0] + so_far[0] == pytest.approx(0, abs=1)
 
 
+@pytest.mark.slow
 def test_a_spoilt_clock_and_hand_eye_are_nearly_mended_by_rates_alone():
     spoilt = Correction.of([POSE_CLOCK, *HAND_EYE], [12.0, 1.0, -1.0, 0.5])
     rates = turn_rates(OBJECTIVE, spoilt, np.radians(4))

@@ -78,6 +78,7 @@ def test_a_lag_that_all_cameras_share_is_no_clock_between_them():
     assert abs(clock.value) < 0.5
 
 
+@pytest.mark.slow
 def test_turn_rates_that_would_make_windows_less_sharp_are_not_followed(monkeypatch):
     wild = np.r_[25.0, np.radians([4.0, -4.0, 4.0])]
     monkeypatch.setattr("eventsweep.emvs.calibrate.refine.align", lambda *_: wild)
@@ -111,6 +112,7 @@ def test_the_direction_of_the_baseline_comes_back():
     assert abs(left.get("cam1 forward", 0.0)) < 0.7
 
 
+@pytest.mark.slow
 def test_hand_eye_rotation_and_pose_clock_come_back_where_the_camera_turns():
     errors = {
         "pose clock": -12.0,

@@ -15,6 +15,8 @@ from eventsweep.emvs.datasets.ground_truth import nearest_truth_us, truth_at
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.main import main
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 MAP = ("--map.min-depth-m", 1, "--map.max-depth-m", 4, "--map.planes", 40, "--method", "Alg1/H")
 
 

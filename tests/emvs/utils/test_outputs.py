@@ -486,7 +486,7 @@ ANYTHING = given(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @example(
     kinds={"out/in": "run"}, foreign=[], link=None, out="out/in", given_inputs=["out"],
     verb="together", working="",

@@ -11,6 +11,8 @@ from eventsweep.eval import calibration
 from eventsweep.eval.cli.main import main
 from point_world import edge_points, pinhole, stereo_rig, swinging
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 SMALL = ["--windows", "5", "--window-s", "0.15", "--events", "3000"]
 
 

@@ -8,6 +8,8 @@ import pytest
 from dataset_world import rewritten, write_sequence
 from eventsweep.eval.cli.main import main
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory):

@@ -22,6 +22,8 @@ from eventsweep.eval.cli.main import main
 from places import ROOT
 from small_pair import small_sequence
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 COMMAND = [sys.executable, "-m", "eventsweep"]
 
 

@@ -65,7 +65,10 @@ def shell_in(home, *command, asked=""):
     ).stdout  # fmt: skip
 
 
-@pytest.mark.parametrize("command", [("bash", "--norc", "-c", BASH), ("fish", "-c", FISH)])
+@pytest.mark.parametrize(
+    "command",
+    [pytest.param(("bash", "--norc", "-c", BASH), marks=pytest.mark.slow), ("fish", "-c", FISH)],
+)
 def test_a_shell_completes_verbs_flags_and_names(home, command):
     asked = "".join(f"eventsweep {words}\n" for words in ASKED)
     answers = shell_in(home, *command, asked=asked).splitlines()

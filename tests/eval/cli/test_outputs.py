@@ -23,6 +23,8 @@ from places import ROOT
 from score_rows import score_row
 from small_pair import small_sequence
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 
 def contents(folder):
     """Every file's bytes, and every folder."""

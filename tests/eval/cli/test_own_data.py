@@ -12,6 +12,8 @@ from dataset_world import TRUTH_US, rewritten, write_sequence
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.eval.cli.main import main
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 MAP = ("--map.min-depth-m", "1", "--map.max-depth-m", "4", "--map.reference-s", "0.25",
        "--map.planes", "10", "--method", "Alg1/H", "--quiet")  # fmt: skip
 

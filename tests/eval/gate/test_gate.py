@@ -309,6 +309,7 @@ def test_unchanged_code_stays_green_with_other_seeds():
     assert red <= 1
 
 
+@pytest.mark.slow
 def test_any_three_seeds_of_the_project_are_green_against_its_others():
     """Real numbers of unbroken code, heavy tails and all: 56 splits of the baseline's seeds."""
     known = [one for one in read_baseline(BASELINE).series if one.metric != SPEED_METRIC]

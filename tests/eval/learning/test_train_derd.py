@@ -44,6 +44,7 @@ def test_its_windows_are_those_of_the_same_list_with_nothing_wrong():
         assert {(w.start_s, w.duration_s) for w in found} <= spans
 
 
+@pytest.mark.slow
 def test_samples_are_columns_of_the_volume_and_their_true_place(folder, tmp_path):
     """Against the volume that the mapper writes, and the depth that Algorithm 1 reports."""
     sequence = EventSequence.open(folder / TINY.name)
@@ -72,6 +73,7 @@ def test_samples_are_columns_of_the_volume_and_their_true_place(folder, tmp_path
         assert found.votes_px[k] == pytest.approx(per_rho_px / plain.depth_m[y, x], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_its_pixels_are_those_of_algorithm_1(folder):
     """It learns at least the pixels that it is compared on."""
     sequence = EventSequence.open(folder / TINY.name)

@@ -80,6 +80,7 @@ def sequence(tmp_path_factory):
     return EventSequence.open(folder / TINY.name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fusion", ["H", "cam1"])
 def test_samples_hold_what_the_volumes_hold(sequence, fusion, tmp_path):
     """Against volumes that the mapper writes: the votes around each sample, and the true depth."""
@@ -114,6 +115,7 @@ def _volume(sequence, config, folder, name):
     return np.load(folder / f"{name.replace('/', '-')}.npy")
 
 
+@pytest.mark.slow
 def test_a_window_told_wrongly_keeps_its_true_depth(sequence):
     plain = TrainingWindow(0.0, 0.2, planes=30, seed=3)
     told = TrainingWindow(0.0, 0.2, planes=30, imperfection={"stereo_pitch_deg": 2.0}, seed=3)
@@ -122,6 +124,7 @@ def test_a_window_told_wrongly_keeps_its_true_depth(sequence):
     assert set(np.round(wrong.true_px, 2)) & set(np.round(exact.true_px, 2))
 
 
+@pytest.mark.slow
 def test_samples_are_written_and_read(sequence, tmp_path):
     found = samples.samples(sequence, TrainingWindow(0.0, 0.2, planes=30), 50)
     found.save(tmp_path / "a.npz")

@@ -23,6 +23,8 @@ from eventsweep.eval.suite.submission import SubmissionFacts
 from killed import killed_at_every_step
 from ranking_entries import CASES, entry
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 ERRORS = {"Alg1/H": 0.1, "EMVS/cam0": 0.2, "Focus/H": 0.05, "Given/Guess": 0.4}
 STATED = {
     "method": "Guess",

@@ -53,6 +53,7 @@ def test_interval_holds_the_mean_and_moves_and_grows_with_the_values(groups, shi
     np.testing.assert_allclose(interval(changed, resamples=50), expected, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_interval_covers_the_truth_about_as_often_as_it_says():
     """Seeds differ (sd 1) more than windows (sd 0.5): an interval over windows alone fails."""
     rng = np.random.default_rng(0)

@@ -23,6 +23,8 @@ from eventsweep.sim.config import SimConfig
 from eventsweep.sim.rigs import rig as named_rig
 from killed import killed_at_every_step
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 
 def values_of(table, metric="mean_error"):
     """Values from {(case, seed): [one per amount]} for the amounts 0, 1, 2, ..."""
@@ -191,7 +193,7 @@ def study_result(mean):
     return StudyResult(study, found, tuple(values), {}, ("desk",), (0,))
 
 
-@pytest.mark.parametrize("before", [False, True])
+@pytest.mark.parametrize("before", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_killed_study_is_whole_or_not_there_and_never_in_the_way(tmp_path, monkeypatch, before):
     monkeypatch.setattr(
         "eventsweep.eval.studies.run.draw",

@@ -27,6 +27,8 @@ from eventsweep.eval.suite.submission import MANIFEST, Asked, read_manifest
 from places import ROOT
 from small_suite import case, suite_text
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 SUITE = suite_text(case("wall"), case("late", [(0.01, 0.02)]))
 FACTS = """
 method = "Guess"

@@ -24,6 +24,8 @@ from eventsweep.sim.rigs import rig as named_rig
 from places import ROOT
 from point_world import fronto_parallel
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 TINY = """
 name = "tiny"
 summary = "one short case"

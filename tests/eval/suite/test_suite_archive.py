@@ -29,6 +29,8 @@ from eventsweep.eval.suite.series import of_suite
 from places import HELPERS, ROOT
 from small_suite import WHOLE, case, suite_text
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 SUITE = suite_text(
     case("wall", WHOLE),
     case("crooked", WHOLE, imperfection={"focal_percent": 3, "pose_walk_mm": 9}),
@@ -84,6 +86,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_mapping_an_archive_needs_no_graphics_and_gives_the_same_numbers(made, tmp_path):
     """An empty cache, in a process in which nothing could be drawn."""
     file, _, frozen, drawn = made

@@ -17,6 +17,8 @@ from eventsweep.eval.suite.results import read_suite
 from eventsweep.eval.suite.stages import predict as predict_stage
 from small_suite import case, suite_text
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 MAPPERS = {
     "default": {"methods": ["Alg1/H", "EMVS/cam0"], "planes": 30},
     "coarse": {"methods": ["Alg1/H"], "planes": 10, "reference": "end"},

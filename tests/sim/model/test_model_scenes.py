@@ -16,6 +16,8 @@ from eventsweep.sim.model.scenes import scene_of
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.simulate import simulate
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 CONFIG = SimConfig(sampling="fast", supersample=2, duration_s=0.02, truth_interval_s=0.01)
 
 

@@ -60,6 +60,7 @@ def test_a_stopped_run_goes_on_where_it_was(folder, scene, whole, t_us):
     assert not checkpoint_path(out).exists()
 
 
+@pytest.mark.slow
 def test_a_sensor_with_noise_goes_on_as_if_never_stopped(folder, scene):
     """Mismatch, bandwidth, noise, latency, arbiter: whatever it remembers is in the parts.
 

@@ -154,6 +154,7 @@ def test_the_first_event_is_never_held_back():
     assert len(Events.concat(run(frames, [0, 10, 20], config))) == 1
 
 
+@pytest.mark.slow
 def test_references_do_not_drift_over_many_events():
     """20 000 flickers of three crossings each, then back to the start: nothing is left over."""
     config = SimConfig(contrast_threshold_pos=0.1, contrast_threshold_neg=0.13)

@@ -73,7 +73,9 @@ def test_events_and_truth_do_not_depend_on_the_pictures(folder, scene, whole):
     assert differ == {"manifest.json"}
 
 
-@pytest.mark.parametrize(("t_us", "workers"), [(7_500, 2), (15_000, 1), (31_000, 1)])
+@pytest.mark.parametrize(
+    ("t_us", "workers"), [pytest.param(7_500, 2, marks=pytest.mark.slow), (15_000, 1), (31_000, 1)]
+)
 def test_a_stopped_run_goes_on_with_the_shutter_open(folder, scene, whole, t_us, workers):
     """Two workers take the same pictures, from the first on: the shutter opens at 5.5 ms."""
     out = folder / f"stopped{t_us}"

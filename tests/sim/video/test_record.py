@@ -276,6 +276,7 @@ for out, source in enumerate(sys.argv[2:]):
 """
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_videos_length(tmp_path):
     """Ten times as many frames and events, in one process after the short one."""
     frames = drifting(150, 160, 120, step_px=0.5, colour=True)
