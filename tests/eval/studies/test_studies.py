@@ -23,8 +23,6 @@ from eventsweep.sim.config import SimConfig
 from eventsweep.sim.rigs import rig as named_rig
 from killed import killed_at_every_step
 
-pytestmark = pytest.mark.usefixtures("blank_figures")
-
 
 def values_of(table, metric="mean_error"):
     """Values from {(case, seed): [one per amount]} for the amounts 0, 1, 2, ..."""
