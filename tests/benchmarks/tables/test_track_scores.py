@@ -12,7 +12,7 @@ from track_scores import Row, Twin, measured, table
 
 def row(seed, percent, lost=0, failure="", ratio=1.05):
     ate_m = None if percent is None else percent / 100
-    twin = Twin("desk", "davis346", seed, 1.5)
+    twin = Twin("rpg-boxes", "davis240", seed, 1.5)
     return Row(twin, failure, ate_m, percent, 99.0, lost, 9.0, None if failure else ratio)
 
 

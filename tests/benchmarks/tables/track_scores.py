@@ -48,9 +48,12 @@ TWINS = {
 """By scene: the sensor, and how long a sequence is, s."""
 OPENED = frozenset({0, 1})
 """Seeds that were looked at while the tracker was built."""
-# A car taught the tracker to expect more speed, a wide image to map more events, and the reader how
-# long the windows of maps are.
-_OPENED_TOO = frozenset({("dsec-street", 4), ("tumvie-6dof", 4), ("rpg-reader", 4)})
+# A car taught the tracker to expect more speed, a wide image to map more events; the others were
+# looked at when the length of a map's window was chosen.
+_OPENED_TOO = frozenset(
+    {("dsec-street", 4), ("tumvie-6dof", 4), ("rpg-reader", 4), ("desk", 3)}
+    | {("mvsec-flying", seed) for seed in (2, 3, 4)}
+)
 _METHOD = "Focus/H"
 _HALF_US, _EVERY_US, _MOST_WINDOWS = 100_000, 300_000, 3  # of what is mapped on both poses
 _WARM_US = 300_000
