@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numba.core import dispatcher
 
+import eventsweep.emvs.utils.runtime  # noqa: F401  (replaces how numba compiles)
 from eventsweep.emvs.utils import kernel_compiler
 from eventsweep.emvs.utils.kernel_cache import kernel_files
 from places import ROOT
