@@ -38,9 +38,8 @@ _OF_RECORDINGS = {
 def compiled_beside(config: MapperConfig, rig: Rig, say: Callable[[str], None]) -> Iterator[None]:
     """Compiles a mapper's kernels in another process if this is a first run; else does nothing.
 
-    A second process pays off only where there is a second processor. Who comes to a kernel that the
-    other one compiles waits for it. One that fails is told of; what it left is compiled when it is
-    called.
+    A second process pays off only where there is a second processor. It is waited for at the end;
+    where it failed, a line says so, and what is missing is compiled when it is called.
 
     Args:
         config: what will be mapped with.
@@ -51,7 +50,7 @@ def compiled_beside(config: MapperConfig, rig: Rig, say: Callable[[str], None]) 
     if alone or config.device != "cpu" or has_kernel(_FIRST):
         yield
         return
-    say("first run: compiling the mapper's kernels beside the simulation, for about half a minute")
+    say("first run: compiling the mapper in the background, about half a minute")
     size = rig.cameras[0].width_px, rig.cameras[0].height_px
     words = [*map(str, (len(rig), *size)), config.model_dump_json()]
     process = subprocess.Popen(
@@ -61,8 +60,8 @@ def compiled_beside(config: MapperConfig, rig: Rig, say: Callable[[str], None]) 
     )  # fmt: skip
     try:
         yield
-        if process.poll():
-            say(f"the process that compiles kernels ended with {process.returncode}: a slower run")
+        if process.wait():
+            say(f"the process that compiles the mapper ended with {process.returncode}: slower run")
     finally:
         process.kill()
         process.wait()

@@ -64,15 +64,15 @@ def run_cases(
     from eventsweep.eval.scoring import run_folder
 
     _check_run(cases, settings, rig, track=track is not None)
-    with (
-        atomic_dir(out, force=force, inputs=_inputs(cases, settings)) as folder,
-        _kernels_beside(cases, settings, rig, progress),
-    ):
+    with atomic_dir(out, force=force, inputs=_inputs(cases, settings)) as folder:
         (folder / run_folder.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
         for case in cases:
             of_case = folder / case_name(case)
             sequence = of_case / run_folder.SEQUENCE_FOLDER
-            simulate_scene(case, sequence, settings, rig, seed, workers=workers, progress=progress)
+            with _kernels_beside(case, settings, rig, progress):
+                simulate_scene(
+                    case, sequence, settings, rig, seed, workers=workers, progress=progress
+                )
             map_recording(sequence, of_case / run_folder.MAP_FOLDER, settings, progress=progress)
             if track is not None:
                 track(sequence, of_case / run_folder.TRACK_FOLDER)
@@ -83,13 +83,13 @@ def run_cases(
 
 
 def _kernels_beside(
-    cases: Sequence[str], settings: Settings, rig: str | None, progress: Display
+    case: str, settings: Settings, rig: str | None, progress: Display
 ) -> AbstractContextManager[None]:
-    """On a first run the mapper's kernels are compiled while the first case is simulated."""
+    """On a first run the mapper's kernels are compiled while a case is simulated."""
     from eventsweep import scenes
     from eventsweep.emvs.rehearsal import compiled_beside
 
-    cameras = scenes.rig_for(cases[0], rig, settings.sim)
+    cameras = scenes.rig_for(case, rig, settings.sim)
     return compiled_beside(settings.map, cameras, progress.say)
 
 

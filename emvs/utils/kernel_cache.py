@@ -10,7 +10,6 @@ without it was not written here.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import io
 import os
@@ -20,7 +19,7 @@ import re
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -67,27 +66,11 @@ def has_kernel(name: str) -> bool:
     return any(folder.glob(f"*/{name}-*.nbi"))
 
 
-@contextmanager
-def compiling(name: str) -> Iterator[None]:
-    """One process at a time has a kernel: who comes later finds it in the cache.
-
-    It is locked by a byte of the folder's mark, which no other lock lies on. Where files cannot be
-    locked each process compiles for itself.
-    """
-    start = int.from_bytes(hashlib.sha256(name.encode()).digest()[:6])
-    with ExitStack() as stack:
-        with suppress(OSError):
-            mark = Path(numba.config.CACHE_DIR, _MARK)  # type: ignore[attr-defined]
-            file = stack.enter_context(mark.open("r+b"))
-            fcntl.lockf(file, fcntl.LOCK_EX, 1, start)
-        yield
-
-
 def kernel_version() -> str:
     """16 hexadecimal digits over the files of compiled functions and over who compiles them."""
     parts = [repr(_HEAD), platform.python_implementation(), platform.python_version()]
     parts += [numba.__version__, llvmlite.__version__]
-    parts += digests([*kernel_files(), _ROOT / "emvs/utils/kernel_compiler.py"], _ROOT)
+    parts += digests(kernel_files(), _ROOT)
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 

@@ -12,8 +12,7 @@ from pathlib import Path
 import numba
 
 from eventsweep.emvs.errors import InputError, heed_interrupt
-from eventsweep.emvs.utils.kernel_cache import compiling, use_kernel_cache
-from eventsweep.emvs.utils.kernel_compiler import compile_once
+from eventsweep.emvs.utils.kernel_cache import use_kernel_cache
 
 # progress(stage, done, total)
 Progress = Callable[[str, int, int], None]
@@ -47,7 +46,6 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 if "NUMBA_THREADING_LAYER" not in os.environ:
     numba.config.THREADING_LAYER = "omp"  # type: ignore[attr-defined]
 use_kernel_cache()
-compile_once(compiling)
 
 
 @cache

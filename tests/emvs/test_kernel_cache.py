@@ -365,29 +365,6 @@ def test_a_damaged_kernel_is_compiled_anew(tmp_path, damage):
     assert any(kernel_cache._verified(path) is not None for path in again)
 
 
-WAITS = """
-import os, time
-from eventsweep.emvs.utils import runtime
-from eventsweep.emvs.utils.kernel_cache import compiling
-began = time.monotonic()
-if os.fork():
-    with compiling("one"):
-        time.sleep(0.3)
-    os.wait()
-else:
-    time.sleep(0.1)
-    with compiling("another"):
-        other_s = time.monotonic() - began
-    with compiling("one"):
-        print(other_s < 0.29, time.monotonic() - began >= 0.3, flush=True)
-    os._exit(0)
-"""
-
-
-def test_a_process_waits_for_a_kernel_that_another_compiles(tmp_path):
-    assert python(WAITS, ROOT, tmp_path / "cache").split() == ["True", "True"]
-
-
 def reordering(file):
     """Names of compiled functions whose sums may be reordered, and that need not be inlined."""
     constants = [node for node in tree(file).body if isinstance(node, ast.Assign)]
