@@ -136,7 +136,8 @@ def fit_pixels(pixels: PixelEvents, frames: FrameStack | None) -> SensorFit:
     if frames is not None and not silence.refused:
         pairs = pairs_of(pixels, frames, log_eps, guard_of(silence.value), DARK_LEVEL)
         found = threshold_estimates(pairs)
-    all_ = (*found, silence, *noise.estimates, *hot_estimates(pixels))
+    dead_us = 0.0 if silence.refused else silence.value
+    all_ = (*found, silence, *noise.estimates, *hot_estimates(pixels, dead_us))
     fit = SensorFit(all_, (), float(pixels.on.mean()), noise.light, pixels, frames, pairs)
     if frames is None or not any(e.refused for e in found[:2]):
         return fit

@@ -143,10 +143,13 @@ def _spread(pixels: PixelEvents, own: Floats) -> Estimate:
     return Estimate(name, unit, spread, width)
 
 
-def hot_estimates(pixels: PixelEvents) -> list[Estimate]:
+def hot_estimates(pixels: PixelEvents, refractory_us: float = 0.0) -> list[Estimate]:
     """How many pixels are hot, and how much they send, where hot pixels would stand out.
 
     Before a moving scene only the hottest do: their number is then a lower bound, and refused.
+    Their rate is that of a counter that is dead for the refractory period after each event: of n
+    events per second that are due, n / (1 + n t) are counted (Knoll, Radiation Detection and
+    Measurement, section 4.VII). What their neighbours send is taken off.
     """
     hot, number = pixels.hot, pixels.counts.size
     names, count = ("hot_pixel_fraction", "hot_pixel_rate_hz"), int(hot.sum())
@@ -156,13 +159,19 @@ def hot_estimates(pixels: PixelEvents) -> list[Estimate]:
     if not count:
         why = f"no pixel is hot; {hidden}"
         return [refused(names[0], "", why), refused(names[1], "Hz", why)]
-    rates = pixels.counts[hot] / pixels.seconds
+    rates = due_hz(pixels.counts[hot] / pixels.seconds, refractory_us)
+    others_hz = due_hz(pixels.counts[~hot] / pixels.seconds, refractory_us)
     if rates.mean() < 2 * seen_hz:
         why = f"{count} pixels are, and {hidden}"
         return [refused(names[0], "", why), refused(names[1], "Hz", why)]
     share_width = 1.96 * float(np.sqrt(count + 1)) / number
-    chance = float(np.sqrt(rates.var() / count + rates.mean() / pixels.seconds / count))
+    chance = np.sqrt((rates.var() + others_hz.var() + rates.mean() / pixels.seconds) / count)
     return [
         Estimate(names[0], "", count / number, share_width),
-        Estimate(names[1], "Hz", float(rates.mean()), 1.96 * chance),
+        Estimate(names[1], "Hz", float(rates.mean() - others_hz.mean()), 1.96 * float(chance)),
     ]
+
+
+def due_hz(counted_hz: Floats, dead_us: float) -> Floats:
+    """The rate of a Poisson process of which a counter with a dead time sees `counted_hz`."""
+    return counted_hz / np.maximum(1 - counted_hz * dead_us * 1e-6, 0.05)

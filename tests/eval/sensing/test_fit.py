@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from eventsweep.emvs.data.events import Events
 from eventsweep.eval.sensing.estimates import resampled
 from eventsweep.eval.sensing.fit import effective_thresholds, fit_pixels
+from eventsweep.eval.sensing.noise import hot_estimates
 from eventsweep.eval.sensing.pixel_events import PixelEvents
 from moving_texture import movie, recorded
 
@@ -65,6 +67,27 @@ def test_noise_of_a_still_scene_is_recovered():
     assert fit["refractory_period_us"].value == pytest.approx(1500, rel=0.1)
     assert fit.noise_light == pytest.approx(0.4, abs=0.01)
     assert fit["contrast_threshold_pos"].refused
+
+
+@pytest.mark.parametrize("dead_us", [0.0, 800.0])
+def test_the_rate_of_hot_pixels_is_that_before_their_dead_time(dead_us):
+    """Events drawn one by one: those that fall into the dead time of the last one are lost."""
+    rng = np.random.default_rng(4)
+    seconds, rates_hz = 20, np.full((8, 8), 2.0)
+    rates_hz[2, ::2] = 300.0
+    rows = []
+    for (y, x), rate_hz in np.ndenumerate(rates_hz):
+        last_us = -np.inf
+        for t_us in np.sort(rng.uniform(0, seconds * 1e6, rng.poisson(rate_hz * seconds))):
+            if t_us - last_us > dead_us:
+                last_us = t_us
+                rows.append((int(t_us), x, y))
+    t_us, x, y = np.array(sorted(rows)).T
+    events = Events(x.astype(np.uint16), y.astype(np.uint16), t_us, np.ones(len(x), np.uint8))
+    pixels = PixelEvents.of(events, (8, 8), (0, seconds * 1_000_000))
+    fraction, rate = hot_estimates(pixels, dead_us)
+    assert fraction.value == 4 / 64
+    assert abs(rate.value - 298) < rate.uncertainty < 10
 
 
 def test_without_frames_what_needs_them_is_refused(moving):
