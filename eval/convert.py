@@ -103,7 +103,8 @@ def _refuse_unused(options: Options) -> None:
     }
     for flag, is_useless in useless.items():
         if is_useless:
-            raise InputError(f"{flag} has no effect with --to {options.to}; leave it out")
+            have = "have no effect" if " and " in flag else "has no effect"
+            raise InputError(f"{flag} {have} with --to {options.to}: leave it out")
 
 
 def _file(source: Path, out: Path, options: Options) -> str:

@@ -56,7 +56,7 @@ poses[1][0, 3], poses[2][0, 3] = 0.2, 0.5
 seen = light[12:18:2, 12:22:2], np.full((3, 5), 2, np.float32)
 frames = [FineFrame(Frame(*seen, Samples(np.roll(light, k, 1), rho)), 2, 4.0) for k in (0, 3)]
 passage = Passage(Camera(5, 3, 8, 8, 2, 1), *frames, interval_between((0, 9000), poses, (15, 17)))
-assert len(passage.layers[0].count)
+assert len(passage.layers[0].number)
 print([picture.tolist() for picture in passage.pictures([3000, 6000])])
 """
 LINES = """
@@ -118,6 +118,7 @@ CALLERS = {
     "emvs/odometry/registration/residuals_kernels.py": EQUATIONS,
     "emvs/utils/vectors_kernels.py": VARIANCE,
     "sim/sensor/esim_kernels.py": PIXELS,
+    "sim/compensation/edge_reach_kernels.py": CARRIED,
     "sim/compensation/layer_kernels.py": CARRIED,
     "sim/compensation/light_kernels.py": CARRIED,
     "sim/compensation/path_kernels.py": CARRIED,
@@ -135,6 +136,7 @@ EDITS = {
     "splat": ("everywhere(builder, args[0]", "everywhere(builder, builder.fadd(args[0], args[0])"),
     "store": ("builder.store(args[2],", "builder.store(builder.fneg(args[2]),"),
     "fold_row": ("if value > top", "if value < top"),
+    "within_reach": ("if inside and away", "if inside and i % 2 and away"),
     "paths_of_row": ("rho_b[y], ways[0], lens", "rho_b[y], ways[0] + 0.1, lens"),
 }
 

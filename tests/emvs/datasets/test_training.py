@@ -102,7 +102,7 @@ def test_a_data_set_s_truth_lies_where_the_events_do(ours, tmp_path, kind):
         assert np.median(np.abs(window["depth_m"] - truth_m)[both]) < 0.02
         compared += np.count_nonzero(both)
     assert compared > 1000
-    with pytest.raises(InputError, match="no ground truth of camera 1"):
+    with pytest.raises(InputError, match="no ground truth for camera 1"):
         TrainingWindows(theirs, window_s=0.04, camera=1)
 
 
@@ -156,4 +156,4 @@ def test_no_truth_no_windows(ours, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
     words = ["convert", str(ours), str(tmp_path / "out"), "--to", "npz", "--window-s", "0.1"]
     assert main([*words, "--quiet"]) == 2
-    assert "--window-s and --stride-s with --to npz" in capsys.readouterr().err
+    assert "--window-s and --stride-s have no effect with --to npz" in capsys.readouterr().err

@@ -181,7 +181,7 @@ def test_poses_from_events_have_a_table_with_directions_and_rank_no_method(tmp_p
     write_ranking([read_source(str(source))], out)
     page = text_of(out)
     heads, line = re.findall(r"<tr>.*?</tr>", page[page.index("<h2>Poses from events") :])[:2]
-    assert re.findall(r"ATE of way.*?([↓↑]).*time covered.*?([↓↑])", heads) == [("↓", "↑")]
+    assert re.findall(r"ATE of path.*?([↓↑]).*time covered.*?([↓↑])", heads) == [("↓", "↑")]
     assert re.sub(r"<[^>]+>", " ", line).split() == ["wall", "0.25", "98.50"]
     assert sorted(path.stem for path in (out / "methods").glob("*.html")) == sorted(
         method.replace("/", "_") for method in ERRORS
