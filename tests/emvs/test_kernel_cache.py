@@ -49,13 +49,13 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.sim.compensation.fine_frame import FineFrame
 from eventsweep.sim.compensation.interval import Passage, interval_between
 from eventsweep.sim.rendering.base import Frame, Samples
-light = (0.5 + 0.4 * np.sin(np.arange(30 * 34).reshape(30, 34) / 7)).astype(np.float32)
-poses, rho = [np.eye(4), np.eye(4), np.eye(4)], np.full((30, 34), 0.5, np.float32)
+light = (0.5 + 0.4 * np.sin(np.arange(30 * 74).reshape(30, 74) / 7)).astype(np.float32)
+poses, rho = [np.eye(4), np.eye(4), np.eye(4)], np.full((30, 74), 0.5, np.float32)
 rho[:, 14:18] = 2
 poses[1][0, 3], poses[2][0, 3] = 0.2, 0.5
-seen = light[12:18:2, 12:22:2], np.full((3, 5), 2, np.float32)
+seen = light[12:18:2, 12:62:2], np.full((3, 25), 2, np.float32)
 frames = [FineFrame(Frame(*seen, Samples(np.roll(light, k, 1), rho)), 2, 4.0) for k in (0, 3)]
-passage = Passage(Camera(5, 3, 8, 8, 2, 1), *frames, interval_between((0, 9000), poses, (15, 17)))
+passage = Passage(Camera(25, 3, 8, 8, 12, 1), *frames, interval_between((0, 9000), poses, (15, 37)))
 assert len(passage.layers[0].number)
 print([picture.tolist() for picture in passage.pictures([3000, 6000])])
 """
