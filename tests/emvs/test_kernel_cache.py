@@ -136,6 +136,10 @@ EDITS = {
     "splat": ("everywhere(builder, args[0]", "everywhere(builder, builder.fadd(args[0], args[0])"),
     "store": ("builder.store(args[2],", "builder.store(builder.fneg(args[2]),"),
     "fold_row": ("if value > top", "if value < top"),
+    "begin_layers": (
+        "layers.low[k, m], layers.high[k, m]",
+        "layers.low[k, m] + 0.3, layers.high[k, m] + 0.3",
+    ),
     "within_reach": ("if inside and away", "if inside and i % 2 and away"),
     "paths_of_row": ("rho_b[y], ways[0], lens", "rho_b[y], ways[0] + 0.1, lens"),
 }
