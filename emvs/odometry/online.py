@@ -163,7 +163,7 @@ class BackgroundMaps:
         most_points: that are tracked.
         stride_us: from map to map. They are taken 0.12 s after their window was covered, or, with
             shorter strides, so early that none is under way when the next window ends.
-        alone: whether there is a thread to spare; else maps are made at once.
+        alone: whether there is no thread to spare; maps are then made at once.
     """
 
     def __init__(

@@ -23,8 +23,8 @@ APART_PX = 0.25
 _EDGE_WIDTH_PX, _BESIDE_PX = 1, 1
 _FAR_PX = 1 << 14
 # As they are, numba would compile once for each.
-_TO_FIRST: int = np.int64(TO_FIRST_END)  # type: ignore[assignment]
-_TO_SECOND: int = np.int64(TO_SECOND_START)  # type: ignore[assignment]
+TO_FIRST: int = np.int64(TO_FIRST_END)  # type: ignore[assignment]
+TO_SECOND: int = np.int64(TO_SECOND_START)  # type: ignore[assignment]
 
 
 class Seen(NamedTuple):
@@ -186,11 +186,11 @@ def within_reach(
     """
     rows, columns = walks.shape
     walks[:] = 0
-    mark_edges(before, bearing, lens, ways, _TO_SECOND, walks)
-    mark_edges(after, bearing, lens, ways, _TO_FIRST, walks)
+    mark_edges(before, bearing, lens, ways, TO_SECOND, walks)
+    mark_edges(after, bearing, lens, ways, TO_FIRST, walks)
     away = distances(walks)
-    mark_ways(before, border, bearing, lens, ways, _TO_SECOND, away, walks)
-    mark_ways(after, border, bearing, lens, ways, _TO_FIRST, away, walks)
+    mark_ways(before, border, bearing, lens, ways, TO_SECOND, away, walks)
+    mark_ways(after, border, bearing, lens, ways, TO_FIRST, away, walks)
     away = distances(walks)
     numbers, count = np.full((rows - 2 * border, columns - 2 * border), -1, np.int32), 0
     for i in range(rows):

@@ -15,14 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.sim.compensation.edge_reach_kernels import APART_PX, Seen, within_reach
-from eventsweep.sim.compensation.path_kernels import TO_FIRST_END, TO_SECOND_START, carried
+from eventsweep.sim.compensation.edge_reach_kernels import (
+    APART_PX,
+    TO_FIRST,
+    TO_SECOND,
+    Seen,
+    within_reach,
+)
+from eventsweep.sim.compensation.path_kernels import carried
 
 MOST = 6
 """Layers of one pixel; where there are more, neighbours in depth are one."""
-# As they are, numba would compile once for each.
-_TO_FIRST: int = np.int64(TO_FIRST_END)  # type: ignore[assignment]
-_TO_SECOND: int = np.int64(TO_SECOND_START)  # type: ignore[assignment]
 
 
 class Layers(NamedTuple):
@@ -349,6 +352,6 @@ def find_layers(
     """
     walks = np.empty(before.body.shape, np.uint8)
     reached = empty_reached(within_reach(before, after, border, bearing, lens, ways, walks))
-    reach_out(before, n, border, bearing, lens, ways, _TO_SECOND, walks, reached)
-    reach_out(after, n, border, bearing, lens, ways, _TO_FIRST, walks, reached)
+    reach_out(before, n, border, bearing, lens, ways, TO_SECOND, walks, reached)
+    reach_out(after, n, border, bearing, lens, ways, TO_FIRST, walks, reached)
     return chosen(reached)

@@ -34,7 +34,7 @@ print(names)
 
 @pytest.fixture
 def cold(monkeypatch):
-    """A machine of two processors without kernels; its processes run what they are told to."""
+    """A machine of two processors without kernels; its processes run the given program."""
 
     real = subprocess.Popen
 

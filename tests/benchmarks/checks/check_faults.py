@@ -107,7 +107,7 @@ _HARD = ("hdr-window", "low-texture", "moving-objects", "reflective", "tumvie-bi
 
 
 def _unspoilt(bases: Sequence[Base]) -> Iterator[Case]:
-    """Each base as simulated and told in two other ways."""
+    """Each base as simulated, and described in two other ways."""
     others = [kind for kind in UNSPOILT if kind != "as simulated"]
     for k, base in enumerate(bases):
         for kind in ("as simulated", others[k % 4], others[(k + 2) % 4]):

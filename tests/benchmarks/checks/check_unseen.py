@@ -233,7 +233,7 @@ def _blocks(r: Recording, rng: Rng) -> Recording:
 
 
 def _bent_events(r: Recording, rng: Rng) -> Recording:
-    """Images of a lens with barrel distortion, told to be of a pinhole."""
+    """Images of a lens with barrel distortion, calibrated as a pinhole."""
     k = float(rng.uniform(-0.25, -0.15))
 
     def edit(camera: int, e: Events) -> Events:

@@ -98,7 +98,7 @@ def seen_pair(camera, all_boards, poses, seed=0):
 
 
 def walked_everywhere(before, after, grid, border, *view):
-    """The layers where every pixel is told of everything."""
+    """The layers if every pixel is walked."""
     reached = search.empty_reached(np.arange(WIDTH * HEIGHT, dtype=np.int32).reshape(HEIGHT, WIDTH))
     everything = np.ones(before.body.shape, np.uint8)
     for frame, to_other in ((before, TO_SECOND_START), (after, TO_FIRST_END)):
