@@ -126,7 +126,7 @@ CALLERS = {
 EDITS = {
     "later": ("x + dt_s * ax", "y + dt_s * ax"),
     "events_to_map": ("r = n_u * (u - (fx", "r = 0.5 + n_u * (u - (fx"),
-    "line_at": ("- line[3]", "- line[3] + 0.1"),
+    "line_at": ("- lines[cell, 3]", "- lines[cell, 3] + 0.1"),
     "map_to_events": ("closeness += close\n        weight", "closeness -= close\n        weight"),
     "moved": ("T[1, 2] * z + T[1, 3]", "T[1, 2] * z + T[1, 3] + x"),
     "aligned": ("np.zeros(count", "np.ones(count"),

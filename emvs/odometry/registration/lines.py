@@ -14,11 +14,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.odometry.registration.lines_kernels import add_inverse_depth, add_points
+from eventsweep.emvs.odometry.registration.lines_kernels import (
+    MARGIN,
+    REACH,
+    SUMS,
+    add_inverse_depth,
+    add_points,
+    empty,
+)
+from eventsweep.emvs.utils.vectors_kernels import aligned
 
 Float64s = NDArray[np.float64]
 _DEPTH_CELL_PX, _DEPTH_BOX = 4, 7
-_MOMENTS, _LINE = 7, 5
+_LINE = 5
 
 
 class LineFields:
@@ -36,22 +44,24 @@ class LineFields:
         for k, (width_px, height_px) in enumerate(sizes_px):
             for level in range(levels):
                 rows, columns = -(-height_px >> level) + 1, -(-width_px >> level) + 1
-                self.places[k, level] = cells, rows, columns, 1 << level
-                cells += rows * columns
+                before = REACH * (columns + MARGIN + 1)
+                self.places[k, level] = cells + before, rows, columns, 1 << level
+                cells += 2 * before + rows * (columns + MARGIN)
         self.field = (
-            np.zeros(cells, np.int32), np.zeros((cells, _MOMENTS), np.float32),
-            np.zeros(cells, np.int32), np.zeros((cells, _LINE), np.float32),
+            aligned(SUMS * cells), np.zeros(cells + 1, np.int32),
+            np.zeros(cells, np.int32), np.zeros((cells, _LINE), np.float32), aligned(6 * SUMS),
         )  # fmt: skip
         self.drawing = 0
 
     def begin(self) -> None:
         """Begins a drawing: whatever was in the fields is gone."""
         self.drawing += 1
+        empty(self.field)
 
     def fill(self, image: int, points: Float64s, count: int, levels: int) -> None:
         """Adds the first `count` rows of (N, 3) points to an image, at its finest `levels`."""
         for place in self.places[image, :levels]:
-            add_points(points, count, place, self.drawing, self.field)
+            add_points(points, count, place, self.field)
 
 
 class DepthFields:

@@ -4,16 +4,20 @@ Motions are (4, 4) float64 matrices; `intrinsics` is (4,) float64 fx, fy, cx, cy
 
 A field is a tuple of flat arrays over the cells of all images:
 
-    filled: (N,) int32, the drawing that last put a point into the cell.
-    sums: (N, 7) float32, of its points: 1, a, b, aa, ab, bb, rho; a, b from its middle, px.
+    sums: (8 N,) float32, of each cell's points: 1, a, b, aa, ab, bb, rho, 1; a, b from its middle,
+        in cells.
+    filled: (N + 1,) int32, how many cells hold points, then which.
     made: (N,) int32, the drawing that the cell's line is of.
-    lines: (N, 5) float32, weight, n_u, n_v, distance of the line from the cell's middle, rho.
+    lines: (N, 5) float32, weight, n_u, n_v, distance of the line from the cell's middle, px, rho.
+    scratch: (48,) float32.
 
-`place` is (4,) int64 of one image: its first cell, rows, columns, and the size of a cell, px.
-`drawing` is a number that rises: what is of an earlier one is not there, and nothing is cleared.
+`place` is (4,) int64 of one image: its first cell, rows, columns, and the size of a cell, px. Each
+row is followed by `MARGIN` cells more, and there are `REACH` empty rows above and below: cells out
+of the image are read like all others. `drawing` is a number that rises: lines of an earlier one
+are not there.
 """
 
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg, var-annotated"
 
 from __future__ import annotations
 
@@ -21,6 +25,7 @@ import numpy as np
 from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.emvs.utils.vectors_kernels import WIDTH, load, plus, splat, store
 
 NEAREST_M = 0.05  # what is nearer to a camera is behind it, or too near to be sharp
 REACH = 3
@@ -28,11 +33,35 @@ REACH = 3
 LEAST = 0.15
 """Mass below which there is no line, in a Gaussian's middle: about half a point per pixel of it."""
 _SIGMA_CELLS = 1.2
-_BELL = np.exp(-0.5 * (np.arange(REACH + 1) / _SIGMA_CELLS) ** 2)
-_BELL /= _BELL[0] + 2 * _BELL[1:].sum()
+MARGIN = REACH + 1
+"""Cells behind each row of an image: as many as vectors of two cells read past its end."""
+SUMS = 8
+"""Numbers of a cell."""
+_ROW = SUMS * 2 * MARGIN
 
 
-@njit(cache=True, nogil=True)
+def _weights():
+    """What multiplies the sums of the cells around: three tables of 7 rows of 8 cells, flat.
+
+    Moments about the middle of the cell in question follow from those about each cell's own: with
+    weights w, and the cell (a, b) cells away, of the first table come the sums of w and of w a b,
+    of the others those of w a and w a², and of w b and w b².
+    """
+    b, a = np.mgrid[-REACH : REACH + 1, -REACH : MARGIN + 1].astype(np.float64)
+    bell = np.exp(-0.5 * (np.arange(-REACH, REACH + 1) / _SIGMA_CELLS) ** 2)
+    bell /= bell.sum()
+    w = bell[:, None] * np.append(bell, 0)
+    tables = np.zeros((3, *w.shape, SUMS))
+    tables[0, ..., :7], tables[0, ..., 7] = w[..., None], w * a * b
+    tables[1, ..., :3], tables[1, ..., 7] = (w * a)[..., None], w * a * a
+    tables[2, ..., :3], tables[2, ..., 7] = (w * b)[..., None], w * b * b
+    return tables.astype(np.float32).reshape(3, -1)
+
+
+_PLAIN, _ASIDE, _DOWN = _weights()
+
+
+@njit(cache=True, nogil=True, forceinline=True)
 def moved(T, x, y, z):
     """A point, carried by a rigid motion."""
     return (
@@ -59,55 +88,78 @@ def project(points, T_cam_world, intrinsics, size, out):
 
 
 @njit(cache=True, nogil=True)
-def add_points(points, count, place, drawing, field):
-    """Adds (u, v, rho) points to their cells; the middles lie at multiples of a cell's size."""
-    filled, sums = field[0], field[1]
-    first, rows, columns, cell_px = place
-    for k in range(count):
-        u, v = points[k, 0], points[k, 1]
-        i, j = int(u / cell_px + 0.5), int(v / cell_px + 0.5)
-        if i >= columns or j >= rows:
-            continue
-        q, a, b = first + j * columns + i, u - i * cell_px, v - j * cell_px
-        if filled[q] != drawing:
-            filled[q] = drawing
-            sums[q] = 0
-        sums[q, 0] += 1
-        sums[q, 1] += a
-        sums[q, 2] += b
-        sums[q, 3] += a * a
-        sums[q, 4] += a * b
-        sums[q, 5] += b * b
-        sums[q, 6] += points[k, 2]
+def empty(field):
+    """Takes the points out of all cells."""
+    sums, filled = field[0], field[1]
+    for k in range(1, filled[0] + 1):
+        first = SUMS * np.int64(filled[k])
+        sums[first : first + SUMS] = 0
+    filled[0] = 0
 
 
 @njit(cache=True, nogil=True)
-def _fit(place, drawing, field, i, j):
-    """Makes the line of cell (i, j) from the points around it, weighted by a Gaussian."""
-    filled, sums, _, lines = field
+def add_points(points, count, place, field):
+    """Adds (u, v, rho) points to their cells; the middles lie at multiples of a cell's size."""
+    sums, filled = field[0], field[1]
     first, rows, columns, cell_px = place
-    line = lines[first + j * columns + i]
-    line[0] = 0
-    mass = sum_a = sum_b = sum_aa = sum_ab = sum_bb = sum_rho = 0.0
-    for row in range(max(j - REACH, 0), min(j + REACH + 1, rows)):
-        b, down = float((row - j) * cell_px), _BELL[abs(row - j)]
-        for column in range(max(i - REACH, 0), min(i + REACH + 1, columns)):
-            q = first + row * columns + column
-            if filled[q] != drawing:
-                continue
-            a, w = float((column - i) * cell_px), down * _BELL[abs(column - i)]
-            n, own_a, own_b = sums[q, 0], sums[q, 1], sums[q, 2]
-            mass += w * n
-            sum_a += w * (own_a + n * a)
-            sum_b += w * (own_b + n * b)
-            sum_aa += w * (sums[q, 3] + 2 * a * own_a + n * a * a)
-            sum_ab += w * (sums[q, 4] + a * own_b + b * own_a + n * a * b)
-            sum_bb += w * (sums[q, 5] + 2 * b * own_b + n * b * b)
-            sum_rho += w * sums[q, 6]
+    stride, per_px = columns + MARGIN, 1 / cell_px
+    for k in range(count):
+        u, v = points[k, 0] * per_px, points[k, 1] * per_px
+        i, j = int(u + 0.5), int(v + 0.5)
+        if i >= columns or j >= rows:
+            continue
+        cell, a, b = first + j * stride + i, np.float32(u - i), np.float32(v - j)
+        q = SUMS * cell
+        if sums[q] == 0:
+            filled[0] += 1
+            filled[filled[0]] = cell
+        sums[q] += 1
+        sums[q + 1] += a
+        sums[q + 2] += b
+        sums[q + 3] += a * a
+        sums[q + 4] += a * b
+        sums[q + 5] += b * b
+        sums[q + 6] += points[k, 2]
+        sums[q + 7] += 1
+
+
+@njit(cache=True, nogil=True)
+def _add_around(sums, cell, stride, out):
+    """Fills `out` with the weighted sums of the cells around: 16 for each table, of 2 cells."""
+    for lane in range(0, 2 * SUMS, WIDTH):
+        plain = aside = down = splat(np.float32(0))
+        q, w = SUMS * (cell - REACH * stride - REACH) + lane, lane
+        for _row in range(2 * REACH + 1):
+            for k in range(0, _ROW, 2 * SUMS):
+                around = load(sums, q + k)
+                plain = plus(plain, load(_PLAIN, w + k), around)
+                aside = plus(aside, load(_ASIDE, w + k), around)
+                down = plus(down, load(_DOWN, w + k), around)
+            q += SUMS * stride
+            w += _ROW
+        store(out, lane, plain)
+        store(out, lane + 2 * SUMS, aside)
+        store(out, lane + 4 * SUMS, down)
+
+
+@njit(cache=True, nogil=True)
+def _fit(sums, lines, s, cell, stride, cell_px):
+    """Makes the line of a cell from the points around it, weighted by a Gaussian; `s`: scratch."""
+    lines[cell, 0] = 0
+    _add_around(sums, cell, stride, s)
+    for k in range(SUMS):
+        s[k] += s[k + 8]
+        s[k + 16] += s[k + 24]
+        s[k + 32] += s[k + 40]
+    mass = np.float64(s[0])
     if mass < LEAST * cell_px:
         return
-    a, b = sum_a / mass, sum_b / mass
-    var_a, var_ab, var_b = sum_aa / mass - a * a, sum_ab / mass - a * b, sum_bb / mass - b * b
+    # Of the cell, in cells: in px it is as many times larger as the cell is.
+    to_px, to_square = cell_px / mass, cell_px * cell_px / mass
+    a, b = (s[1] + s[16]) * to_px, (s[2] + s[32]) * to_px
+    var_a = (s[3] + 2 * s[17] + s[23]) * to_square - a * a
+    var_ab = (s[4] + s[18] + s[33] + s[7]) * to_square - a * b
+    var_b = (s[5] + 2 * s[34] + s[39]) * to_square - b * b
     half, mean = 0.5 * (var_a - var_b), 0.5 * (var_a + var_b)
     length = np.sqrt(half * half + var_ab * var_ab)
     if length < 1e-6:
@@ -115,30 +167,31 @@ def _fit(place, drawing, field, i, j):
     # The line runs along the major axis, at half the angle of (half, var_ab).
     along_u = np.sqrt(max(0.5 * (1 + half / length), 0.0))
     along_v = 1.0 if along_u < 1e-6 else 0.5 * var_ab / length / along_u
-    line[0] = (length / (mean + 0.05)) ** 2
-    line[1], line[2] = -along_v, along_u
-    line[3], line[4] = along_u * b - along_v * a, sum_rho / mass
+    lines[cell, 0] = (length / (mean + 0.05)) ** 2
+    lines[cell, 1], lines[cell, 2] = -along_v, along_u
+    lines[cell, 3], lines[cell, 4] = along_u * b - along_v * a, s[6] / mass
 
 
-@njit(cache=True, nogil=True)
-def line_at(place, drawing, field, u, v):
+@njit(cache=True, nogil=True, forceinline=True)
+def line_at(place, drawing, sums, made, lines, scratch, u, v):
     """The line near a place in the image: weight, n_u, n_v, distance of the place from it, rho.
 
     The place less the distance times the normal n lies on the line; the weight is 0 where there is
     no line, and 1 where points lie on it exactly. A cell's line is made when it is first looked up.
+    The arrays are a field's, one by one: of a tuple's, numba would count the references each time.
     """
     first, rows, columns, cell_px = place
-    i, j = int(u / cell_px + 0.5), int(v / cell_px + 0.5)
+    per_px = 1 / cell_px
+    i, j = int(u * per_px + 0.5), int(v * per_px + 0.5)
     if not (u >= 0 and v >= 0 and i < columns and j < rows):
         return 0.0, 0.0, 0.0, 0.0, 0.0
-    q = first + j * columns + i
-    if field[2][q] != drawing:
-        field[2][q] = drawing
-        _fit(place, drawing, field, i, j)
-    line = field[3][q]
-    n_u, n_v = float(line[1]), float(line[2])
-    off = n_u * (u - i * cell_px) + n_v * (v - j * cell_px) - line[3]
-    return float(line[0]), n_u, n_v, off, float(line[4])
+    cell = first + j * (columns + MARGIN) + i
+    if made[cell] != drawing:
+        made[cell] = drawing
+        _fit(sums, lines, scratch, cell, columns + MARGIN, float(cell_px))
+    n_u, n_v = float(lines[cell, 1]), float(lines[cell, 2])
+    off = n_u * (u - i * cell_px) + n_v * (v - j * cell_px) - lines[cell, 3]
+    return float(lines[cell, 0]), n_u, n_v, off, float(lines[cell, 4])
 
 
 @njit(cache=True, nogil=True)

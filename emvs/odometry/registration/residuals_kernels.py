@@ -18,7 +18,7 @@ from eventsweep.emvs.odometry.registration.lines_kernels import NEAREST_M, line_
 LEAST_WEIGHT = 0.1  # of a line
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def later(x, y, z, twist, dt_s):
     """A point at rest, from a moving frame into that `dt_s` later: exp(-twist dt) to order 2."""
     vx, vy, vz, wx, wy, wz = twist
@@ -31,7 +31,7 @@ def later(x, y, z, twist, dt_s):
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def slope(n_u, n_v, x, y, z, intrinsics, J):
     """Fills `J` (6,) with the derivative of n . pi(X_cam) by xi."""
     J[0], J[1] = n_u * intrinsics[0] / z, n_v * intrinsics[1] / z
@@ -50,6 +50,7 @@ def map_to_events(points, T_cam_world, intrinsics, size, place, drawing, field, 
     1 / (1 + (r / width)²).
     """
     J, part = np.empty(6), np.zeros((6, 6))
+    sums, _, made, lines, scratch = field
     seen, near, closeness = 0, 0, 0.0
     for k in range(len(points)):
         x, y, z = moved(T_cam_world, points[k, 0], points[k, 1], points[k, 2])
@@ -60,7 +61,7 @@ def map_to_events(points, T_cam_world, intrinsics, size, place, drawing, field, 
         if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
             continue
         seen += 1
-        weight, n_u, n_v, r, _ = line_at(place, drawing, field, u, v)
+        weight, n_u, n_v, r, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
         if weight < LEAST_WEIGHT or abs(r) > gate:
             continue
         near += 1
@@ -97,6 +98,7 @@ def events_to_map(
     of second order in tau dt. Returns events looked at, those near a line, and their closeness.
     """
     fx, fy, cx, cy = intrinsics
+    sums, _, made, lines, scratch = field
     J, parts = np.empty(6), np.zeros((3, 6, 6))
     seen, near, closeness = 0, 0, 0.0
     for k in range(count):
@@ -107,7 +109,9 @@ def events_to_map(
         if z < NEAREST_M:
             continue
         at_u, at_v = u - (fx * x / z + cx - u), v - (fy * y / z + cy - v)
-        weight, n_u, n_v, off, inverse = line_at(place, drawing, field, at_u, at_v)
+        weight, n_u, n_v, off, inverse = line_at(
+            place, drawing, sums, made, lines, scratch, at_u, at_v
+        )
         seen += 1
         if weight < LEAST_WEIGHT or abs(off) > gate:
             continue

@@ -31,7 +31,8 @@ def field_of(points, levels=3):
 
 
 def line(fields, level, u, v, image=0):
-    return line_at(fields.places[image, level], fields.drawing, fields.field, u, v)
+    sums, _, *arrays = fields.field
+    return line_at(fields.places[image, level], fields.drawing, sums, *arrays, u, v)
 
 
 @pytest.mark.parametrize("level", [0, 1, 2])
