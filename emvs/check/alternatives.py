@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from eventsweep.emvs.check.cameras import image_times, is_centre_exchanged
 from eventsweep.emvs.check.orientations import axes_words, rereadings, signed_axes
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import DerivedRecording, Recording
 from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 
@@ -84,6 +86,7 @@ def of_poses(recording: Recording) -> list[Alternative]:
             "rows mirrored", lambda r: MirroredRecording(r, rows=True),
             "count rows from the top: y = height - 1 - y",
         ),
+        *_centres(recording.rig),
         *_axes(),
         *(
             Alternative(name, _poses(reread), cure)
@@ -102,6 +105,39 @@ def of_poses(recording: Recording) -> list[Alternative]:
             ),
         ]  # fmt: skip
     return alternatives
+
+
+def _centres(rig: Rig) -> list[Alternative]:
+    """What a principal point far from the middle looks like."""
+    alternatives = []
+    if any(map(is_centre_exchanged, rig.cameras)):
+        alternatives.append(Alternative(
+            "principal point exchanged", partial(_lenses, change=_centre_back),
+            "exchange cx and cy: their order in files is fx fy cx cy",
+        ))  # fmt: skip
+    if any(image_times(camera) != 1 for camera in rig.cameras):
+        factor = 1 / image_times(rig.cameras[0])
+        alternatives.append(Alternative(
+            "calibration of another resolution", partial(_lenses, change=_of_this_resolution),
+            f"multiply fx, fy, cx and cy by {factor:.3g}, or calibrate at this resolution",
+        ))  # fmt: skip
+    return alternatives
+
+
+def _lenses(recording: Recording, change: Callable[[Camera], Camera]) -> Recording:
+    rig = recording.rig
+    return AlteredRecording(recording, rig=replace(rig, cameras=tuple(map(change, rig.cameras))))
+
+
+def _centre_back(camera: Camera) -> Camera:
+    return replace(camera, cx_px=camera.cy_px, cy_px=camera.cx_px)
+
+
+def _of_this_resolution(camera: Camera) -> Camera:
+    f = 1 / image_times(camera)
+    return replace(
+        camera.zoomed(f), cx_px=(camera.cx_px + 0.5) * f - 0.5, cy_px=(camera.cy_px + 0.5) * f - 0.5
+    )
 
 
 def of_pair() -> list[Alternative]:
@@ -161,6 +197,10 @@ class Amount:
     def distance(self, amount: float) -> float:
         """How far an amount is from the neutral one."""
         return float(abs(np.log(amount)) if self.is_factor else abs(amount))
+
+    def moved(self, amount: float, by: float) -> float:
+        """An amount so far from another; `by` is a logarithm where amounts are factors."""
+        return float(amount * np.exp(by) if self.is_factor else amount + by)
 
 
 class Chosen(DerivedRecording):
@@ -274,9 +314,7 @@ def _scaled_poses(recording: Recording, factor: float) -> Recording:
 
 
 def _focal(recording: Recording, factor: float) -> Recording:
-    rig = recording.rig
-    cameras = tuple(camera.zoomed(factor) for camera in rig.cameras)
-    return AlteredRecording(recording, rig=replace(rig, cameras=cameras))
+    return _lenses(recording, lambda camera: camera.zoomed(factor))
 
 
 def _baseline(recording: Recording, factor: float) -> Recording:

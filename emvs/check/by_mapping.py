@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -117,7 +118,8 @@ def _diagnosis(
     best = next((trial for trial in wrong if _explains(trials, trial)), best)
     rivals = tuple(t for t in likely if _is_rival(t, best) and _explains(trials, t))
     cured = trials.after(best)
-    second = _second(cured, best, alternatives, progress) if best.is_cause else None
+    besides = _besides(cured, best, alternatives, progress) if best.is_cause else None
+    second = besides if besides and _is_second(besides, best) else None
     if second and second.gain > best.gain:
         rivals += _in_other_order(trials, best, second, alternatives)
     cured = cured.after(second) if second else cured
@@ -125,6 +127,8 @@ def _diagnosis(
     if undecided := _undecided(trials, causes):
         return Diagnosis(tried, best, undecided)
     unexplained = _unexplained(cured, causes, rivals, _conventions(alternatives))
+    if not unexplained:
+        unexplained = _several(trials, causes, None if second else besides, alternatives)
     return Diagnosis(tried, best, unexplained, rivals, second, decisive=True)
 
 
@@ -200,6 +204,27 @@ def _unexplained(
     return ""
 
 
+def _several(
+    trials: CameraTrials, causes: Sequence[Trial], besides: Trial | None,
+    alternatives: Sequence[Alternative | Amount],
+) -> str:  # fmt: skip
+    """Why something else may be wrong besides these causes, in words; empty where nothing may be.
+
+    Small turns of the camera on the body are not considered: windows hardly show them.
+    """
+    if besides:
+        more = f"{_percent(besides.gain)} more with {_amount_words(besides)}"
+        return f"{_sharper(causes)}, and then by {more}: more than one thing is wrong"
+    named = {_kind(cause.alternative) for cause in causes} | {"hand-eye rotation"}
+    others = [a for a in alternatives if isinstance(a, Amount) and _kind(a) not in named]
+    for cause in (cause for cause in causes if cause.amount is not None):
+        rest = reduce(CameraTrials.after, (c for c in causes if c is not cause), trials)
+        traded = next((other for other in others if rest.is_traded(cause, other)), None)
+        if traded:
+            return f"{_sharper(causes)}, but as much with another {traded.name} as well"
+    return ""
+
+
 def _is_much(left: Gains, most: float) -> bool:
     """Whether windows could still gain more than so much on average, or one far more."""
     return bool(left.mean() > most or left.max() > _LEFT_IN_ONE * most)
@@ -241,17 +266,29 @@ def _is_rival(trial: Trial, best: Trial) -> bool:
     return is_other and trial.gain >= _RIVAL * best.gain
 
 
-def _second(
+def _besides(
     cured: CameraTrials, best: Trial, alternatives: Sequence[Alternative | Amount],
     progress: Progress,
 ) -> Trial | None:  # fmt: skip
-    """What is still wrong after the best cure; None where nothing is: then it explains all."""
-    if max(cured.free_turn_gains.mean(), cured.free_squint_gains.mean()) < _NOTHING_LEFT:
-        return None
-    others = [other for other in alternatives if _may_be_second(other, best.alternative)]
+    """What is still wrong after the best cure; None where nothing is: then it explains all.
+
+    Conventions only where free turns gain something; amounts always: they trade off with turns.
+    """
+    left = max(cured.free_turn_gains.mean(), cured.free_squint_gains.mean()) >= _NOTHING_LEFT
+    others = [
+        other for other in alternatives
+        if _kind(other) != _kind(best.alternative)
+        and (isinstance(other, Amount) or (left and _may_be_second(other, best.alternative)))
+    ]  # fmt: skip
     shown = _shown(others, progress, "after the best cure")
     second = cured.best(cured.trials(shown, most=_SECONDS))
-    return second if second.verdict == "wrong" and second.gain > _CLEAR * second.margin else None
+    return second if second.verdict == "wrong" else None
+
+
+def _is_second(second: Trial, best: Trial) -> bool:
+    """Whether it may be named beside the best cure, and is clear enough."""
+    may_be = _may_be_second(second.alternative, best.alternative)
+    return may_be and second.gain > _CLEAR * second.margin
 
 
 def _in_other_order(
@@ -320,11 +357,11 @@ def _finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
     )  # fmt: skip
     return Finding(
         name, "wrong" if diagnosis.decisive else "doubtful", gain, "",
-        f"{cameras}: {who}, and no single cause was found: {diagnosis.unexplained}", _MEANING,
-        "run `calibrate`; if it does not help, check by hand how the poses are stored (handedness, "
-        "degrees or radians, order of Euler angles, direction) and that clocks and calibration "
-        "belong to this recording",
-        "no single cause found", _series(diagnosis.trials),
+        f"{cameras}: {who}, and no single cause was found: {diagnosis.unexplained}",
+        f"{_MEANING}: run `calibrate`; if it does not help, look at how the poses are stored "
+        "(handedness, degrees or radians, order of Euler angles, direction) and whether clocks and "
+        "calibration belong to this recording",
+        "", "no single cause found", _series(diagnosis.trials),
     )  # fmt: skip
 
 

@@ -150,7 +150,9 @@ def verdict(case: Case, out: Path, code: str) -> dict[str, Any]:
     report = _of_file(case, path, out) if case.file_fault else check(_spoilt(case, path))
     found = {
         "code": code, "kind": case.kind, "base": case.base.name, "named": list(case.named),
-        "suspects": list(report.suspects), "cpu_s": time.process_time() - began,
+        "suspects": list(report.suspects),
+        "cures": [finding.suspect for finding in report.of("wrong") if finding.cure],
+        "cpu_s": time.process_time() - began,
         "doubtful": [one.suspect or one.name for one in report.of("doubtful")],
         "lines": [one.line() for one in report.findings if one.verdict != "good"],
         "unchecked": [list(one) for one in report.unchecked],
@@ -216,8 +218,9 @@ def outcome(found: dict[str, Any]) -> str:
 
     A fault is named if it is the first thing that is called wrong, alone or as one of several
     causes that the check cannot tell apart; of two faults both must be, or one that is to be cured
-    before the check goes on. It is unknown if no cause is named. A fault that is not noticed is
-    harmless if it changes the map by less than `check_harm` says. Of a recording that is right,
+    before the check goes on. It is unknown if no cause is named, or something else is called odd,
+    without a cure. One that is not noticed is harmless if it changes the map by less than
+    `check_harm` says. Of a recording that is right,
     `named` is that nothing is called wrong, and `wrong cure` the rest.
     """
     if not found["suspects"]:
@@ -229,7 +232,7 @@ def outcome(found: dict[str, Any]) -> str:
         right |= {name for both in right for name in both.split(" and ")}
     if right & set(first.split(" or ")):
         return "named"
-    return "unknown" if first == UNKNOWN[0] and right else "wrong cure"
+    return "wrong cure" if first in found["cures"] or not right else "unknown"
 
 
 def table(every: Sequence[dict[str, Any]], planned: int) -> str:
