@@ -9,28 +9,20 @@ turning otherwise (`TrialWindows.free_turn_gains`). Else no cause is named.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
 
-from eventsweep.emvs.check.alternatives import (
-    MARGIN,
-    Alternative,
-    Amount,
-    amounts_of_one,
-    amounts_of_pair,
-    of_pair,
-    of_poses,
-)
-from eventsweep.emvs.check.findings import Finding, Series
+from eventsweep.emvs.check.alternatives import MARGIN, Alternative, of_pair, of_poses
+from eventsweep.emvs.check.amounts import Amount, amounts_of_one, amounts_of_pair
+from eventsweep.emvs.check.diagnosis import Diagnosis, amount_words, as_finding, percent, percents
+from eventsweep.emvs.check.findings import Finding
 from eventsweep.emvs.check.trial_windows import Gains, TrialWindows
 from eventsweep.emvs.check.trials import CameraTrials, Trial
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.utils.runtime import Progress, silent
 
-_BARS = 12  # alternatives in the page, the best ones
 # A cure is decisive if the map becomes this much sharper in logarithms, half as much in each
 # window, and so many times as sharp as where the cameras may turn freely in the recording as given:
 # what a small free turn nearly reaches may be any small fault.
@@ -47,28 +39,6 @@ _LIKELY, _CANDIDATES = 0.5, 4  # what may be the cause: its share of the best ga
 _CLEAR = 2  # margins: what a first cure leaves over looks like a small second fault
 _RIVAL = 0.75  # of the gain: another cause that explains as well
 _SECONDS = 3  # of two causes, the second ones that are looked at closely
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """What the trials of one pair of cameras, or of one camera, say together.
-
-    Attributes:
-        trials: of all alternatives.
-        best: the sharpest one that explains, or the sharpest if none does; camera 0 alone does not
-            contradict it.
-        unexplained: what speaks against these causes, in words; empty where they explain.
-        rivals: other causes that explain about as much.
-        second: what is still wrong after the best cure; None where nothing is.
-        decisive: whether the map becomes so much sharper that something is certainly wrong.
-    """
-
-    trials: tuple[Trial, ...]
-    best: Trial
-    unexplained: str
-    rivals: tuple[Trial, ...] = ()
-    second: Trial | None = None
-    decisive: bool = False
 
 
 def check_by_mapping(
@@ -97,7 +67,7 @@ def check_by_mapping(
         shown = _shown(alternatives, progress, "alternatives", at, len(groups))
         diagnosis = _diagnosis(CameraTrials(windows, cameras), alternatives, shown, progress)
         names_text = " and ".join(names[k] for k in cameras)
-        findings.append(_finding(f"mapping-{cameras[-1]}", names_text, diagnosis))
+        findings.append(as_finding(f"mapping-{cameras[-1]}", names_text, diagnosis))
         if findings[-1].verdict == "wrong" and not diagnosis.best.alternative.of_pair:
             break
     return findings
@@ -137,14 +107,14 @@ def _unfit(trials: CameraTrials) -> str:
     if _is_much(trials.free_turn_gains, trials.margin(_LEFT)):
         # Moving objects look the same.
         return (
-            f"sharper by {_percents(trials.free_turn_gains)} if the camera may turn freely; or "
+            f"sharper by {percents(trials.free_turn_gains)} if the camera may turn freely; or "
             "most events are of moving objects"
         )
     if _is_much(trials.free_squint_gains, _LEFT_SQUINT):
-        gains = _percents(trials.free_squint_gains)
+        gains = percents(trials.free_squint_gains)
         return f"sharper by {gains} if the second camera may turn on the rig"
     if trials.agreement < -_APART:
-        return f"less sharp by {_percent(-trials.agreement)} than where the cameras agree"
+        return f"less sharp by {percent(-trials.agreement)} than where the cameras agree"
     return ""
 
 
@@ -166,14 +136,14 @@ def _undecided(trials: CameraTrials, causes: Sequence[Trial]) -> str:
     if gains.mean() < _DECISIVE or gains.min() < _DECISIVE / 2:
         return f"{_sharper(causes)}, which is too little to name a cause"
     if gains.mean() <= _BEYOND_FREE * free:
-        return f"{_sharper(causes)}, but also by {_percent(free)} where a camera may turn freely"
+        return f"{_sharper(causes)}, but also by {percent(free)} where a camera may turn freely"
     return ""
 
 
 def _sharper(causes: Sequence[Trial]) -> str:
     return (
-        f"sharper by {_percent(sum(t.gain for t in causes))} with "
-        f"{' and '.join(map(_amount_words, causes))}"
+        f"sharper by {percent(sum(t.gain for t in causes))} with "
+        f"{' and '.join(map(amount_words, causes))}"
     )
 
 
@@ -188,19 +158,19 @@ def _unexplained(
     if not all(trial.is_common for trial in causes):
         return f"{sharper}, but by a different amount in each window"
     if _is_ambiguous(causes, rivals):
-        return f"{sharper}, but about as much with {' or '.join(map(_amount_words, rivals))}"
+        return f"{sharper}, but about as much with {' or '.join(map(amount_words, rivals))}"
     left = cured.free_turn_gains
     if _is_much(left, cured.margin(_LEFT)):
-        return f"{sharper}, and then by {_percents(left)} more if the camera may turn freely"
+        return f"{sharper}, and then by {percents(left)} more if the camera may turn freely"
     left = cured.free_squint_gains
     if _is_much(left, _LEFT_SQUINT):
-        return f"{sharper}, and then by {_percents(left)} more if the second camera may turn"
+        return f"{sharper}, and then by {percents(left)} more if the second camera may turn"
     if cured.agreement < -_DISAGREE:
-        lost = _percent(-cured.agreement)
+        lost = percent(-cured.agreement)
         return f"{sharper}, but still less by {lost} than where the cameras agree"
     alone = cured.gain_alone(conventions)
     if alone > cured.margin(MARGIN):
-        return f"{sharper}, but camera 0 alone by {_percent(alone)} more with other poses"
+        return f"{sharper}, but camera 0 alone by {percent(alone)} more with other poses"
     return ""
 
 
@@ -213,7 +183,7 @@ def _several(
     Small turns of the camera on the body are not considered: windows hardly show them.
     """
     if besides:
-        more = f"{_percent(besides.gain)} more with {_amount_words(besides)}"
+        more = f"{percent(besides.gain)} more with {amount_words(besides)}"
         return f"{_sharper(causes)}, and then by {more}: more than one thing is wrong"
     named = {_kind(cause.alternative) for cause in causes} | {"hand-eye rotation"}
     others = [a for a in alternatives if isinstance(a, Amount) and _kind(a) not in named]
@@ -340,82 +310,3 @@ def _alternatives(recording: Recording, *, first: bool, paired: bool) -> list[Al
     if paired:
         alternatives += [*of_pair(), *amounts_of_pair()]
     return alternatives
-
-
-_MEANING = "depth comes from where rays meet, and they meet less sharply than they could"
-
-
-def _finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
-    best, gain = diagnosis.best, float(np.expm1(diagnosis.best.gain))
-    if best.verdict == "good" and not diagnosis.unexplained:
-        words = f"{cameras}: none of {len(diagnosis.trials)} alternatives makes the map sharper"
-        return Finding(name, "good", gain, "", words, series=_series(diagnosis.trials))
-    if not diagnosis.unexplained:
-        return _named_finding(name, cameras, diagnosis)
-    who = "the cameras do not agree with each other" if best.alternative.of_pair else (
-        "poses do not agree with the events"
-    )  # fmt: skip
-    return Finding(
-        name, "wrong" if diagnosis.decisive else "doubtful", gain, "",
-        f"{cameras}: {who}, and no single cause was found: {diagnosis.unexplained}",
-        f"{_MEANING}: run `calibrate`; if it does not help, look at how the poses are stored "
-        "(handedness, degrees or radians, order of Euler angles, direction) and whether clocks and "
-        "calibration belong to this recording",
-        "", "no single cause found", _series(diagnosis.trials),
-    )  # fmt: skip
-
-
-def _named_finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
-    best, second, gain = diagnosis.best, diagnosis.second, float(np.expm1(diagnosis.best.gain))
-    either = [best, *diagnosis.rivals]
-    words = " or ".join(map(_amount_words, either))
-    cure = "; or ".join(map(_cure, either))
-    suspect = " or ".join(trial.alternative.name for trial in either)
-    if second is not None:
-        words += f", and {np.expm1(second.gain):.1%} more with {_amount_words(second)}"
-        cure = f"{cure}; and {_cure(second)}; then check again"
-        suspect = f"{suspect} and {second.alternative.name}"
-    words = (
-        f"{cameras}: correcting this makes the map {gain:.1%} sharper: {words}; "
-        f"windows {', '.join(f'{np.expm1(g):+.1%}' for g in best.gains)}"
-    )
-    series = _series(diagnosis.trials) if best.amount is None else _curve(best)
-    return Finding(name, best.verdict, gain, "", words, _MEANING, cure, suspect, series)
-
-
-def _percent(gain: float) -> str:
-    """A gain in log sharpness as a share."""
-    return f"{np.expm1(gain):.1%}"
-
-
-def _percents(gains: Gains) -> str:
-    return ", ".join(map(_percent, gains))
-
-
-def _unit(trial: Trial) -> str:
-    return (trial.alternative.unit if isinstance(trial.alternative, Amount) else "") or "times"
-
-
-def _amount_words(trial: Trial) -> str:
-    by = "" if trial.amount is None else f" by {trial.amount:.3g} {_unit(trial)}"
-    return f"{trial.alternative.name}{by}"
-
-
-def _cure(trial: Trial) -> str:
-    if trial.amount is None:
-        return trial.alternative.cure
-    return f"{trial.alternative.cure.format(amount=trial.amount)}; `calibrate` refines it"
-
-
-def _curve(best: Trial) -> Series:
-    x, y = best.curve
-    x_label = f"{best.alternative.name}, {_unit(best)}"
-    return Series(100 * np.expm1(y), x, x_label, "sharper by, %", (0.0,))
-
-
-def _series(trials: Sequence[Trial]) -> Series:
-    """The best alternatives, by name."""
-    best = sorted(trials, key=lambda trial: trial.gain, reverse=True)[:_BARS]
-    gains = np.array([100 * np.expm1(trial.gain) for trial in best])
-    names = tuple(trial.alternative.name for trial in best)
-    return Series(gains, x_label="sharper by, %", limits=(0.0,), names=names)

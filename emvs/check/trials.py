@@ -15,7 +15,8 @@ from functools import cached_property, reduce
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from eventsweep.emvs.check.alternatives import MARGIN, Alter, Alternative, Amount, Chosen
+from eventsweep.emvs.check.alternatives import MARGIN, Alter, Alternative, Chosen
+from eventsweep.emvs.check.amounts import Amount
 from eventsweep.emvs.check.findings import Verdict
 from eventsweep.emvs.check.trial_windows import Gains, TrialWindows
 

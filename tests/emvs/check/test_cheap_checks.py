@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from check_cases import EditedRecording
+from eventsweep.emvs.check.alternatives import Chosen, of_poses
 from eventsweep.emvs.check.cameras import (
     check_cameras,
     check_rectification,
@@ -210,6 +211,19 @@ def test_a_calibration_of_another_resolution_is_called_that(times):
     assert image_times(replace(CAMERA, cx_px=60 * times - 0.5, cy_px=45 * times - 0.5)) == times
 
 
+@pytest.mark.parametrize("times", [0.25, 0.5, 2.0])
+def test_a_calibration_of_another_resolution_is_mended(times):
+    """Pixel centres are at whole numbers: the image's edge is at -0.5."""
+    right = replace(CAMERA, cx_px=58.0, cy_px=46.0)
+    told = replace(right.zoomed(times), cx_px=58.5 * times - 0.5, cy_px=46.5 * times - 0.5)
+    rig = Rig("one", (told,), (np.eye(4),))
+    recording = AlteredRecording(_one(), rig=rig)
+    (mended,) = (a for a in of_poses(recording) if a.name == "calibration of another resolution")
+    (camera,) = mended.change(recording).rig.cameras
+    assert (camera.fx_px, camera.cx_px, camera.cy_px) == pytest.approx((right.fx_px, 58.0, 46.0))
+    assert not any("resolution" in a.name for a in of_poses(_one()))
+
+
 def test_a_fisheye_may_see_more_than_a_pinhole():
     wide = {"fx_px": 40.0, "fy_px": 40.0}
     fisheye = _lens(**wide, model="kb4", distortion=(0.0, 0.0, 0.0, 0.0))
@@ -290,8 +304,6 @@ def test_a_saturated_bus_is_doubtful_and_a_steady_rate_is_not():
 
 
 def _one():
-    from eventsweep.emvs.check.alternatives import Chosen
-
     return Chosen(head_recording(), (0,))
 
 
