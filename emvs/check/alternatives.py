@@ -1,4 +1,4 @@
-"""Possible mistakes in a recording: conventions, orders, units, swaps, amounts, and their cures.
+"""Possible mistakes in a recording: conventions, orders, units, swaps, and their cures.
 
 Each alternative corrects one possible mistake. If rays meet more sharply under it than in the
 recording as given, that mistake was made.
@@ -14,18 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from eventsweep.emvs.check.cameras import image_times, is_centre_exchanged
 from eventsweep.emvs.check.orientations import axes_words, rereadings, signed_axes
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import DerivedRecording, Recording
 from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 
 Matrix = NDArray[np.float64]
 Alter = Callable[[Recording], Recording]
-MARGIN, MARGIN_OF_AMOUNTS = 0.04, 0.015
-"""The least gain in log sharpness that counts: of alternatives, and of amounts."""
+MARGIN = 0.04
+"""The least gain in log sharpness that counts."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,7 @@ def of_poses(recording: Recording) -> list[Alternative]:
             "rows mirrored", lambda r: MirroredRecording(r, rows=True),
             "count rows from the top: y = height - 1 - y",
         ),
+        *_centres(recording.rig),
         *_axes(),
         *(
             Alternative(name, _poses(reread), cure)
@@ -104,6 +107,40 @@ def of_poses(recording: Recording) -> list[Alternative]:
     return alternatives
 
 
+def _centres(rig: Rig) -> list[Alternative]:
+    """What a principal point far from the middle looks like."""
+    alternatives = []
+    if any(map(is_centre_exchanged, rig.cameras)):
+        alternatives.append(Alternative(
+            "principal point exchanged", partial(with_lenses, change=_centre_back),
+            "exchange cx and cy: their order in files is fx fy cx cy",
+        ))  # fmt: skip
+    if any(image_times(camera) != 1 for camera in rig.cameras):
+        factor = 1 / image_times(rig.cameras[0])
+        alternatives.append(Alternative(
+            "calibration of another resolution", partial(with_lenses, change=_of_this_resolution),
+            f"multiply fx, fy, cx and cy by {factor:.3g}, or calibrate at this resolution",
+        ))  # fmt: skip
+    return alternatives
+
+
+def with_lenses(recording: Recording, change: Callable[[Camera], Camera]) -> Recording:
+    """The recording with each camera's calibration changed."""
+    rig = recording.rig
+    return AlteredRecording(recording, rig=replace(rig, cameras=tuple(map(change, rig.cameras))))
+
+
+def _centre_back(camera: Camera) -> Camera:
+    return replace(camera, cx_px=camera.cy_px, cy_px=camera.cx_px)
+
+
+def _of_this_resolution(camera: Camera) -> Camera:
+    f = 1 / image_times(camera)
+    return replace(
+        camera.zoomed(f), cx_px=(camera.cx_px + 0.5) * f - 0.5, cy_px=(camera.cy_px + 0.5) * f - 0.5
+    )
+
+
 def of_pair() -> list[Alternative]:
     """Possible mistakes between the two cameras of a rig."""
     return [
@@ -112,7 +149,7 @@ def of_pair() -> list[Alternative]:
             "swap the event files of the two cameras", True,
         ),
         Alternative(
-            "extrinsics inverted", lambda r: AlteredRecording(r, rig=_between(r.rig, se3.inverse)),
+            "extrinsics inverted", lambda r: AlteredRecording(r, rig=between(r.rig, se3.inverse)),
             "the calibration stores T_cam1_cam0 instead of T_cam0_cam1: invert it", True,
         ),
         *(
@@ -120,47 +157,10 @@ def of_pair() -> list[Alternative]:
                 f"{what} in {unit}", partial(change, factor=factor),
                 f"write the {what} in metres: {unit} are {factor:g} m", True,
             )
-            for what, change in (("positions", _scaled_poses), ("baseline", _baseline))
+            for what, change in (("positions", _scaled_poses), ("baseline", with_baseline))
             for unit, factor in _UNITS.items()
         ),
     ]  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Amount:
-    """A number that may be off.
-
-    Attributes:
-        name: of the number, such as `camera clock`.
-        unit: of the amounts.
-        neutral: the amount that changes nothing: 0, or 1 for a factor.
-        grid: amounts to try, the neutral one among them.
-        change: corrects a recording by an amount.
-        hurts: the error from which a map suffers (page `studies`), in `unit`; of factors, in
-            logarithms.
-        cure: what to do, with the amount as `{amount}`.
-        margin: the least gain that counts, in logarithms.
-        of_pair: whether it concerns two cameras, and not camera 0 and its poses.
-    """
-
-    name: str
-    unit: str
-    neutral: float
-    grid: tuple[float, ...]
-    change: Callable[[Recording, float], Recording]
-    hurts: float
-    cure: str
-    margin: float = MARGIN_OF_AMOUNTS
-    of_pair: bool = False
-
-    @property
-    def is_factor(self) -> bool:
-        """Whether amounts multiply: steps and differences are those of logarithms."""
-        return self.neutral == 1.0
-
-    def distance(self, amount: float) -> float:
-        """How far an amount is from the neutral one."""
-        return float(abs(np.log(amount)) if self.is_factor else abs(amount))
 
 
 class Chosen(DerivedRecording):
@@ -187,84 +187,6 @@ class Chosen(DerivedRecording):
 
 
 _UNITS = {"mm": 0.001, "cm": 0.01, "km": 1000.0}
-_FACTORS = (0.4, 0.55, 0.7, 0.85, 1.0, 1.18, 1.4, 1.8, 2.5)
-_FOCAL = (0.35, 0.5, 0.7, 0.85, 1.0, 1.18, 1.4, 2.0, 2.8)
-_CLOCK_MS = (320.0, 160.0, 80.0, 40.0, 20.0, 10.0)
-_HAND_EYE_DEG = (40.0, 20.0, 10.0, 5.0, 2.5)
-_ANGLES_DEG = (8.0, 5.0, 3.0, 2.0, 1.0, 0.4)
-
-
-def _both_ways(amounts: tuple[float, ...]) -> tuple[float, ...]:
-    return (*(-a for a in amounts), 0.0, *reversed(amounts))
-
-
-def amounts_of_one(*, paired: bool) -> list[Amount]:
-    """Numbers of a camera and its poses that may be wrong.
-
-    Args:
-        paired: whether there is a second camera. One alone does not determine its focal length:
-            depth scales with it, and rays meet about as sharply.
-    """
-    focal = Amount(
-        "focal length", "", 1.0, _FOCAL, _focal, 0.1,
-        "the focal lengths fit when multiplied by {amount:.3g}: use the calibration of this "
-        "lens and resolution", 0.06,
-    )  # fmt: skip
-    return [
-        *([focal] if paired else []),
-        Amount(
-            "pose clock", "ms", 0.0, _both_ways(_CLOCK_MS), _late_poses, 20.0,
-            "shift the times of the poses by {amount:+.0f} ms (poses.time_offset_us)",
-        ),
-        *(
-            Amount(
-                f"hand-eye rotation about {'xyz'[axis]}", "deg", 0.0, _both_ways(_HAND_EYE_DEG),
-                _hand_eye_turned(axis), 1.0,
-                f"turn the cameras on the body by {{amount:+.1f}} deg about the camera's "
-                f"{'xyz'[axis]} axis: the hand-eye transformation is missing or wrong", 0.04,
-            )
-            for axis in range(3)
-        ),
-    ]  # fmt: skip
-
-
-def amounts_of_pair() -> list[Amount]:
-    """Numbers that can be wrong between two cameras, or between them and their poses."""
-    angles = [
-        Amount(
-            f"stereo {name}", "deg", 0.0, _both_ways(_ANGLES_DEG), _turned(axis), hurts,
-            "turn the second camera by {amount:+.2f} deg about its "
-            + "xyz"[axis]
-            + " axis, or calibrate the rig again", of_pair=True,
-        )
-        for name, axis, hurts in (("pitch", 0, 0.15), ("yaw", 1, 0.2), ("roll", 2, 0.3))
-    ]  # fmt: skip
-    return [
-        Amount(
-            "camera clock", "ms", 0.0, _both_ways(_CLOCK_MS), _late_camera, 5.0,
-            "shift the times of the second camera's events by {amount:+.1f} ms "
-            "(events.time_offset_us)", of_pair=True,
-        ),
-        Amount(
-            "baseline", "", 1.0, _FACTORS, _baseline, 0.1,
-            "multiply the distance between the cameras by {amount:.3g}, or divide the "
-            "positions of the poses by it: their ratio is wrong", of_pair=True,
-        ),
-        *angles,
-    ]  # fmt: skip
-
-
-def _late_poses(recording: Recording, late_ms: float) -> Recording:
-    return AlteredRecording(recording, trajectory=_late(recording.trajectory, late_ms))
-
-
-@lru_cache(maxsize=1)  # all windows have the same poses
-def _late(poses: Trajectory, late_ms: float) -> Trajectory:
-    return Trajectory(poses.t_us + round(1e3 * late_ms), poses.positions_m, poses.quats_xyzw)
-
-
-def _late_camera(recording: Recording, late_ms: float) -> Recording:
-    return AlteredRecording(recording, clock_us=(0, round(1e3 * late_ms)))
 
 
 def _scaled_poses(recording: Recording, factor: float) -> Recording:
@@ -273,32 +195,15 @@ def _scaled_poses(recording: Recording, factor: float) -> Recording:
     return AlteredRecording(recording, trajectory=moved)
 
 
-def _focal(recording: Recording, factor: float) -> Recording:
-    rig = recording.rig
-    cameras = tuple(camera.zoomed(factor) for camera in rig.cameras)
-    return AlteredRecording(recording, rig=replace(rig, cameras=cameras))
+def with_baseline(recording: Recording, factor: float) -> Recording:
+    """The recording with its two cameras so many times as far from each other."""
 
-
-def _baseline(recording: Recording, factor: float) -> Recording:
     def change(T_0_1: Matrix) -> Matrix:
         longer = T_0_1.copy()
         longer[:3, 3] *= factor
         return longer
 
-    return AlteredRecording(recording, rig=_between(recording.rig, change))
-
-
-def _turned(axis: int) -> Callable[[Recording, float], Recording]:
-    def change(recording: Recording, angle_deg: float) -> Recording:
-        T_1_turned = _turn(axis, angle_deg)
-        return AlteredRecording(recording, rig=_between(recording.rig, lambda T: T @ T_1_turned))
-
-    return change
-
-
-def _turn(axis: int, angle_deg: float) -> Matrix:
-    turn = Rotation.from_rotvec(np.eye(3)[axis] * angle_deg, degrees=True)
-    return se3.from_rotation(turn, np.zeros(3))
+    return AlteredRecording(recording, rig=between(recording.rig, change))
 
 
 def _poses(change: Callable[[Trajectory], Trajectory]) -> Alter:
@@ -330,7 +235,7 @@ def _hand_eye(change: Callable[[Matrix], Matrix]) -> Alter:
     return changed
 
 
-def _between(rig: Rig, change: Callable[[Matrix], Matrix]) -> Rig:
+def between(rig: Rig, change: Callable[[Matrix], Matrix]) -> Rig:
     """A rig of two whose `T_cam0_cam1` is changed."""
     T_0_1 = se3.inverse(rig.T_body_cam[0]) @ rig.T_body_cam[1]
     return replace(rig, T_body_cam=(rig.T_body_cam[0], rig.T_body_cam[0] @ change(T_0_1)))
@@ -355,10 +260,6 @@ def turns() -> dict[str, Matrix]:
     return named | {f"axes {axes_words(R)}": R for R in others}
 
 
-def _hand_eye_turned(axis: int) -> Callable[[Recording, float], Recording]:
-    return lambda recording, angle_deg: _hand_eye_times(_turn(axis, angle_deg))(recording)
-
-
 def _axes() -> list[Alternative]:
     alternatives = []
     for name, R_cam_given in turns().items():
@@ -367,10 +268,10 @@ def _axes() -> list[Alternative]:
             "the axes of the posed body differ from the camera's (x right, y down, z forward): "
             f"set the hand-eye rotation {R_cam_given.T.astype(int).tolist()}"
         )
-        alternatives.append(Alternative(name, _hand_eye_times(T_given_cam), cure))
+        alternatives.append(Alternative(name, hand_eye_times(T_given_cam), cure))
     return alternatives
 
 
-def _hand_eye_times(T_given_cam: Matrix) -> Alter:
+def hand_eye_times(T_given_cam: Matrix) -> Alter:
     """Turns the first camera on the body, and the others with it."""
     return _hand_eye(lambda T_body_cam: T_body_cam @ T_given_cam)

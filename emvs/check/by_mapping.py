@@ -9,27 +9,20 @@ turning otherwise (`TrialWindows.free_turn_gains`). Else no cause is named.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
-from eventsweep.emvs.check.alternatives import (
-    MARGIN,
-    Alternative,
-    Amount,
-    amounts_of_one,
-    amounts_of_pair,
-    of_pair,
-    of_poses,
-)
-from eventsweep.emvs.check.findings import Finding, Series
+from eventsweep.emvs.check.alternatives import MARGIN, Alternative, of_pair, of_poses
+from eventsweep.emvs.check.amounts import Amount, amounts_of_one, amounts_of_pair
+from eventsweep.emvs.check.diagnosis import Diagnosis, amount_words, as_finding, percent, percents
+from eventsweep.emvs.check.findings import Finding
 from eventsweep.emvs.check.trial_windows import Gains, TrialWindows
 from eventsweep.emvs.check.trials import CameraTrials, Trial
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.utils.runtime import Progress, silent
 
-_BARS = 12  # alternatives in the page, the best ones
 # A cure is decisive if the map becomes this much sharper in logarithms, half as much in each
 # window, and so many times as sharp as where the cameras may turn freely in the recording as given:
 # what a small free turn nearly reaches may be any small fault.
@@ -46,28 +39,6 @@ _LIKELY, _CANDIDATES = 0.5, 4  # what may be the cause: its share of the best ga
 _CLEAR = 2  # margins: what a first cure leaves over looks like a small second fault
 _RIVAL = 0.75  # of the gain: another cause that explains as well
 _SECONDS = 3  # of two causes, the second ones that are looked at closely
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """What the trials of one pair of cameras, or of one camera, say together.
-
-    Attributes:
-        trials: of all alternatives.
-        best: the sharpest one that explains, or the sharpest if none does; camera 0 alone does not
-            contradict it.
-        unexplained: what speaks against these causes, in words; empty where they explain.
-        rivals: other causes that explain about as much.
-        second: what is still wrong after the best cure; None where nothing is.
-        decisive: whether the map becomes so much sharper that something is certainly wrong.
-    """
-
-    trials: tuple[Trial, ...]
-    best: Trial
-    unexplained: str
-    rivals: tuple[Trial, ...] = ()
-    second: Trial | None = None
-    decisive: bool = False
 
 
 def check_by_mapping(
@@ -96,7 +67,7 @@ def check_by_mapping(
         shown = _shown(alternatives, progress, "alternatives", at, len(groups))
         diagnosis = _diagnosis(CameraTrials(windows, cameras), alternatives, shown, progress)
         names_text = " and ".join(names[k] for k in cameras)
-        findings.append(_finding(f"mapping-{cameras[-1]}", names_text, diagnosis))
+        findings.append(as_finding(f"mapping-{cameras[-1]}", names_text, diagnosis))
         if findings[-1].verdict == "wrong" and not diagnosis.best.alternative.of_pair:
             break
     return findings
@@ -117,7 +88,8 @@ def _diagnosis(
     best = next((trial for trial in wrong if _explains(trials, trial)), best)
     rivals = tuple(t for t in likely if _is_rival(t, best) and _explains(trials, t))
     cured = trials.after(best)
-    second = _second(cured, best, alternatives, progress) if best.is_cause else None
+    besides = _besides(cured, best, alternatives, progress) if best.is_cause else None
+    second = besides if besides and _is_second(besides, best) else None
     if second and second.gain > best.gain:
         rivals += _in_other_order(trials, best, second, alternatives)
     cured = cured.after(second) if second else cured
@@ -125,6 +97,8 @@ def _diagnosis(
     if undecided := _undecided(trials, causes):
         return Diagnosis(tried, best, undecided)
     unexplained = _unexplained(cured, causes, rivals, _conventions(alternatives))
+    if not unexplained:
+        unexplained = _several(trials, causes, None if second else besides, alternatives)
     return Diagnosis(tried, best, unexplained, rivals, second, decisive=True)
 
 
@@ -133,14 +107,14 @@ def _unfit(trials: CameraTrials) -> str:
     if _is_much(trials.free_turn_gains, trials.margin(_LEFT)):
         # Moving objects look the same.
         return (
-            f"sharper by {_percents(trials.free_turn_gains)} if the camera may turn freely; or "
+            f"sharper by {percents(trials.free_turn_gains)} if the camera may turn freely; or "
             "most events are of moving objects"
         )
     if _is_much(trials.free_squint_gains, _LEFT_SQUINT):
-        gains = _percents(trials.free_squint_gains)
+        gains = percents(trials.free_squint_gains)
         return f"sharper by {gains} if the second camera may turn on the rig"
     if trials.agreement < -_APART:
-        return f"less sharp by {_percent(-trials.agreement)} than where the cameras agree"
+        return f"less sharp by {percent(-trials.agreement)} than where the cameras agree"
     return ""
 
 
@@ -162,14 +136,14 @@ def _undecided(trials: CameraTrials, causes: Sequence[Trial]) -> str:
     if gains.mean() < _DECISIVE or gains.min() < _DECISIVE / 2:
         return f"{_sharper(causes)}, which is too little to name a cause"
     if gains.mean() <= _BEYOND_FREE * free:
-        return f"{_sharper(causes)}, but also by {_percent(free)} where a camera may turn freely"
+        return f"{_sharper(causes)}, but also by {percent(free)} where a camera may turn freely"
     return ""
 
 
 def _sharper(causes: Sequence[Trial]) -> str:
     return (
-        f"sharper by {_percent(sum(t.gain for t in causes))} with "
-        f"{' and '.join(map(_amount_words, causes))}"
+        f"sharper by {percent(sum(t.gain for t in causes))} with "
+        f"{' and '.join(map(amount_words, causes))}"
     )
 
 
@@ -184,19 +158,40 @@ def _unexplained(
     if not all(trial.is_common for trial in causes):
         return f"{sharper}, but by a different amount in each window"
     if _is_ambiguous(causes, rivals):
-        return f"{sharper}, but about as much with {' or '.join(map(_amount_words, rivals))}"
+        return f"{sharper}, but about as much with {' or '.join(map(amount_words, rivals))}"
     left = cured.free_turn_gains
     if _is_much(left, cured.margin(_LEFT)):
-        return f"{sharper}, and then by {_percents(left)} more if the camera may turn freely"
+        return f"{sharper}, and then by {percents(left)} more if the camera may turn freely"
     left = cured.free_squint_gains
     if _is_much(left, _LEFT_SQUINT):
-        return f"{sharper}, and then by {_percents(left)} more if the second camera may turn"
+        return f"{sharper}, and then by {percents(left)} more if the second camera may turn"
     if cured.agreement < -_DISAGREE:
-        lost = _percent(-cured.agreement)
+        lost = percent(-cured.agreement)
         return f"{sharper}, but still less by {lost} than where the cameras agree"
     alone = cured.gain_alone(conventions)
     if alone > cured.margin(MARGIN):
-        return f"{sharper}, but camera 0 alone by {_percent(alone)} more with other poses"
+        return f"{sharper}, but camera 0 alone by {percent(alone)} more with other poses"
+    return ""
+
+
+def _several(
+    trials: CameraTrials, causes: Sequence[Trial], besides: Trial | None,
+    alternatives: Sequence[Alternative | Amount],
+) -> str:  # fmt: skip
+    """Why something else may be wrong besides these causes, in words; empty where nothing may be.
+
+    Small turns of the camera on the body are not considered: windows hardly show them.
+    """
+    if besides:
+        more = f"{percent(besides.gain)} more with {amount_words(besides)}"
+        return f"{_sharper(causes)}, and then by {more}: more than one thing is wrong"
+    named = {_kind(cause.alternative) for cause in causes} | {"hand-eye rotation"}
+    others = [a for a in alternatives if isinstance(a, Amount) and _kind(a) not in named]
+    for cause in (cause for cause in causes if cause.amount is not None):
+        rest = reduce(CameraTrials.after, (c for c in causes if c is not cause), trials)
+        traded = next((other for other in others if rest.is_traded(cause, other)), None)
+        if traded:
+            return f"{_sharper(causes)}, but as much with another {traded.name} as well"
     return ""
 
 
@@ -241,17 +236,29 @@ def _is_rival(trial: Trial, best: Trial) -> bool:
     return is_other and trial.gain >= _RIVAL * best.gain
 
 
-def _second(
+def _besides(
     cured: CameraTrials, best: Trial, alternatives: Sequence[Alternative | Amount],
     progress: Progress,
 ) -> Trial | None:  # fmt: skip
-    """What is still wrong after the best cure; None where nothing is: then it explains all."""
-    if max(cured.free_turn_gains.mean(), cured.free_squint_gains.mean()) < _NOTHING_LEFT:
-        return None
-    others = [other for other in alternatives if _may_be_second(other, best.alternative)]
+    """What is still wrong after the best cure; None where nothing is: then it explains all.
+
+    Conventions only where free turns gain something; amounts always: they trade off with turns.
+    """
+    left = max(cured.free_turn_gains.mean(), cured.free_squint_gains.mean()) >= _NOTHING_LEFT
+    others = [
+        other for other in alternatives
+        if _kind(other) != _kind(best.alternative)
+        and (isinstance(other, Amount) or (left and _may_be_second(other, best.alternative)))
+    ]  # fmt: skip
     shown = _shown(others, progress, "after the best cure")
     second = cured.best(cured.trials(shown, most=_SECONDS))
-    return second if second.verdict == "wrong" and second.gain > _CLEAR * second.margin else None
+    return second if second.verdict == "wrong" else None
+
+
+def _is_second(second: Trial, best: Trial) -> bool:
+    """Whether it may be named beside the best cure, and is clear enough."""
+    may_be = _may_be_second(second.alternative, best.alternative)
+    return may_be and second.gain > _CLEAR * second.margin
 
 
 def _in_other_order(
@@ -303,82 +310,3 @@ def _alternatives(recording: Recording, *, first: bool, paired: bool) -> list[Al
     if paired:
         alternatives += [*of_pair(), *amounts_of_pair()]
     return alternatives
-
-
-_MEANING = "depth comes from where rays meet, and they meet less sharply than they could"
-
-
-def _finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
-    best, gain = diagnosis.best, float(np.expm1(diagnosis.best.gain))
-    if best.verdict == "good" and not diagnosis.unexplained:
-        words = f"{cameras}: none of {len(diagnosis.trials)} alternatives makes the map sharper"
-        return Finding(name, "good", gain, "", words, series=_series(diagnosis.trials))
-    if not diagnosis.unexplained:
-        return _named_finding(name, cameras, diagnosis)
-    who = "the cameras do not agree with each other" if best.alternative.of_pair else (
-        "poses do not agree with the events"
-    )  # fmt: skip
-    return Finding(
-        name, "wrong" if diagnosis.decisive else "doubtful", gain, "",
-        f"{cameras}: {who}, and no single cause was found: {diagnosis.unexplained}", _MEANING,
-        "run `calibrate`; if it does not help, check by hand how the poses are stored (handedness, "
-        "degrees or radians, order of Euler angles, direction) and that clocks and calibration "
-        "belong to this recording",
-        "no single cause found", _series(diagnosis.trials),
-    )  # fmt: skip
-
-
-def _named_finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
-    best, second, gain = diagnosis.best, diagnosis.second, float(np.expm1(diagnosis.best.gain))
-    either = [best, *diagnosis.rivals]
-    words = " or ".join(map(_amount_words, either))
-    cure = "; or ".join(map(_cure, either))
-    suspect = " or ".join(trial.alternative.name for trial in either)
-    if second is not None:
-        words += f", and {np.expm1(second.gain):.1%} more with {_amount_words(second)}"
-        cure = f"{cure}; and {_cure(second)}; then check again"
-        suspect = f"{suspect} and {second.alternative.name}"
-    words = (
-        f"{cameras}: correcting this makes the map {gain:.1%} sharper: {words}; "
-        f"windows {', '.join(f'{np.expm1(g):+.1%}' for g in best.gains)}"
-    )
-    series = _series(diagnosis.trials) if best.amount is None else _curve(best)
-    return Finding(name, best.verdict, gain, "", words, _MEANING, cure, suspect, series)
-
-
-def _percent(gain: float) -> str:
-    """A gain in log sharpness as a share."""
-    return f"{np.expm1(gain):.1%}"
-
-
-def _percents(gains: Gains) -> str:
-    return ", ".join(map(_percent, gains))
-
-
-def _unit(trial: Trial) -> str:
-    return (trial.alternative.unit if isinstance(trial.alternative, Amount) else "") or "times"
-
-
-def _amount_words(trial: Trial) -> str:
-    by = "" if trial.amount is None else f" by {trial.amount:.3g} {_unit(trial)}"
-    return f"{trial.alternative.name}{by}"
-
-
-def _cure(trial: Trial) -> str:
-    if trial.amount is None:
-        return trial.alternative.cure
-    return f"{trial.alternative.cure.format(amount=trial.amount)}; `calibrate` refines it"
-
-
-def _curve(best: Trial) -> Series:
-    x, y = best.curve
-    x_label = f"{best.alternative.name}, {_unit(best)}"
-    return Series(100 * np.expm1(y), x, x_label, "sharper by, %", (0.0,))
-
-
-def _series(trials: Sequence[Trial]) -> Series:
-    """The best alternatives, by name."""
-    best = sorted(trials, key=lambda trial: trial.gain, reverse=True)[:_BARS]
-    gains = np.array([100 * np.expm1(trial.gain) for trial in best])
-    names = tuple(trial.alternative.name for trial in best)
-    return Series(gains, x_label="sharper by, %", limits=(0.0,), names=names)

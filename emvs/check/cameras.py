@@ -21,8 +21,8 @@ _RATIO = (0.03, 0.25)
 _CENTRE = (0.35, 0.8)
 _OBLONG = 0.15
 # How much that may differ between columns and rows where the calibration is of another resolution,
-# and how small that resolution may be.
-_ALIKE, _LEAST_TIMES = 0.2, 0.15
+# and how many times as large it may be.
+_ALIKE, _RATIOS = 0.2, (0.25, 1 / 3, 0.5, 2 / 3, 1.0, 1.5, 2.0, 3.0, 4.0)
 # Fields of view, deg: 4 is a 200 mm lens, 170 what a pinhole's f in mm or in widths makes.
 _FIELD_DOUBTFUL, _FIELD_WRONG = (12.0, 140.0), (2.0, 170.0)
 _FISHEYE_DEG = 220.0
@@ -50,8 +50,8 @@ def _ratio(camera: Camera) -> Finding:
     return judged(
         "focal-ratio", above(abs(np.log(ratio)), *np.log1p(_RATIO)), ratio, "",
         f"fx {camera.fx_px:.6g} px beside fy {camera.fy_px:.6g} px, a ratio of {ratio:.4g}",
-        meaning="pixels of event cameras are square: one of the two is wrong",
-        cure="correct fx and fy, both in px; their order in files is fx fy cx cy",
+        meaning="pixels of event cameras are square: one of the two is wrong, or not in px; their "
+        "order in files is fx fy cx cy",
         suspect="focal lengths unequal",
     )  # fmt: skip
 
@@ -59,35 +59,34 @@ def _ratio(camera: Camera) -> Finding:
 def _centre(camera: Camera) -> Finding:
     across = (camera.cx_px - (camera.width_px - 1) / 2) / (camera.width_px / 2)
     down = (camera.cy_px - (camera.height_px - 1) / 2) / (camera.height_px / 2)
-    off, exchanged = max(abs(across), abs(down)), _exchanged(camera)
-    times = 1 + (across + down) / 2
-    alike = off > _CENTRE[0] and abs(across - down) < _ALIKE * off
-    if alike and times > _LEAST_TIMES and not exchanged:
-        return _other_resolution(camera, times)
-    verdict = "wrong" if exchanged else above(off, *_CENTRE)
+    off, times = max(abs(across), abs(down)), image_times(camera)
+    like = ", as if cx and cy were exchanged" if is_centre_exchanged(camera) else (
+        f", as if of an image {times:.3g} times as large" if times != 1 else ""
+    )  # fmt: skip
     return judged(
-        "principal-point", verdict, off, "half images",
+        "principal-point", "wrong" if like else above(off, *_CENTRE), off, "half images",
         f"at ({camera.cx_px:.4g}, {camera.cy_px:.4g}) px of {camera.width_px} x "
-        f"{camera.height_px} px, {off:.0%} of half the image from its centre",
-        meaning="all rays point in wrong directions; 10 px cost a quarter of the accuracy",
-        cure="check cx and cy: in px at this resolution and crop, not swapped",
-        suspect="principal point exchanged" if exchanged else "principal point off",
+        f"{camera.height_px} px, {off:.0%} of half the image from its centre{like}",
+        meaning="all rays point in wrong directions; 10 px cost a quarter of the accuracy. cx and "
+        "cy are in px at this resolution and crop",
+        suspect="principal point off",
     )  # fmt: skip
 
 
-def _other_resolution(camera: Camera, times: float) -> Finding:
-    """Of a principal point as far off in rows as in columns: all of K has another scale."""
-    return judged(
-        "principal-point", "wrong", times, "",
-        f"at ({camera.cx_px:.4g}, {camera.cy_px:.4g}) px: the centre of an image {times:.3g} "
-        f"times as large as {camera.width_px} x {camera.height_px} px",
-        meaning="the calibration is for a different resolution: all rays point in wrong directions",
-        cure=f"multiply fx, fy, cx and cy by {1 / times:.3g}, or calibrate at this resolution",
-        suspect="calibration of another resolution",
-    )  # fmt: skip
+def image_times(camera: Camera) -> float:
+    """How many times as large an image is whose centre is the principal point; 1 if like this one.
+
+    The principal point is then as far off in rows as in columns. Resolutions are simple ratios.
+    """
+    across, down = 2 * camera.cx_px / camera.width_px - 1, 2 * camera.cy_px / camera.height_px - 1
+    off = max(abs(across), abs(down))
+    if off <= _CENTRE[0] or abs(across - down) >= _ALIKE * off or is_centre_exchanged(camera):
+        return 1.0
+    times = 1 + (across + down) / 2
+    return min(_RATIOS, key=lambda ratio: abs(np.log(max(times, 1e-3) / ratio)))
 
 
-def _exchanged(camera: Camera) -> bool:
+def is_centre_exchanged(camera: Camera) -> bool:
     """Whether cx and cy are exchanged, on a sensor that is not square."""
     width, height = camera.width_px, camera.height_px
     if abs(width - height) < _OBLONG * max(width, height):
@@ -114,8 +113,8 @@ def _field(camera: Camera) -> Finding:
     return judged(
         "field-of-view", verdict, wide, "deg",
         f"{wide:.3g} deg with f {camera.fx_px:.4g} px on {camera.width_px} px",
-        meaning="no lens is like that: the focal length is in another unit (mm, or image widths)",
-        cure="write focal lengths in px", suspect="focal length unit",
+        meaning="no lens is like that: is the focal length in px, or in mm or image widths?",
+        suspect="impossible field of view",
     )  # fmt: skip
 
 
@@ -133,9 +132,8 @@ def _folds(camera: Camera) -> Finding:
         "distortion", verdict, lost, "",
         f"{lost:.1%} of the pixels have no ray; the most distorted is moved by {bent:.0%} of half "
         "the diagonal",
-        meaning="the distortion folds the image onto itself: events there cannot vote",
-        cure="check that focal length and coefficients belong to this lens and resolution, the "
-            "order and number of the coefficients (k1 k2 p1 p2 k3), and the model",
+        meaning="the distortion folds the image onto itself: focal length and coefficients are not "
+        "of one lens and resolution, in another order (k1 k2 p1 p2 k3), or of another model",
         suspect="distortion folds",
         series=None if (moved_px < _SEEN_PX).all() else Series(moved_px, y_label=_MOVED),
     )  # fmt: skip
@@ -162,9 +160,8 @@ def _baseline(rig: Rig) -> Finding:
         verdict = "wrong"
     return judged(
         "baseline", verdict, length_m, "m", f"cameras 0 and 1 are {length_m:.4g} m apart",
-        meaning="stereo depth is proportional to the baseline",
-        cure="write T_body_cam in metres; where it is 0, the extrinsics are missing",
-        suspect="baseline unit" if length_m > 0 else "extrinsics missing",
+        meaning="stereo depth is proportional to the baseline, in metres",
+        suspect="impossible baseline" if length_m > 0 else "extrinsics missing",
     )  # fmt: skip
 
 
@@ -175,8 +172,7 @@ def _overlap(rig: Rig) -> Finding:
     return judged(
         "cameras-overlap", above(share, *_DIVERGENCE), angle, "deg",
         f"the optical axes of cameras 0 and 1 are {angle:.3g} deg apart",
-        meaning="what only one camera sees cannot be fused",
-        cure="check the rotations in T_body_cam, and which frame they are given in",
+        meaning="what only one camera sees cannot be fused; look at the rotations in T_body_cam",
         suspect="cameras look apart",
     )  # fmt: skip
 
@@ -207,9 +203,8 @@ def check_rectification(recording: Recording, t0_us: int, t1_us: int) -> Finding
     return judged(
         "rectification", verdict, residual_px, "px",
         f"{words} (correlation {agreement[best]:.2f}{'' if clear else ', too low for a verdict'})",
-        meaning="the two cameras see a point in different rows and cannot agree on its depth; 0.15 "
-        "deg of pitch make stereo worse than one camera",
-        cure="calibrate the extrinsics again; check that the event files are not swapped",
+        meaning="the two cameras see a point in different rows and cannot agree on its depth: "
+        "lens, extrinsics or event files do not belong together",
         suspect="rows apart", series=Series(agreement, shifts, "shift, px", "correlation"),
     )  # fmt: skip
 

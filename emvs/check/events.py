@@ -65,8 +65,8 @@ def check_events(recording: Recording, streams: tuple[Stream, ...]) -> list[Find
 def _silent(cameras: list[str]) -> Finding:
     return judged(
         "events", "wrong", 0.0, "events", f"{', '.join(cameras)}: no event at all",
-        meaning="a camera without events has no votes: nothing can be mapped",
-        cure="check the event file and its stream's name", suspect="camera silent",
+        meaning="a camera without events has no votes: is it the right file and stream?",
+        suspect="camera silent",
     )  # fmt: skip
 
 
@@ -83,10 +83,9 @@ def _off_sensor(names: tuple[str, ...], streams: tuple[Stream, ...]) -> Finding:
         "events-sensor", "wrong", None, "",
         f"{names[k]}: events reach column {x_px} and row {y_px}, off its sensor of {width} x "
         f"{height} px{hint}",
-        meaning="they come from another camera, or the calibration is for another resolution",
-        cure="swap the event files" if fits
-        else "use the calibration of this sensor; check which column is x",
-        suspect="cameras swapped" if fits else "events off the sensor",
+        meaning="they come from another camera, the calibration is for another sensor or "
+        "resolution, or x and y are exchanged",
+        suspect="events off the sensor",
     )  # fmt: skip
 
 
@@ -101,8 +100,9 @@ def _order(stream: Stream) -> Finding:
     return judged(
         "events-order", "wrong" if stream.backwards else "good", float(stream.backwards), "steps",
         f"time runs backwards at {stream.backwards:,} of {stream.events:,} events",
-        meaning="windows are cut by time: events out of order are lost or mapped twice",
-        cure="sort the events by time (stable)", suspect="events not sorted",
+        meaning="windows are cut by time: events out of order are lost or mapped twice, unless "
+        "they are sorted (stable)",
+        suspect="events not sorted",
     )  # fmt: skip
 
 
@@ -112,7 +112,7 @@ def _rate(stream: Stream) -> Finding:
     verdict: Verdict = "wrong" if not low <= per_pixel_hz <= high else "good"
     if verdict == "good" and not _DOUBTFUL_RATE_HZ[0] <= per_pixel_hz <= _DOUBTFUL_RATE_HZ[1]:
         verdict = "doubtful"
-    suspect = "" if verdict != "wrong" else time_unit(per_pixel_hz / _TYPICAL_RATE_HZ, "event")
+    unit = "" if verdict != "wrong" else time_unit(per_pixel_hz / _TYPICAL_RATE_HZ, "event")
     rates_hz = np.concatenate(stream.rates).astype(np.float64) * (1e6 / BIN_US)
     at_s = np.concatenate(
         [(t_us + BIN_US * np.arange(len(r))) for t_us, r in zip(stream.begins_us, stream.rates,
@@ -121,11 +121,10 @@ def _rate(stream: Stream) -> Finding:
     return judged(
         "events-rate", verdict, per_pixel_hz, "Hz per pixel",
         f"{significant(per_pixel_hz, 3)} events per second and pixel; {low:g} to {high:g} is "
-        "usual",
-        meaning="times in a unit other than µs make rates 1000 times too high or too low, and "
-            "windows too short or too long",
-        cure="set the unit of the times (time_unit in recording.toml, --time-unit), or lower the "
-        "sensor's sensitivity", suspect=suspect,
+        f"usual{unit and f'; as if {unit}'}",
+        meaning="times in a unit other than µs make rates 1000 times too high or too low "
+        "(time_unit in recording.toml, --time-unit); or the sensor is too sensitive, or not enough",
+        suspect="unusual event rate",
         series=Series(_thinned(rates_hz), _thinned(at_s), TIME, "events per second"),
     )  # fmt: skip
 
@@ -147,8 +146,8 @@ def _time_step(stream: Stream) -> Finding:
     return judged(
         "events-time-step", above(step_us, _STEP_DOUBTFUL_US, _STEP_WRONG_US), float(step_us), "µs",
         f"time stamps are whole multiples of {step_us} µs",
-        meaning="events in one step share a pose, and clocks cannot be compared more finely",
-        cure="record or convert with time stamps of 1 µs, per event rather than per packet",
+        meaning="events in one step share a pose, and clocks cannot be compared more finely; were "
+        "they stamped per packet?",
         suspect="coarse time stamps",
     )  # fmt: skip
 
@@ -159,9 +158,9 @@ def _polarity(stream: Stream) -> Finding:
     return judged(
         "events-polarity", below(least, _POLARITY_DOUBTFUL, _POLARITY_WRONG), share, "",
         f"{share:.1%} of the events brighten",
-        meaning="one polarity is missing or drowned in noise: half of the edges are lost",
-        cure="check which column is the polarity and how it is coded (0 and 1, or -1 and 1), or "
-        "the sensor's biases", suspect="one polarity missing",
+        meaning="one polarity is missing or drowned in noise: half of the edges are lost; look at "
+        "its column, its code (0 and 1, or -1 and 1) and the sensor's biases",
+        suspect="one polarity missing",
     )  # fmt: skip
 
 
@@ -176,10 +175,9 @@ def _sensor(stream: Stream) -> Finding:
         "events-sensor", above(unused, _UNUSED_DOUBTFUL, _UNUSED_WRONG) if enough else "good",
         unused, "",
         f"events reach column {columns[-1]} and row {rows[-1]} of {width} x {height} px",
-        meaning="the calibration is for another sensor or resolution, or x and y are swapped: "
-        "every ray is wrong",
-        cure="use the calibration of this sensor at this resolution; check which column is x",
-        suspect="calibration of another resolution",
+        meaning="the calibration is for another sensor or resolution, x and y are exchanged, or a "
+        "part of the sensor is silent",
+        suspect="sensor not filled",
         series=Series(np.log1p(stream.pixels), y_label="events per pixel, logarithm"),
     )  # fmt: skip
 
@@ -191,8 +189,7 @@ def _hot_pixels(stream: Stream) -> Finding:
         "hot-pixels", above(share, _HOT_DOUBTFUL, _HOT_WRONG), share, "",
         f"{hot.sum():,} pixels fire over {_HOT_RATIO:g} times as often as their neighbours, with "
         f"{share:.1%} of the events",
-        meaning="rays of hot pixels make streaks in the volume",
-        cure="map with --map.hot-pixels 10, or lower the sensor's sensitivity",
+        meaning="their rays make streaks in the volume; --map.hot-pixels 10 leaves them out",
         suspect="hot pixels",
         series=Series(np.where(hot, stream.pixels, 0.0), y_label="events of hot pixels")
         if hot.any() else None,
@@ -206,9 +203,9 @@ def _gaps(stream: Stream) -> Finding:
     return judged(
         "events-gaps", above(share, _SILENCE_DOUBTFUL, _SILENCE_WRONG), share, "",
         f"{silent} ms in gaps of {_SILENCE_BINS} ms or longer, {share:.1%} of the time",
-        meaning="packets were lost, or nothing moved: windows there hold fewer rays",
-        cure="record at a lower rate or on a faster disk; map windows without gaps "
-        "(--map.start-s, --map.duration-s)", suspect="gaps in the events",
+        meaning="packets were lost, or nothing moved: windows there hold fewer rays "
+        "(--map.start-s, --map.duration-s choose others)",
+        suspect="gaps in the events",
     )  # fmt: skip
 
 
@@ -231,8 +228,8 @@ def _ceiling(stream: Stream) -> Finding:
         "events-ceiling", verdict, share, "",
         f"{share:.1%} of the milliseconds are within {_CEILING_WITHIN:.0%} of the busiest, "
         f"{significant(top * 1e3 / BIN_US, 3)} kev/s" if top else "no events",
-        meaning="the sensor's bus or the driver is at its limit: events are late or lost",
-        cure="lower the sensitivity, turn the event rate controller off, or move more slowly",
+        meaning="the sensor's bus, its event rate controller or the driver is at its limit: events "
+        "are late or lost",
         suspect="event rate at its limit",
     )  # fmt: skip
 
@@ -244,7 +241,6 @@ def _refractory(stream: Stream) -> Finding:
     return judged(
         "events-refractory", above(least_us, _REFRACTORY_DOUBTFUL_US, np.inf), least_us, "µs",
         f"99 % of a pixel's events are {least_us:.0f} µs or more apart",
-        meaning="pixels stay silent long after each event: fast edges leave few events",
-        cure="shorten the refractory period in the sensor's biases",
+        meaning="pixels stay silent long after each event (a bias): fast edges leave few events",
         suspect="long refractory period",
     )  # fmt: skip

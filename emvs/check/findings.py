@@ -56,9 +56,10 @@ class Finding:
         value: the evidence as a number; None if there is none.
         unit: of the value; empty for a share or a ratio.
         evidence: in words, beside what is usual.
-        meaning: for a map; empty if good.
-        cure: what to do; empty if good.
-        suspect: what is wrong, in a word or two, if known: `poses inverted`.
+        meaning: for a map, and what may be the reason; empty if good.
+        cure: of a cause; empty where none is named. Faults look alike in events, poses or
+            calibration alone: these findings say what is odd, and only mapping names a cause.
+        suspect: what is odd, or the cause, in a word or two: `poses inverted`.
         series: for a plot.
     """
 
@@ -75,7 +76,7 @@ class Finding:
     def line(self) -> str:
         """The finding in one line, for a warning."""
         named = f"{self.suspect}: " if self.suspect else ""
-        return f"{self.name} {self.verdict}: {named}{self.evidence}; {self.cure}"
+        return f"{self.name} {self.verdict}: {named}{self.evidence}; {self.cure or self.meaning}"
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -111,14 +112,16 @@ class Report:
         return tuple(finding for finding in self.findings if finding.verdict == verdict)
 
     @property
-    def verdict(self) -> Verdict:
-        """The worst of all."""
-        return worst(finding.verdict for finding in self.findings)
+    def verdict(self) -> Verdict | Literal["unchecked"]:
+        """The worst of all; `unchecked` if nothing is odd, but not all was looked at."""
+        found = worst(finding.verdict for finding in self.findings)
+        return "unchecked" if found == "good" and self.unchecked else found
 
     @property
     def suspects(self) -> tuple[str, ...]:
-        """What is wrong, in the order of the findings, without repetition."""
-        return tuple(dict.fromkeys(f.suspect or f.name for f in self.of("wrong")))
+        """What is wrong, without repetition: causes first, else in the order of the findings."""
+        causes_first = sorted(self.of("wrong"), key=lambda finding: not finding.cure)
+        return tuple(dict.fromkeys(f.suspect or f.name for f in causes_first))
 
     def finding(self, name: str) -> Finding | None:
         """The finding of a name; None if that was not checked."""
@@ -156,12 +159,12 @@ def below(value: float, doubtful: float, wrong: float) -> Verdict:
 
 def judged(
     name: str, verdict: Verdict, value: float | None, unit: str, evidence: str, *,
-    meaning: str, cure: str, suspect: str = "", series: Series | None = None,
+    meaning: str, suspect: str = "", series: Series | None = None,
 ) -> Finding:  # fmt: skip
-    """A finding whose meaning and cure are left out if it is good."""
+    """A finding of what is odd, without a cure; of what is good, without a meaning."""
     if verdict == "good":
         return Finding(name, verdict, value, unit, evidence, series=series)
-    return Finding(name, verdict, value, unit, evidence, meaning, cure, suspect, series)
+    return Finding(name, verdict, value, unit, evidence, meaning, "", suspect, series)
 
 
 def _plain(values: Sequence[float] | NDArray[np.float64]) -> list[float | None]:

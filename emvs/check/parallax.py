@@ -53,11 +53,11 @@ def check_parallax(recording: Recording, config: MapperConfig) -> list[Finding]:
         f"{significant(usual_px, 3)} px at {near_m:g} m, "
         f"{significant(focal_px * way_m / far_m, 3)} px at {far_m:g} m; "
         f"{significant(most_px, 3)} px in the best window",
-        meaning="a camera that stands still or only turns cannot see depth"
+        meaning="without sideways motion there is no depth; if the camera did move, its poses are "
+        "frozen or in another unit"
         + (": only the distance between the cameras is left, and every error of the calibration "
            "with it" if stereo else ""),
-        cure="move the camera sideways, or map longer windows; if it did move, the poses are "
-        "frozen or in another unit", suspect="camera at rest",
+        suspect="camera at rest",
         series=Series(near_px, (begins_us + ends_us) / 2e6, TIME,
                       f"parallax at {near_m:g} m, px", (_WRONG_PX, _DOUBTFUL_PX)),
     )]  # fmt: skip

@@ -49,7 +49,7 @@ def check_poses(recording: Recording, spans_us: tuple[int, int]) -> list[Finding
     if len(poses) < 3:
         few = judged(
             "poses-rate", "wrong", float(len(poses)), "poses", f"{len(poses)} poses in all",
-            meaning="motion between two poses is assumed straight", cure="record more poses",
+            meaning="motion between two poses is assumed straight",
             suspect="too few poses",
         )  # fmt: skip
         return [coverage, few]
@@ -63,22 +63,18 @@ def _coverage(poses: Trajectory, events_us: tuple[int, int]) -> Finding:
     share = float(np.clip(both_us / whole_us, 0, 1))
     verdict = below(share, _COVERAGE_DOUBTFUL, _COVERAGE_WRONG)
     ratio = whole_us / max(last_us - first_us, 1)
-    suspect = "poses and events apart"
-    cure = "record poses from before the first event to after the last, or map what they cover"
-    unit = _mistaken_unit(ratio, _rate_hz(poses), covered=verdict == "good")
-    if unit:
-        verdict, suspect = "wrong", unit
-        cure = "set the unit of the times (time_unit of the events, unit of the poses)"
+    like = _mistaken_unit(ratio, _rate_hz(poses), covered=verdict == "good")
+    if like:
+        verdict = "wrong"
     elif verdict == "wrong" and 0.3 < ratio < 3:
-        late_us = events_us[0] - first_us
-        suspect = "clocks apart"
-        cure = f"put both on one clock: the events begin {late_us} µs after the poses "
-        cure += "(time_offset_us)"
+        like = f"of another clock: the events begin {events_us[0] - first_us} µs after the poses"
     return judged(
         "poses-coverage", verdict, share, "",
         f"poses cover {share:.1%} of the events' time: poses {first_us} to {last_us} µs, events "
-        f"{events_us[0]} to {events_us[1]} µs",
-        meaning="events without a pose cannot vote", cure=cure, suspect=suspect,
+        f"{events_us[0]} to {events_us[1]} µs{like and f'; as if {like}'}",
+        meaning="events without a pose cannot vote: look at unit and clock of the times (time_unit "
+        "of the events, unit and time_offset_us of the poses)",
+        suspect="poses and events apart",
     )  # fmt: skip
 
 
@@ -87,7 +83,7 @@ def _rate_hz(poses: Trajectory) -> float:
 
 
 def _mistaken_unit(ratio: float, rate_hz: float, *, covered: bool) -> str:
-    """The suspect where events last a power of 1000 times as long as poses; else empty.
+    """What it looks like where events last a power of 1000 times as long as poses; else empty.
 
     Args:
         ratio: duration of the events over that of the poses.
@@ -115,8 +111,7 @@ def _rate(poses: Trajectory) -> Finding:
         verdict = "doubtful"
     return judged(
         "poses-rate", verdict, rate_hz, "Hz", words,
-        meaning="motion between poses is assumed straight and uniform; heads do not move like that",
-        cure="record poses at 50 Hz or more, or map windows without gaps",
+        meaning="motion between poses is assumed straight and uniform; heads need 50 Hz or more",
         suspect="poses too rare" if rate_hz < _RATE_DOUBTFUL_HZ else "gaps in the poses",
     )  # fmt: skip
 
@@ -129,7 +124,6 @@ def _frozen(poses: Trajectory) -> Finding:
         "poses-frozen", above(share, _FROZEN_DOUBTFUL, _FROZEN_WRONG), share, "",
         f"{share:.1%} of the poses repeat the previous one",
         meaning="a tracker that loses the body repeats its last pose, while the camera moves on",
-        cure="remove repeated poses where the body moved; map where it was tracked",
         suspect="poses frozen",
     )  # fmt: skip
 
@@ -146,9 +140,9 @@ def _jumps(poses: Trajectory) -> Finding:
     return judged(
         "poses-jumps", "wrong" if count else "good", float(count), "jumps",
         f"{seen} over {_JUMP_TIMES:g} times as long as those around",
-        meaning=("the tracker lost the body, or its world moved: windows across a jump show two "
-            "scenes"),
-        cure="map windows between the jumps", suspect="poses jump",
+        meaning="the tracker lost the body, or its world moved: windows across a jump show two "
+        "scenes",
+        suspect="poses jump",
         series=Series(1e3 * way_m, poses.t_us[1:] / 1e6, TIME, "step between poses, mm"),
     )  # fmt: skip
 
@@ -178,25 +172,20 @@ def _motion(poses: Trajectory) -> list[Finding]:
     middle_s = np.maximum((t_s[2:] - t_s[:-2]) / 2, 1e-6)
     acceleration = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / middle_s
     turning = np.degrees((turned[:-1].inv() * turned[1:]).magnitude()) / dt_s
-    unit_words = "positions in mm or cm are read as metres, or times in another unit"
+    units = "positions in mm or cm are read as metres, or times in another unit"
+    turns = "order of the quaternion, unit of the times, or degrees read as radians"
     findings = []
-    for name, values, limits, unit, suspect in (
-        ("poses-speed", speed, _SPEED, "m/s", "position unit"),
-        ("poses-acceleration", acceleration, _ACCELERATION, "m/s²", "position unit"),
-        ("poses-turning", turning, _TURNING, "deg/s", "poses torn"),
+    for name, values, limits, unit, like in (
+        ("poses-speed", speed, _SPEED, "m/s", units),
+        ("poses-acceleration", acceleration, _ACCELERATION, "m/s²", units),
+        ("poses-turning", turning, _TURNING, "deg/s", turns),
     ):
         usual = float(np.percentile(values, 90))
-        turns = name == "poses-turning"
         findings.append(judged(
             name, above(usual, *limits), usual, unit,
             f"{significant(usual, 3)} {unit}, exceeded in a tenth of the time; heads, drones and "
             f"cars stay below {limits[0]:g}",
-            meaning="implausible motion: " + ("times or rotations are wrong" if turns
-                                            else unit_words),
-            cure="check the order of the quaternion, the unit of the times, and that no degrees "
-                "were read as radians" if turns
-            else "write positions in metres; check poses.unit",
-            suspect=suspect,
+            meaning=f"implausible motion: {like}?", suspect="impossible motion",
             series=Series(values, t_s[1 : len(values) + 1], TIME, f"{name[6:]}, {unit}",
                           limits),
         ))  # fmt: skip
@@ -221,7 +210,7 @@ def _noise(poses: Trajectory) -> Finding:
         "poses-noise", verdict, noise_mm, "mm",
         f"single poses scatter by {noise_mm:.2g} mm and {noise_deg:.2g} deg per axis",
         meaning="3 mm and 0.15 deg double every method's error",
-        cure="smooth the poses, or track with more markers", suspect="noisy poses",
+        suspect="noisy poses",
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from eventsweep.emvs.check.by_mapping import check_by_mapping
 from eventsweep.emvs.check.cameras import check_cameras, check_rectification
 from eventsweep.emvs.check.events import check_events
-from eventsweep.emvs.check.findings import Finding, Report
+from eventsweep.emvs.check.findings import Finding, Report, judged
 from eventsweep.emvs.check.parallax import check_parallax
 from eventsweep.emvs.check.poses import check_poses
 from eventsweep.emvs.check.streams import pieces, read_streams
@@ -91,6 +91,10 @@ def _checked(
         unchecked += [(name, "there are no poses") for name in ("poses", "parallax", "mapping")]
     if mapping and posed:
         findings += _by_mapping(recording, config, findings, unchecked, progress)
+    elif posed:
+        unchecked.append(
+            ("mapping", "it was left out: clocks, conventions and extrinsics may be wrong")
+        )
     if readable and len(recording.rig) > 1:
         findings += _try("rectification", lambda: [_rectification(recording)], unchecked)
     return Report(recording.name, tuple(findings), tuple(unchecked))
@@ -114,9 +118,9 @@ def _events(recording: Recording, thorough: bool, progress: Progress) -> list[Fi
 
 def _refused(name: str, error: InputError) -> Finding:
     """The reader's refusal as a finding."""
-    return Finding(
-        name, "wrong", None, "", str(error), "it cannot be mapped in this state",
-        "follow the message", "refused by the reader",
+    return judged(
+        name, "wrong", None, "", str(error), meaning="it cannot be mapped in this state",
+        suspect="refused by the reader",
     )  # fmt: skip
 
 
@@ -141,11 +145,11 @@ def _rectification(recording: Recording) -> Finding:
     return check_rectification(recording, t0_us, min(t0_us + _RECTIFIED_US, last_us + 1))
 
 
-# If one of these is wrong, comparing alternatives is meaningless.
+# If one of these is wrong, comparing alternatives is meaningless: none of them mends it.
 _BEFORE_MAPPING = (
-    "baseline", "distortion", "events", "events-rate", "events-sensor", "field-of-view",
-    "focal-ratio", "hot-pixels", "parallax", "poses-acceleration", "poses-coverage", "poses-frozen",
-    "poses-jumps", "poses-noise", "poses-rate", "poses-speed", "principal-point", "reading",
+    "distortion", "events", "events-rate", "events-sensor", "extrinsics missing", "field-of-view",
+    "focal-ratio", "hot-pixels", "parallax", "poses-coverage", "poses-frozen", "poses-jumps",
+    "poses-noise", "poses-rate", "reading",
 )  # fmt: skip
 
 
@@ -153,7 +157,8 @@ def _by_mapping(
     recording: Recording, config: MapperConfig, findings: list[Finding], unchecked: Unchecked,
     progress: Progress,
 ) -> list[Finding]:  # fmt: skip
-    first = [f.name for f in findings if f.verdict == "wrong" and f.name in _BEFORE_MAPPING]
+    wrong = [finding for finding in findings if finding.verdict == "wrong"]
+    first = [f.name for f in wrong if {f.name, f.suspect} & set(_BEFORE_MAPPING)]
     if first:
         unchecked.append(("mapping", f"cure {', '.join(first)} first"))
         return []

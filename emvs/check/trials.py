@@ -13,8 +13,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
-from eventsweep.emvs.check.alternatives import MARGIN, Alter, Alternative, Amount
+from eventsweep.emvs.check.alternatives import MARGIN, Alter, Alternative, Chosen
+from eventsweep.emvs.check.amounts import Amount
 from eventsweep.emvs.check.findings import Verdict
 from eventsweep.emvs.check.trial_windows import Gains, TrialWindows
 
@@ -28,6 +30,9 @@ _ONE_CAMERA = 1.5  # times the margins: one camera separates alternatives less w
 # one, or at all: right causes leave up to 0.03 of it, or 0.001; wrong ones 0.07 and more.
 _UNEVEN_SHARE, _UNEVEN = 0.04, 0.002
 _LOSS = -0.02  # what camera 0 alone may lose under other poses
+# An amount is traded for another that is so many times what hurts from its best, if that costs no
+# more sharpness than this: right causes lost 0.0012 and more, those with another fault gained.
+_FAR, _AS_SHARP, _WORTH_TRADING, _READINGS = 4, 0.001, 0.02, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,14 +131,8 @@ class CameraTrials:
         self._cameras, self._cured = cameras, cured
         self._after: dict[Trial, CameraTrials] = {}
         self._cure = _chain(trial.change for trial in cured)
-        self._cure_alone = _chain(t.change for t in cured if not t.alternative.of_pair)
-        self._base, self._coarse_base, self._base_alone = (
-            windows.log_sharpness(cure, whose)
-            for windows, cure, whose in (
-                (self._fine, self._cure, cameras), (self._coarse, self._cure, cameras),
-                (self._coarse, self._cure_alone, (0,)),
-            )
-        )  # fmt: skip
+        self._base, self._coarse_base = (w.log_sharpness(self._cure, cameras) for w in windows)
+        self._base_alone = self._coarse.log_sharpness(self._alone(lambda r: r), cameras)
 
     def after(self, trial: Trial) -> CameraTrials:
         """The same, with one more cure applied before; the same object each time."""
@@ -169,10 +168,10 @@ class CameraTrials:
         What is wrong between the cameras cannot hide it.
         """
         leading, first = self._coarse.leading, self._coarse.leading_at
-        changes = [self._after_cure_alone(one.change) for one in alternatives]
-        seen = [leading.log_sharpness(c, (0,))[0] - self._base_alone[first] for c in changes]
+        changes, whose = [self._alone(one.change) for one in alternatives], self._cameras
+        seen = [leading.log_sharpness(c, whose)[0] - self._base_alone[first] for c in changes]
         likely = [c for c, gain in zip(changes, seen, strict=True) if gain > MARGIN / 2]
-        gains = [(self._coarse.log_sharpness(c, (0,)) - self._base_alone).mean() for c in likely]
+        gains = [(self._coarse.log_sharpness(c, whose) - self._base_alone).mean() for c in likely]
         return float(max(gains, default=0.0))
 
     def trials(
@@ -201,8 +200,38 @@ class CameraTrials:
         """Whether camera 0 alone is no less sharp under other poses."""
         if trial.verdict == "good" or trial.alternative.of_pair or len(self._cameras) == 1:
             return True
-        alone = self._coarse.log_sharpness(self._after_cure_alone(trial.change), (0,))
+        alone = self._coarse.log_sharpness(self._alone(trial.change), self._cameras)
         return bool((alone - self._base_alone).mean() >= _LOSS)
+
+    def is_traded(self, trial: Trial, other: Amount) -> bool:
+        """Whether windows stay as sharp with another amount far off, and this one found anew.
+
+        Then both may be wrong: a camera that moves steadily along the baseline sees no difference
+        between a longer baseline and a late camera.
+        """
+        far = _FAR * other.hurts
+        return any(self._lost_beside(trial, other, by) < _AS_SHARP for by in (-far, far))
+
+    def _lost_beside(self, trial: Trial, other: Amount, by: float) -> float:
+        """The sharpness that is lost if `other` is off `by` and the trial's amount follows."""
+        amount, best = trial.alternative, trial.amount
+        assert isinstance(amount, Amount)
+        assert best is not None
+        beside = _with_amount(other, other.moved(other.neutral, by))
+
+        def change(by: float) -> Alter:
+            return _chain((_with_amount(amount, amount.moved(best, by)), beside))
+
+        far = _FAR * amount.hurts
+        found = minimize_scalar(
+            lambda by: -self._leading_gains(change(by)).mean(), bounds=(-far, far),
+            method="bounded", options={"maxiter": _READINGS},
+        )  # fmt: skip
+        lost = float(self._leading_gains(trial.change).mean() + found.fun)
+        if lost > _WORTH_TRADING:
+            return lost
+        gains = self._coarse_gains(trial.change) - self._coarse_gains(change(found.x))
+        return float(gains.mean())
 
     def margin(self, margin: float) -> float:
         """That of a pair, or more of a single camera."""
@@ -266,8 +295,8 @@ class CameraTrials:
     def _after_cure(self, change: Alter) -> Alter:
         return lambda recording: change(self._cure(recording))
 
-    def _after_cure_alone(self, change: Alter) -> Alter:
-        return lambda recording: change(self._cure_alone(recording))
+    def _alone(self, change: Alter) -> Alter:
+        return lambda recording: Chosen(change(self._cure(recording)), (0,))
 
 
 def _again(

@@ -54,7 +54,7 @@ def summary(report: Report) -> str:
     wrong, doubtful = report.of("wrong"), report.of("doubtful")
     done = f"{plural(len(report.findings), 'finding')}"
     if not wrong and not doubtful:
-        return f"{done}: nothing is wrong."
+        return f"{done}: nothing is wrong{' in what was checked' if report.unchecked else ''}."
     named = ", ".join(report.suspects)
     parts = [f"{len(wrong)} wrong ({named})"] if wrong else []
     parts += [f"{len(doubtful)} doubtful"] if doubtful else []

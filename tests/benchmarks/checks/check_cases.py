@@ -36,14 +36,12 @@ class Base:
         rig: its rig.
         sensor: preset of its sensor.
         seed: of motion and noise.
-        held_out: whether no threshold was chosen on it.
     """
 
     scene: str
     rig: str
     sensor: str
     seed: int
-    held_out: bool = True
 
     @property
     def name(self) -> str:
@@ -53,7 +51,7 @@ class Base:
 
 # Rules and thresholds were chosen on these, and on nothing else.
 DEVELOPMENT = tuple(
-    Base(*what, held_out=False)
+    Base(*what)
     for what in (
         ("boxes", "davis346", "davis346", 0),
         ("desk", "rpg", "davis240", 1),
@@ -71,29 +69,8 @@ DEVELOPMENT = tuple(
         ("dsec-street", "rpg", "davis240", 132),
     )
 )
-_SCENES = ("boxes", "desk", "hdr-window", "low-texture", "moving-objects", "mvsec-flying", "planes",
-           "reflective", "repetitive", "rpg-bin", "rpg-boxes", "rpg-monitor", "rpg-reader",
-           "thin-structures", "tumvie-1d", "tumvie-3d", "tumvie-6dof", "tumvie-desk2",
-           "tumvie-bike", "tumvie-skate", "dsec-street")  # fmt: skip
-_RIGS = (
-    ("rpg", "davis240"),
-    ("davis346", "davis346"),
-    ("oblique", "davis346"),
-    ("rpg", "ideal"),
-    ("mvsec", "davis346"),
-    ("rpg", "davis240"),
-    ("oblique", "gen4"),
-)
-HELD_OUT = (
-    *(Base(scene, *_RIGS[(5 * k + 3) % len(_RIGS)], seed=600 + k)
-      for k, scene in enumerate(_SCENES)),
-    Base("trinocular-desk", "trinocular", "davis346", 630),
-    Base("desk", "davis346", "davis346", 631),
-    Base("rpg-reader", "oblique", "davis346", 632),
-)  # fmt: skip
-
-# Sequences that none of the rules was chosen on, of small sensors.
-NEW = tuple(
+# Of small sensors: rules were tried on these as well.
+SHOWN_BASES = tuple(
     Base(scene, rig, sensor, seed=700 + k)
     for k, (scene, rig, sensor) in enumerate((
         ("boxes", "rpg", "davis240"),
@@ -111,6 +88,29 @@ NEW = tuple(
         ("moving-objects", "rpg", "ideal"),
         ("dsec-street", "rpg", "davis240"),
         ("reflective", "rpg", "davis240"),
+    ))
+)  # fmt: skip
+
+
+# Sequences that no rule was chosen on.
+NEW = tuple(
+    Base(scene, rig, sensor, seed=800 + k)
+    for k, (scene, rig, sensor) in enumerate((
+        ("desk", "davis346", "davis346"),
+        ("rpg-bin", "rpg", "davis240"),
+        ("boxes", "oblique", "davis346"),
+        ("tumvie-6dof", "rpg", "davis240"),
+        ("planes", "rpg", "davis240"),
+        ("rpg-monitor", "rpg", "ideal"),
+        ("mvsec-flying", "davis346", "davis346"),
+        ("tumvie-desk2", "rpg", "davis240"),
+        ("rpg-boxes", "davis346", "davis346"),
+        ("thin-structures", "rpg", "davis240"),
+        ("tumvie-1d", "rpg", "davis240"),
+        ("rpg-reader", "rpg", "davis240"),
+        ("moving-objects", "rpg", "davis240"),
+        ("dsec-street", "rpg", "davis240"),
+        ("low-texture", "davis346", "davis346"),
     ))
 )  # fmt: skip
 
@@ -520,7 +520,7 @@ FAULTS = (
         "degrees read as radians",
         reread("ZYX", "ZYX", factor=180 / np.pi),
         (
-            "poses torn",
+            "impossible motion",
             "no single cause found",
             *(f"Euler angles {order} in degrees read as radians" for order in EULER),
         ),
@@ -546,12 +546,16 @@ FAULTS = (
         "hand-eye missing", _hand_eye_missing, tuple(f"hand-eye rotation about {a}" for a in "xyz")
     ),
     Fault("hand-eye applied twice", _hand_eye_twice, ("hand-eye beside poses of the camera",)),
-    Fault("positions in mm", _positions(1000), ("position unit", "positions in mm")),
-    Fault("positions in cm", _positions(100), ("position unit", "positions in cm")),
+    Fault("positions in mm", _positions(1000), ("impossible motion", "positions in mm")),
+    Fault("positions in cm", _positions(100), ("impossible motion", "positions in cm")),
     Fault("poses late", _pose_clock, ("pose clock",)),
-    Fault("clocks apart", _apart, ("clocks apart",)),
-    Fault("times of poses in ms", _pose_times(1000), ("pose times in another unit",)),
-    Fault("times of events in ns", _event_times(1000), ("event times in ns, read as µs",)),
+    Fault("clocks apart", _apart, ("poses and events apart",)),
+    Fault("times of poses in ms", _pose_times(1000), ("poses and events apart",)),
+    Fault(
+        "times of events in ns",
+        _event_times(1000),
+        ("poses and events apart", "unusual event rate"),
+    ),
     Fault("poses frozen", _frozen, ("poses frozen",)),
     Fault("poses jump", _jumping, ("poses jump",)),
     Fault("poses too rare", _rare, ("poses too rare",)),
@@ -559,14 +563,22 @@ FAULTS = (
     # A camera that does not turn either repeats its poses.
     Fault("camera at rest", _at_rest, ("camera at rest", "poses frozen")),
     Fault("fx in m beside fy in px", _fx_in_mm, ("focal lengths unequal",)),
-    Fault("focal length in mm", _focal_in_mm, ("focal length unit",)),
-    Fault("half the resolution", _half_resolution, ("calibration of another resolution",)),
+    Fault("focal length in mm", _focal_in_mm, ("impossible field of view",)),
+    Fault(
+        "half the resolution",
+        _half_resolution,
+        ("calibration of another resolution", "principal point off"),
+    ),
     # Coefficients that are of another focal length may fold.
     Fault("focal length off", _focal, ("focal length", "distortion folds")),
-    Fault("cx and cy exchanged", _centre_exchanged, ("principal point exchanged",)),
+    Fault(
+        "cx and cy exchanged",
+        _centre_exchanged,
+        ("principal point exchanged", "principal point off"),
+    ),
     Fault("distortion folds", _folding, ("distortion folds",)),
-    Fault("another sensor's calibration", _another_sensor, ("calibration of another resolution",)),
-    Fault("baseline in mm", _baseline(1000, 1001), ("baseline unit",)),
+    Fault("another sensor's calibration", _another_sensor, ("sensor not filled",)),
+    Fault("baseline in mm", _baseline(1000, 1001), ("impossible baseline", "baseline in mm")),
     Fault("baseline off", _baseline(1.35, 2.0), ("baseline",)),
     Fault("extrinsics missing", _no_extrinsics, ("extrinsics missing",)),
     Fault("extrinsics inverted", _extrinsics_inverted, ("extrinsics inverted",)),
@@ -677,7 +689,7 @@ FILE_FAULTS = (
               ("quaternions w first",)),
     FileFault("positions in mm", "npz",
               _poses_file(_fields(_ALL, {1: 1000.0, 2: 1000.0, 3: 1000.0})),
-              ("position unit", "positions in mm")),
+              ("impossible motion", "positions in mm")),
     FileFault("poses not sorted", "npz", _poses_file(_swapped_lines), ("refused by the reader",)),
     FileFault("cameras swapped", "aedat4", _exchanged_files, ("cameras swapped",)),
     FileFault("cameras swapped", "evt3", _exchanged_files, ("cameras swapped",)),

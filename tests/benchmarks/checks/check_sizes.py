@@ -19,7 +19,8 @@ import numpy as np
 import eventsweep as es
 from check_cases import DEVELOPMENT
 from check_faults import sequence
-from eventsweep.emvs.check.alternatives import Amount, Chosen, amounts_of_one, amounts_of_pair
+from eventsweep.emvs.check.alternatives import Chosen
+from eventsweep.emvs.check.amounts import Amount, amounts_of_one, amounts_of_pair
 from eventsweep.emvs.check.trial_windows import TrialWindows
 from eventsweep.emvs.check.trials import CameraTrials
 from eventsweep.emvs.config import MapperConfig

@@ -218,7 +218,7 @@ SPENT = (
     pair("left-handed poses, stereo yaw", "left-handed poses", "stereo yaw",
          ("left-handed poses, axes right up ahead", "stereo yaw")),
     # Too long positions are too short a baseline: `check` says so in the cure of the baseline.
-    _unknown("positions in feet", _scaled(1 / 0.3048, 1 / 0.3047), "position unit", "baseline"),
+    _unknown("positions in feet", _scaled(1 / 0.3048, 1 / 0.3047), "impossible motion", "baseline"),
     _unknown("positions 40 to 80 % too long", _scaled(1.4, 1.8), "baseline"),
     _unknown("no roll in the poses", _no_roll),
     _unknown("turns off by 10 to 20 %", _turns_off),

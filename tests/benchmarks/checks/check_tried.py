@@ -243,11 +243,11 @@ TRIED = (
           tuple(f"Euler angles {a} read as {b}" for a in EULER for b in EULER)),
     Fault("degrees read as radians, order xzy",
           reread("XZY"[::-1], "XZY"[::-1], factor=180 / np.pi),
-          ("poses torn", *UNKNOWN,
+          ("impossible motion", *UNKNOWN,
            *(f"Euler angles {order} in degrees read as radians" for order in EULER))),
     Fault("camera late by 120 to 250 ms", _far_late_camera, ("camera clock",)),
     Fault("stereo yaw of 5 to 7.5 deg", _far_yaw, ("stereo yaw",)),
-    _unknown("positions in inches", _inches, "position unit"),
+    _unknown("positions in inches", _inches, "impossible motion"),
     _unknown("scale of the positions drifts", _scale_drifts),
     _unknown("two axes of the positions exchanged", _axes_of_positions_exchanged),
     # An image that is shifted is nearly that of a camera that is turned.

@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from check_cases import EditedRecording
-from eventsweep.emvs.check.cameras import check_cameras, check_rectification, field_deg
+from eventsweep.emvs.check.alternatives import Chosen, of_poses
+from eventsweep.emvs.check.cameras import (
+    check_cameras,
+    check_rectification,
+    field_deg,
+    image_times,
+)
 from eventsweep.emvs.check.events import check_events, time_unit
 from eventsweep.emvs.check.parallax import check_parallax
 from eventsweep.emvs.check.poses import check_poses
@@ -120,7 +126,7 @@ def test_times_in_another_unit_are_seen_beside_poses_that_are_right(stretch):
     poses = _poses(t_us=(head_recording().trajectory.t_us * 1000).astype(np.int64))
     found = _by_name(check_poses(_with_poses(poses), (0, round(DURATION_US * 1000 * stretch))))
     assert found["poses-coverage"].verdict == "wrong"
-    assert "unit" in found["poses-coverage"].suspect or "read as" in found["poses-coverage"].suspect
+    assert re.search(r"as if .*(unit|read as)", found["poses-coverage"].evidence)
 
 
 def test_a_long_recording_of_poses_is_no_mistaken_unit():
@@ -190,7 +196,9 @@ def test_the_principal_point_is_near_the_middle(centre, verdict):
 
 
 def test_an_exchanged_principal_point_is_called_that():
-    assert _lens(cx_px=44.0, cy_px=60.5)["principal-point"].suspect == "principal point exchanged"
+    found = _lens(cx_px=44.0, cy_px=60.5)["principal-point"]
+    assert found.verdict == "wrong"
+    assert "as if cx and cy were exchanged" in found.evidence
 
 
 @pytest.mark.parametrize("times", [0.25, 0.5, 2.0])
@@ -198,8 +206,22 @@ def test_a_calibration_of_another_resolution_is_called_that(times):
     right = _lens(cx_px=59.5, cy_px=44.5)["principal-point"]
     found = _lens(cx_px=60 * times - 0.5, cy_px=45 * times - 0.5)["principal-point"]
     assert right.verdict == "good"
-    assert found.suspect == "calibration of another resolution"
-    assert f"multiply fx, fy, cx and cy by {1 / times:.3g}," in found.cure
+    assert found.verdict == "wrong"
+    assert f"as if of an image {times:.3g} times as large" in found.evidence
+    assert image_times(replace(CAMERA, cx_px=60 * times - 0.5, cy_px=45 * times - 0.5)) == times
+
+
+@pytest.mark.parametrize("times", [0.25, 0.5, 2.0])
+def test_a_calibration_of_another_resolution_is_mended(times):
+    """Pixel centres are at whole numbers: the image's edge is at -0.5."""
+    right = replace(CAMERA, cx_px=58.0, cy_px=46.0)
+    told = replace(right.zoomed(times), cx_px=58.5 * times - 0.5, cy_px=46.5 * times - 0.5)
+    rig = Rig("one", (told,), (np.eye(4),))
+    recording = AlteredRecording(_one(), rig=rig)
+    (mended,) = (a for a in of_poses(recording) if a.name == "calibration of another resolution")
+    (camera,) = mended.change(recording).rig.cameras
+    assert (camera.fx_px, camera.cx_px, camera.cy_px) == pytest.approx((right.fx_px, 58.0, 46.0))
+    assert not any("resolution" in a.name for a in of_poses(_one()))
 
 
 def test_a_fisheye_may_see_more_than_a_pinhole():
@@ -282,8 +304,6 @@ def test_a_saturated_bus_is_doubtful_and_a_steady_rate_is_not():
 
 
 def _one():
-    from eventsweep.emvs.check.alternatives import Chosen
-
     return Chosen(head_recording(), (0,))
 
 
@@ -300,7 +320,8 @@ def test_events_off_the_sensor_that_fit_another_camera_are_swapped():
     small = replace(CAMERA, width_px=100, height_px=80)
     rig = replace(head_recording().rig, cameras=(small, CAMERA))
     found = _checked_events(AlteredRecording(head_recording(), rig=rig))["events-sensor"]
-    assert (found.verdict, found.suspect) == ("wrong", "cameras swapped")
+    assert (found.verdict, found.suspect) == ("wrong", "events off the sensor")
+    assert "but on that of" in found.evidence
     both = replace(rig, cameras=(small, small))
     report = check(AlteredRecording(head_recording(), rig=both))
     assert report.finding("events-sensor").suspect == "events off the sensor"

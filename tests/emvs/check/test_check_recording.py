@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from check_cases import UNSPOILT, Chosen
+from check_cases import FAULTS, UNSPOILT, Chosen
 from eventsweep.emvs.check.recording import check, check_path, quick_check
 from eventsweep.emvs.check.trial_windows import TrialWindows, WindowRecording
 from eventsweep.emvs.config import MapperConfig
@@ -23,7 +23,7 @@ class _WithoutPoses(Chosen):
 
 def test_a_recording_without_poses_is_checked_as_far_as_it_goes():
     report = check(_WithoutPoses(head_recording(), (0, 1)))
-    assert report.verdict == "good"
+    assert report.verdict == "unchecked"
     assert {name for name, _ in report.unchecked} == {"poses", "parallax", "mapping"}
     assert report.finding("rectification") is not None
 
@@ -48,9 +48,22 @@ def test_what_is_no_recording_is_refused(tmp_path, what):
         check_path(tmp_path / what)
 
 
-def test_mapping_may_be_left_out():
+def test_mapping_may_be_left_out_and_then_nothing_is_called_good():
     report = check(head_recording(), mapping=False)
     assert not any(one.name.startswith("mapping") for one in report.findings)
+    assert report.verdict == "unchecked"
+    assert [name for name, _ in report.unchecked] == ["mapping"]
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["positions in mm", "half the resolution", "clocks apart", "another sensor's calibration"],
+)
+def test_without_mapping_what_is_odd_gets_no_cure(kind):
+    fault = next(fault for fault in FAULTS if fault.kind == kind)
+    report = check(fault.plant(head_recording(), np.random.default_rng(3)), mapping=False)
+    assert report.verdict == "wrong"
+    assert not any(finding.cure for finding in report.findings)
 
 
 def test_mapping_is_not_tried_on_nonsense_and_says_so():

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -41,12 +42,10 @@ def test_what_is_no_number_is_wrong(judge):
 
 
 def _finding(verdict, name="one", suspect=""):
-    return judged(
-        name, verdict, 1.5, "m", "it is 1.5 m", meaning="bad", cure="mend it", suspect=suspect
-    )
+    return judged(name, verdict, 1.5, "m", "it is 1.5 m", meaning="bad", suspect=suspect)
 
 
-def test_a_good_finding_has_nothing_to_cure():
+def test_a_good_finding_means_nothing():
     good = _finding("good", suspect="never")
     assert (good.meaning, good.cure, good.suspect) == ("", "", "")
 
@@ -61,8 +60,23 @@ def test_a_report_names_what_is_wrong_once_and_in_order():
     assert report.finding("c") is findings[2]
     assert report.finding("z") is None
     assert "1 good, 1 doubtful, 3 wrong" in repr(report)
-    assert "cure" not in findings[1].line()
-    assert findings[1].line() == "b wrong: second: it is 1.5 m; mend it"
+    assert findings[1].line() == "b wrong: second: it is 1.5 m; bad"
+
+
+def test_a_cause_is_named_before_what_is_odd():
+    cause = replace(_finding("wrong", "m", "first"), cure="mend it")
+    report = Report("rec", (_finding("wrong", "a", "odd"), cause))
+    assert report.suspects == ("first", "odd")
+    assert cause.line() == "m wrong: first: it is 1.5 m; mend it"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "whole", "part"),
+    [("good", "good", "unchecked"), ("doubtful", "doubtful", "doubtful"), ("wrong",) * 3],
+)
+def test_what_was_not_looked_at_is_not_called_good(verdict, whole, part):
+    assert Report("rec", (_finding(verdict),)).verdict == whole
+    assert Report("rec", (_finding(verdict),), (("mapping", "left out"),)).verdict == part
 
 
 def test_nothing_looked_at_is_good():

@@ -8,9 +8,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from eventsweep.emvs.check.alternatives import Alternative, amounts_of_one, amounts_of_pair, of_pair
-from eventsweep.emvs.check.by_mapping import _is_ambiguous, _may_be_second, _undecided
-from eventsweep.emvs.check.trials import Trial
+from eventsweep.emvs.check.alternatives import Alternative, of_pair
+from eventsweep.emvs.check.amounts import Amount, amounts_of_one, amounts_of_pair
+from eventsweep.emvs.check.by_mapping import (
+    _is_ambiguous,
+    _may_be_second,
+    _several,
+    _undecided,
+)
+from eventsweep.emvs.check.trials import CameraTrials, Trial
 
 CONVENTION = Alternative("poses inverted", lambda r: r, "invert them")
 OTHER = Alternative("rotations inverted", lambda r: r, "invert them")
@@ -71,3 +77,36 @@ def test_a_rival_leaves_open_what_is_wrong(cause, rival, ambiguous):
 )
 def test_which_two_can_be_wrong_at_once(first, second, possible):
     assert _may_be_second(second, first) == possible
+
+
+def log_sharpness(coupling):
+    """Of windows where the amounts (a, b) should be (2, 0); near 1 or -1 they trade off."""
+
+    def of(change):
+        a, b = change((0.0, 0.0))
+        return np.array([-0.01 * ((a - 2 + coupling * b) ** 2 + (1 - coupling**2) * b**2)])
+
+    return of
+
+
+@pytest.mark.parametrize(
+    ("coupling", "traded"), [(0.0, False), (-0.9, False), (1.0, True), (-1.0, True)]
+)
+def test_an_amount_is_traded_where_another_one_makes_up_for_it(coupling, traded):
+    """Beside `b` = 4 the best `a` loses 0.16 (1 - coupling^2) of sharpness."""
+    a, b = (
+        Amount(name, "", 0.0, (-8.0, 0.0, 8.0), change, 1.0, "")
+        for name, change in (("a", lambda s, x: (s[0] + x, s[1])),
+                             ("b", lambda s, x: (s[0], s[1] + x)))
+    )  # fmt: skip
+    trials = CameraTrials.__new__(CameraTrials)
+    trials._leading_gains = trials._coarse_gains = log_sharpness(coupling)
+    best = Trial(a, np.full(3, 0.2), lambda s: a.change(s, 2.0), 0.04, amount=2.0)
+    assert trials.is_traded(best, b) == traded
+
+
+def test_what_gains_besides_a_cause_leaves_several():
+    clock = AMOUNTS["camera clock"]
+    late = Trial(clock, np.full(3, 0.05), lambda r: r, 0.015, amount=20.0)
+    assert "more than one thing" in _several(None, [trial(CONVENTION)], late, [clock])
+    assert _several(None, [trial(CONVENTION)], None, [clock]) == ""

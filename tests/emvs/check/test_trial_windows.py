@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from eventsweep.emvs.check.alternatives import Chosen, amounts_of_pair, of_poses
+from eventsweep.emvs.check.alternatives import Chosen, of_poses
+from eventsweep.emvs.check.amounts import amounts_of_pair
 from eventsweep.emvs.check.recording import check
 from eventsweep.emvs.check.trial_windows import TrialWindows
 from eventsweep.emvs.check.trials import CameraTrials, Trial

@@ -1,6 +1,7 @@
 """The page of a check: what is wrong first, evidence and cures, nothing that runs from names."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ def _report(name="rec"):
         name,
         (
             Finding("fine", "good", 1.0, "m", "it is 1 m", series=image),
-            Finding("odd", "doubtful", 2.0, "m", "it is 2 m", "may hurt", "look", "stray"),
+            Finding("odd", "doubtful", 2.0, "m", "it is 2 m", "may hurt", "", "stray"),
             Finding("bad", "wrong", 3.0, "m", "it is 3 m", "it hurts", "mend it", "unit", curve),
         ),
         (("mapping", "there are no poses"),),
@@ -35,6 +36,8 @@ def test_what_is_wrong_comes_first_with_its_cure(tmp_path):
     assert text.index('id="bad"') < text.index('id="odd"') < text.index('id="fine"')
     for words in ("it is 3 m", "it hurts", "mend it", "there are no poses", "<svg", "image/png"):
         assert words in text
+    assert text.count("<dt>Means") == 2
+    assert text.count("<dt>Cure") == 1
     assert 'src="http' not in text
     assert 'href="http' not in text
     assert json.loads((tmp_path / "check.json").read_text())["suspects"] == ["unit"]
@@ -48,7 +51,10 @@ def test_names_are_escaped():
 
 def test_the_summary_counts_and_names():
     assert summary(_report()) == "3 findings: 1 wrong (unit), 1 doubtful."
-    assert summary(Report("rec", _report().findings[:1])) == "1 finding: nothing is wrong."
+    fine = Report("rec", _report().findings[:1])
+    assert summary(fine) == "1 finding: nothing is wrong."
+    part = replace(fine, unchecked=_report().unchecked)
+    assert summary(part) == "1 finding: nothing is wrong in what was checked."
 
 
 @pytest.mark.parametrize(
