@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import io
+import os
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ else:
 
 Numbers = NDArray[Any]
 MOST_BYTES = 1 << 28  # what one compressed packet or chunk may unpack to
+_MOST_RATIO = 64  # and how many times its own size a compressed file of more than that
 _STEP = 1 << 24  # bytes that are unpacked at a time
 _DECOMPRESSORS = {
     "bz2": bz2.BZ2Decompressor,
@@ -194,6 +196,25 @@ class BoundedFile(io.BufferedReader):
     def read(self, size: int | None = -1, /) -> bytes:
         """Reads up to `size` bytes; reserves no more than the file's size for them."""
         return super().read(-1 if size is None else min(size, self._size))
+
+
+class BoundedZstd(zstd.ZstdFile):
+    """A compressed file, open for reading, that unpacks to a bound."""
+
+    def __init__(self, file: io.BufferedReader, mode: Any) -> None:
+        super().__init__(file, mode)
+        self._most = max(MOST_BYTES, _MOST_RATIO * os.fstat(file.fileno()).st_size)
+
+    def read(self, size: int | None = -1) -> bytes:
+        """Reads up to `size` bytes, unpacked.
+
+        Raises:
+            ValueError: these end beyond the bound.
+        """
+        data = super().read(size)
+        if self.tell() > self._most:
+            raise ValueError(f"a compressed file unpacks to more than {self._most} bytes")
+        return data
 
 
 def to_events(
