@@ -121,6 +121,18 @@ def test_negative_times_are_refused(tmp_path, kind):
     assert "-" in str(error.value)
 
 
+def test_a_span_is_never_that_of_a_damaged_time(tmp_path):
+    """M3ED's has an index by time; what lies behind its last entry is found among the times."""
+    path, events = tmp_path / "f", naive.events_of(rows())
+    event_files.write_any(path, "m3ed", SIZE_PX, [events])
+    with h5py.File(path, "r+") as file:
+        file["prophesee/left/t"][-1] = -(2**61)
+    reader = open_events(path)
+    with pytest.raises(InputError, match=r"event 0 at -\d+ µs") as error:
+        reader.span_us(reader.streams[0])
+    assert_one_line(error, path)
+
+
 def read_slices(path):
     """All, and a part that needs the file's index."""
     read_all(path)
