@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import io
+import os
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ else:
 
 Numbers = NDArray[Any]
 MOST_BYTES = 1 << 28  # what one compressed packet or chunk may unpack to
+_MOST_RATIO = 64  # and how many times its own size a compressed file of more than that
 _STEP = 1 << 24  # bytes that are unpacked at a time
 _DECOMPRESSORS = {
     "bz2": bz2.BZ2Decompressor,
@@ -136,16 +138,16 @@ def within(events: Events, t0_us: int, t1_us: int) -> Events:
     return events if inside.all() else events.take(inside)
 
 
-def checked_times(events: Events, where: str) -> Events:
-    """Returns the events; no format here has time stamps below 0 or beyond 2^62 µs."""
-    bad = np.flatnonzero((events.t_us < 0) | (events.t_us > 1 << 62))
+def checked_times(t_us: NDArray[np.int64], where: str) -> NDArray[np.int64]:
+    """Returns times, µs; no format here has any below 0 or beyond 2^62 µs."""
+    bad = np.flatnonzero((t_us < 0) | (t_us > 1 << 62))
     if bad.size:
         k = int(bad[0])
         raise InputError(
-            f"{where}: event {k} at {events.t_us[k]} µs; needs 0 to 2^62 µs: shift the times if "
+            f"{where}: event {k} at {t_us[k]} µs; needs 0 to 2^62 µs: shift the times if "
             "they count from another epoch, otherwise the file is damaged"
         )
-    return events
+    return t_us
 
 
 def unpacked(data: bytes | memoryview, compression: str, where: str) -> bytes:
@@ -196,6 +198,25 @@ class BoundedFile(io.BufferedReader):
         return super().read(-1 if size is None else min(size, self._size))
 
 
+class BoundedZstd(zstd.ZstdFile):
+    """A compressed file, open for reading, that unpacks to a bound."""
+
+    def __init__(self, file: io.BufferedReader, mode: Any) -> None:
+        super().__init__(file, mode)
+        self._most = max(MOST_BYTES, _MOST_RATIO * os.fstat(file.fileno()).st_size)
+
+    def read(self, size: int | None = -1) -> bytes:
+        """Reads up to `size` bytes, unpacked.
+
+        Raises:
+            ValueError: these end beyond the bound.
+        """
+        data = super().read(size)
+        if self.tell() > self._most:
+            raise ValueError(f"a compressed file unpacks to more than {self._most} bytes")
+        return data
+
+
 def to_events(
     where: str, x: Numbers, y: Numbers, t: Numbers, p: Numbers, unit_s: float | None
 ) -> Events:
@@ -214,9 +235,8 @@ def to_events(
     """
     if unit_s is None:
         unit_s = 1.0 if t.dtype.kind == "f" else 1e-6
-    t_us = times_us(where, t, unit_s)
-    columns = _pixels(where, "x", x), _pixels(where, "y", y)
-    return checked_times(Events(*columns, t_us, _polarity(where, p)), where)
+    t_us = checked_times(times_us(where, t, unit_s), where)
+    return Events(_pixels(where, "x", x), _pixels(where, "y", y), t_us, _polarity(where, p))
 
 
 def times_us(where: str, t: Numbers, unit_s: float) -> NDArray[np.int64]:

@@ -17,7 +17,7 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.errors import InputError, quoted, said
 from eventsweep.emvs.formats import event_packets
 from eventsweep.emvs.formats.base import StreamWriter
-from eventsweep.emvs.formats.blocks import BlockReader, BoundedPath, unpacked, within
+from eventsweep.emvs.formats.blocks import BlockReader, BoundedPath, BoundedZstd, unpacked, within
 from eventsweep.emvs.formats.prophesee import opened
 from eventsweep.emvs.formats.prophesee_kernels import State, initial_state
 from eventsweep.emvs.formats.rosbag_kernels import decode_array, encode_array
@@ -160,18 +160,17 @@ class _McapPath(BoundedPath):
 def opened_bag(path: Path) -> Iterator[Any]:
     """Opens a bag for reading."""
     from rosbags.rosbag1 import Reader as Reader1  # 0.2 s that other formats need not wait for
-    from rosbags.rosbag2 import Reader as Reader2
+    from rosbags.rosbag2 import reader as ros2_reader
     from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
     try:
         ros2 = is_ros2(path)
         own = _McapPath(path) if ros2 and not path.is_dir() else BoundedPath(path)
-        DECOMPRESSORS.update({name: partial(_mcap_chunk, name) for name in ("lz4", "zstd")})
-        with Reader2(own) if ros2 else Reader1(own) as bag:
+        DECOMPRESSORS.update({name: partial(_bounded_part, name) for name in ("lz4", "zstd")})
+        ros2_reader.zstd = _BoundedCodec  # type: ignore[attr-defined,assignment]
+        with ros2_reader.Reader(own) if ros2 else Reader1(own) as bag:
             if isinstance(bag, Reader1):
                 bag.chunks = {at: _bounded(path, at, chunk) for at, chunk in bag.chunks.items()}
-            elif bag.compression_mode == "message":
-                _bound_messages(path, bag)
             if not all(isinstance(n, str) for c in bag.connections for n in (c.topic, c.msgtype)):
                 raise ValueError("topics and types without names")
             yield bag
@@ -195,22 +194,20 @@ def _bounded(path: Path, at: int, chunk: Any) -> Any:
     return chunk._replace(decompressor=partial(unpacked, compression=kind, where=where))
 
 
-def _bound_messages(path: Path, bag: Any) -> None:
-    """The same for messages of a ROS2 bag that are compressed one by one."""
-    bag.storage.metadata = bag.storage.metadata._replace(compression_mode=None)
-    compressed = bag.messages
+class _BoundedCodec:
+    """The same for ROS2's compressed files and messages: what the library asks of `zstd`."""
 
-    def messages(*arguments: Any, **named: Any) -> Iterator[tuple[Any, int, bytes]]:
-        for connection, stamp_ns, data in compressed(*arguments, **named):
-            yield connection, stamp_ns, unpacked(data, "zstd", f"{path}, message at {stamp_ns} ns")
+    open = BoundedZstd
 
-    bag.messages = messages
+    @staticmethod
+    def decompress(data: bytes) -> bytes:
+        return _bounded_part("zstd", data)
 
 
-def _mcap_chunk(compression: str, data: bytes, _size: int) -> bytes:
+def _bounded_part(compression: str, data: bytes, _size: int = 0) -> bytes:
     """The same for MCAP, whose chunks have a table of decompressors in common."""
     try:
-        return unpacked(data, compression, "a chunk")
+        return unpacked(data, compression, "a chunk or message")
     except InputError as error:  # `opened_bag` knows the file
         raise ValueError(str(error)) from error
 

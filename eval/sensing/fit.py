@@ -20,7 +20,6 @@ from eventsweep.eval.sensing.pixel_events import PixelEvents
 from eventsweep.eval.sensing.thresholds import (
     DARK_LEVEL,
     Pairs,
-    guard_of,
     pairs_of,
     threshold_estimates,
 )
@@ -32,6 +31,8 @@ _POLARITIES = "contrast_threshold_pos", "contrast_threshold_neg"
 # A search for thresholds that make as many events: steps, and how near is near enough.
 _STEPS, _NEAR_ENOUGH, _LARGEST = 12, 0.01, 3.0
 _MOST_EVENTS = 20_000_000
+# What bounds the pairs' light before there is an estimate.
+_USUAL_THRESHOLD = 0.2
 
 
 @dataclass(frozen=True)
@@ -125,18 +126,18 @@ def _pixels(events: Events, shape: tuple[int, int], span_us: tuple[int, int]) ->
 def fit_pixels(pixels: PixelEvents, frames: FrameStack | None) -> SensorFit:
     """Fits a sensor to events, and frames where there are some."""
     log_eps = PixelConfig().log_eps
-    found, pairs, expected = _without_frames(), None, None
+    found, pairs, expected, threshold = _without_frames(), None, None, _USUAL_THRESHOLD
     if frames is not None:
-        pairs = pairs_of(pixels, frames, log_eps, 0.0, DARK_LEVEL)
-        found = threshold_estimates(pairs)
+        found = threshold_estimates(pairs_of(pixels, frames, log_eps, DARK_LEVEL, threshold))
         known = [e.value for e in found[:2] if not e.refused]
-        expected = Expected(frames, float(np.mean(known)) if known else 0.2, log_eps)
+        threshold = float(np.mean(known)) if known else threshold
+        expected = Expected(frames, threshold, log_eps)
     noise = quiet_noise(pixels, expected)
     silence = refractory(pixels, noise.rate_hz)
-    if frames is not None and not silence.refused:
-        pairs = pairs_of(pixels, frames, log_eps, guard_of(silence.value), DARK_LEVEL)
-        found = threshold_estimates(pairs)
     dead_us = 0.0 if silence.refused else silence.value
+    if frames is not None:
+        pairs = pairs_of(pixels, frames, log_eps, DARK_LEVEL, threshold, dead_us)
+        found = threshold_estimates(pairs)
     all_ = (*found, silence, *noise.estimates, *hot_estimates(pixels, dead_us))
     fit = SensorFit(all_, (), float(pixels.on.mean()), noise.light, pixels, frames, pairs)
     if frames is None or not any(e.refused for e in found[:2]):

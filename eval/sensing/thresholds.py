@@ -37,6 +37,7 @@ _LONGEST_US = 500_000
 _APART = 2
 # A pixel whose events come closer than so many refractory periods may have lost some in between.
 _GUARD = 3.0
+_USUAL_REFRACTORY_US = 1000.0
 _FEW_PAIRS, _MOST_RELATIVE = 2000, 0.25
 # Shares of the value by which the development sensors were off beyond their scatter
 # (`tests/benchmarks sensor_fit`).
@@ -81,9 +82,21 @@ class _Anchors:
 
 
 def pairs_of(
-    pixels: PixelEvents, frames: FrameStack, log_eps: float, guard_us: float, dark_level: float
+    pixels: PixelEvents,
+    frames: FrameStack,
+    log_eps: float,
+    dark_level: float,
+    threshold: float,
+    refractory_us: float = 0.0,
 ) -> Pairs:
-    """Sums over pairs of events that no fast events spoil."""
+    """Sums over pairs of events that no lost events spoil.
+
+    Events that come nearly as close as the refractory period may have lost some between them. Of an
+    edge that passes within it a single event is left, and only frames show that: pairs are left out
+    as well where the light changes by more than a `threshold` in the guard's time, or in that of a
+    usual sensor where the period is not known (0).
+    """
+    guard_us = _GUARD * refractory_us
     anchors = _anchors(pixels, frames, log_eps, dark_level)
     event, tiles = anchors.event, pixels.tiles
     halves = _halves(pixels, anchors)
@@ -98,6 +111,10 @@ def pairs_of(
     fast[2:] = np.cumsum(close)
     good = (pixel[start] == pixel[end]) & (fast[end + 1] == fast[start + 1])
     good &= t_us[end] - t_us[start] < _LONGEST_US
+    steep = _steep(frames, log_eps, threshold / (guard_us or _GUARD * _USUAL_REFRACTORY_US))
+    first, last = (np.searchsorted(frames.t_us, t_us[k]) for k in (start, end))
+    first, last = np.maximum(first - 1, 0), np.minimum(last, len(frames.t_us) - 1)
+    good &= steep[first, pixel[start]] == steep[last, pixel[start]]
     start, end = start[good], end[good]
     ons = np.cumsum(pixels.on)
     plus = (ons[end] - ons[start]).astype(float)
@@ -113,6 +130,15 @@ def pairs_of(
     keep = slice(None, None, max(1, len(start) // 20_000))
     sample = np.stack([change[keep], plus[keep], minus[keep]], 1)
     return Pairs(moments, halves, len(start), sample)
+
+
+def _steep(frames: FrameStack, log_eps: float, most_per_us: float) -> NDArray[np.int32]:
+    """(T, P) number of intervals before a frame in which a pixel's light changed faster."""
+    log = np.log(frames.light.reshape(len(frames.t_us), -1) + log_eps)
+    steep = np.abs(np.diff(log, axis=0)) > most_per_us * np.diff(frames.t_us)[:, None]
+    out = np.zeros(log.shape, np.int32)
+    np.cumsum(steep, axis=0, out=out[1:])
+    return out
 
 
 def _halves(pixels: PixelEvents, anchors: _Anchors) -> Floats:
@@ -300,11 +326,6 @@ def _spread(halves: Floats, thresholds: Floats) -> tuple[float, float]:
         return float("nan"), float("nan")
     product = np.concatenate(products)
     return float(product.mean()), float(product.std() / np.sqrt(len(product)))
-
-
-def guard_of(refractory_us: float) -> float:
-    """Pixels whose events come closer than this may have lost some, µs."""
-    return _GUARD * refractory_us
 
 
 DARK_LEVEL = SensorParameters().dark_level

@@ -76,8 +76,10 @@ def sound(folder, kind):
     path, events = folder / "f", [naive.events_of(rows())]
     name = kind.partition("+")[0]
     match kind:
-        case "rosbag2+mcap":
-            event_files.write_rosbag2(path, SIZE_PX, events, event_files.StoragePlugin.MCAP)
+        case "rosbag2+mcap" | "rosbag2+file":
+            mcap = {"storage": event_files.StoragePlugin.MCAP}
+            settings = mcap if kind == "rosbag2+mcap" else {"compression": "file"}
+            event_files.write_rosbag2(path, SIZE_PX, events, **settings)
         case "rosbag2+lone":
             payloads, storage = event_files.libcaer_payloads(rows()), event_files.StoragePlugin.MCAP
             bag = folder / "bag"
@@ -158,7 +160,7 @@ def uncompressed(data):
 KINDS = [
     *event_files.ALL, "rosbag2+mcap", "dsec+plain", "mvsec+plain", "aedat4+plain", "npz+members",
     "npy+rows", "npz+rows", "hdf5+rows", "hdf5+stated", "csv+stated",
-    "rosbag2+evt3", "rosbag2+mono", "rosbag2+lone", "mat+plain",
+    "rosbag2+evt3", "rosbag2+mono", "rosbag2+lone", "rosbag2+file", "mat+plain",
     *(["parquet+plain"] if event_files.HAS_PARQUET else []),
 ]  # fmt: skip
 

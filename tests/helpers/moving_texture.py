@@ -22,13 +22,14 @@ def texture(seed, side=256):
     return np.exp(-1.2 + 0.8 * image / image.std()).astype(np.float32)
 
 
-def movie(seed=0, seconds=0.7, step_us=1000, speed_px_s=90.0):
-    """Times, µs, and (T, H, W) light."""
+def movie(seed=0, seconds=0.7, step_us=1000, speed_px_s=90.0, jump_px=0.0):
+    """Times, µs, and (T, H, W) light; it may jump to and fro within a step, every 40 ms."""
     times_us = list(range(0, round(seconds * 1e6) + 1, step_us))
     picture, frames = texture(seed), []
     for t_us in times_us:
         s = t_us * 1e-6
         x, y = 40 + speed_px_s * s + 8 * np.sin(5 * s), 40 + 30 * np.sin(7 * s)
+        x += jump_px * (t_us // 40_000 % 2)
         view = np.float32([[1, 0, x], [0, 1, y]])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         frames.append(np.minimum(cv2.warpAffine(picture, view, SHAPE[::-1], flags=flags), 1))

@@ -12,13 +12,14 @@ from typing import Any
 import h5py
 import hdf5plugin
 import numpy as np
+from numpy.typing import NDArray
 
 from eventsweep.emvs.data.event_store import EventStoreWriter, indexed_slice, with_neighbours
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.hdf5 import COMPRESSION, Hdf5Writer
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats.base import GatheringWriter, StreamWriter
-from eventsweep.emvs.formats.blocks import BlockReader, IndexedBlock
+from eventsweep.emvs.formats.blocks import BlockReader, IndexedBlock, checked_times
 from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.formats.tables.hdf5_layouts import (
     check_columns,
@@ -112,12 +113,16 @@ class Hdf5Reader(BlockReader):
         for start in range(0, self._count[stream], _BLOCK_ROWS):
             place = (start, min(start + _BLOCK_ROWS, self._count[stream]))
             with opened_hdf5(self.path) as file:
-                t_us = self._layout.times(file, self._where(stream, *place), stream, *place)
+                t_us = self._rows_us(file, stream, *place)
             yield IndexedBlock(place, int(t_us.min()), int(t_us.max()), len(t_us))
 
     def _time(self, file: h5py.File, stream: str, row: int) -> int:
-        where = self._where(stream, row, row + 1)
-        return int(self._layout.times(file, where, stream, row, row + 1)[0])
+        return int(self._rows_us(file, stream, row, row + 1)[0])
+
+    def _rows_us(self, file: h5py.File, stream: str, start: int, stop: int) -> NDArray[np.int64]:
+        """Times of rows, checked."""
+        where = self._where(stream, start, stop)
+        return checked_times(self._layout.times(file, where, stream, start, stop), where)
 
     def _first_at(self, file: h5py.File, stream: str, ms: int) -> int:
         """The row that the index gives for a (relative) millisecond."""
@@ -144,8 +149,7 @@ class Hdf5Reader(BlockReader):
         first = self._first_at(file, stream, entries - 1) if entries else 0
         for start in range(first, count, _BLOCK_ROWS):
             stop = min(start + _BLOCK_ROWS, count)
-            where = self._where(stream, start, stop)
-            t_us = self._layout.times(file, where, stream, start, stop)
+            t_us = self._rows_us(file, stream, start, stop)
             if t_us[-1] >= 1000 * ms:
                 return start + int(np.searchsorted(t_us, 1000 * ms))
         return count

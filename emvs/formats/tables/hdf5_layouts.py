@@ -134,7 +134,9 @@ def _from_offset() -> Hdf5Layout:
         return plain.times(file, *rows) + offset_us(file)
 
     def events(file: h5py.File, where: str, *rows: Any) -> Events:
-        return checked_times(plain.events(file, where, *rows).shifted(offset_us(file)), where)
+        found = plain.events(file, where, *rows).shifted(offset_us(file))
+        checked_times(found.t_us, where)
+        return found
 
     return replace(plain, events=events, times=times, index="ms_to_idx")
 

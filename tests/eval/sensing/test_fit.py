@@ -43,6 +43,15 @@ def test_mismatch_and_bandwidth_are_recovered(moving):
         assert abs(fit[name].value - truth[name]) < fit[name].uncertainty
 
 
+def test_events_lost_in_bursts_change_no_threshold():
+    """Jumps within a refractory period leave one event of several, and no two close together."""
+    jumping, truth = movie(jump_px=8), (0.2, 0.25)
+    for lost_us, rel in ((0, 0.02), (1500, 0.05)):
+        fit = fit_pixels(*recorded(*jumping, refractory_period_us=lost_us, **C))
+        np.testing.assert_allclose([fit[name].value for name in C], truth, rtol=rel)
+    assert fit["refractory_period_us"].value == pytest.approx(1500, rel=0.01)
+
+
 def test_light_that_fades_in_the_frames_is_a_larger_threshold_and_nothing_else(moving):
     """A law of scale: half the contrast in the frames, half the thresholds."""
     pixels, frames = recorded(*moving, **C)
