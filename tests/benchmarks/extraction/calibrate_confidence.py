@@ -2,7 +2,8 @@
 
 Calibrates on the calibration sequences of training, and writes `emvs/depth/precision.json`, which
 ships. With `--page` it then asks samples of the extraction study, which nothing was trained or
-calibrated on, whether the stated errors and precisions hold there.
+calibrated on, whether the stated errors and precisions hold there. `--left-out` calibrates without
+each sequence in turn, and asks that one how much its band holds.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth import precision
@@ -30,9 +32,9 @@ from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.learning import confidence
 from eventsweep.eval.learning.confidence import Scored
 from eventsweep.eval.learning.data import simulate_sequence
-from eventsweep.eval.learning.sequences import sequences
+from eventsweep.eval.learning.sequences import TrainingSequence, sequences
 from eventsweep.eval.scoring.run_folder import truth_of
-from markdown_blocks import into_page
+from markdown_blocks import into_page, show
 from study_cache import load_sequence
 from study_samples import SETS, SampleSpec, chosen_samples
 
@@ -49,12 +51,50 @@ _OF_THE_FILE = "network", "arrays_sha256"
 
 def calibrate(folder: Path, scenes: Sequence[str], methods: Sequence[str]) -> dict[str, Precision]:
     """Tables of methods, from the calibration sequences in a folder; made if not there."""
+    found = confidence.collect(folder, _simulated(folder, scenes), methods)
+    return {name: confidence.fit(one) for name, one in found.items()}
+
+
+def _simulated(folder: Path, scenes: Sequence[str]) -> list[TrainingSequence]:
     wanted = [one for one in sequences("calibration") if one.scene in scenes]
     for one in wanted:
         if not (folder / one.name).exists():
             simulate_sequence(one, folder / one.name)
-    found = confidence.collect(folder, wanted, methods)
-    return {name: confidence.fit(one) for name, one in found.items()}
+    return wanted
+
+
+def left_out(folder: Path, scenes: Sequence[str], methods: Sequence[str]) -> dict[str, list[float]]:
+    """By method, the share of each sequence's errors that tables of all others hold."""
+    each = [confidence.collect(folder, [one], methods) for one in _simulated(folder, scenes)]
+    held: dict[str, list[float]] = defaultdict(list)
+    for own in each:
+        for name, points in own.items():
+            others = confidence.joined([one[name] for one in each if one is not own])
+            held[name].append(_within(confidence.fit(others), better_half(points)))
+    return held
+
+
+def better_half(points: Scored) -> Scored:
+    """Those of the larger scores: others are never reported."""
+    return points[points.score >= np.quantile(points.score, 0.5)]
+
+
+def _within(table: Precision, points: Scored) -> float:
+    return float((points.error_px <= _stated_px(table, points)).mean())
+
+
+def _stated_px(table: Precision, points: Scored) -> NDArray[np.float32]:
+    scatter = None if points.scatter_px is None else points.scatter_px.astype(np.float32)
+    return table.error_at(points.score.astype(np.float32), scatter)
+
+
+def spread(held: Mapping[str, Sequence[float]]) -> str:
+    """Markdown: how much a band holds in sequences that its table does not know."""
+    lines = ["| Method | held %: median | least | most |", "|---|--:|--:|--:|"]
+    for name, shares in held.items():
+        cells = (100 * f(shares) for f in (np.median, np.min, np.max))
+        lines.append(f"| `{name}` | " + " | ".join(f"{cell:.0f}" for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
 
 
 def write_tables(made: Mapping[str, Precision]) -> None:
@@ -116,8 +156,7 @@ def reliability_diagram(
     Returns:
         Per bin the mean stated error, the found quantile, and the share within the stated band.
     """
-    scatter = None if points.scatter_px is None else points.scatter_px.astype(np.float32)
-    said, error_px = table.error_at(points.score.astype(np.float32), scatter), points.error_px
+    said, error_px = _stated_px(table, points), points.error_px
     parts = np.array_split(np.argsort(said, kind="stable"), bins)
     return [
         {
@@ -138,9 +177,7 @@ def report(found: Mapping[str, Scored]) -> str:
         "|---|--:|--:|--:|--:|",
     ]
     for name, points in found.items():
-        table = table_of(name)
-        kept = points.score >= np.quantile(points.score, 0.5)  # others are never reported
-        diagram = reliability_diagram(table, points[kept], bins=5)
+        diagram = reliability_diagram(table_of(name), better_half(points), bins=5)
         for k, line in enumerate(diagram, 1):
             cells = f"{line['stated_px']:.2f} | {line['found_px']:.2f} | {100 * line['within']:.0f}"
             lines.append(f"| `{name}` | {k} | {cells} |")
@@ -171,12 +208,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--methods", nargs="+", default=[*METHODS, *LEARNED],
                         choices=[*METHODS, *LEARNED],
                         help="calibrate these only: tables of others stay as they are")  # fmt: skip
+    parser.add_argument("--left-out", action="store_true",
+                        help="with --sequences: ask each of them, calibrated without it")  # fmt: skip
     parser.add_argument("--sets", nargs="+", default=["held-out"], choices=list(SETS))
     parser.add_argument("--cases", nargs="+", help="ask these samples of the sets only")
     parser.add_argument("--cache", type=Path, default=Path("out/study"))
     parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
     chosen = parser.parse_args(arguments)
     with exit_code() as code:
+        if chosen.left_out:
+            if chosen.sequences is None:
+                raise InputError("--left-out needs --sequences, the folder of the sequences")
+            held = left_out(chosen.sequences, chosen.scenes, chosen.methods)
+            show(spread(held), chosen.page, "left-out")
+            return code.value
         if chosen.sequences is not None:
             write_tables(calibrate(chosen.sequences, chosen.scenes, chosen.methods))
         if chosen.page is not None:

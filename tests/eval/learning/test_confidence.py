@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibrate_confidence import reliability_diagram
+import calibrate_confidence
+from calibrate_confidence import left_out, reliability_diagram, spread
 from eventsweep.emvs.depth.precision import (
     BAND,
     LEAST_SCATTER_PX,
@@ -138,3 +139,22 @@ def test_what_ships_covers_the_methods_that_it_should():
 def test_all_single_cameras_share_a_table():
     assert table_name("EMVS/cam1") == table_name("EMVS/cam0") == "EMVS/cam"
     assert table_name("Alg1/H") == "Alg1/H"
+
+
+def test_a_sequence_is_asked_of_a_table_of_the_others(monkeypatch):
+    """Law: where errors are as elsewhere the band holds its share; where they are larger, less."""
+    scales = {"a": 1.0, "b": 1.0, "c": 4.0}
+
+    def collect(_folder, wanted, methods):
+        score, error_px = points(ord(wanted[0]), 4000)
+        return {methods[0]: Scored(score, scales[wanted[0]] * error_px, 1.0)}
+
+    monkeypatch.setattr(confidence, "collect", collect)
+    monkeypatch.setattr(calibrate_confidence, "_simulated", lambda _folder, scenes: scenes)
+    held = left_out(None, list("abc"), ["Focus/H"])["Focus/H"]
+    tail = (
+        1 - BAND
+    )  # errors are exponential: four times as large, the band holds 1 - tail ** (1 / 4)
+    assert held[2] == pytest.approx(1 - tail**0.25, abs=0.05)
+    assert min(held[:2]) > BAND
+    assert spread({"Focus/H": [0.5, 0.6, 0.8]}).endswith("| `Focus/H` | 60 | 50 | 80 |\n")
