@@ -208,8 +208,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--methods", nargs="+", default=[*METHODS, *LEARNED],
                         choices=[*METHODS, *LEARNED],
                         help="calibrate these only: tables of others stay as they are")  # fmt: skip
-    parser.add_argument("--left-out", action="store_true",
-                        help="with --sequences: ask each of them, calibrated without it")  # fmt: skip
+    parser.add_argument(
+        "--left-out", action="store_true", help="with --sequences: ask each, calibrated without it"
+    )
     parser.add_argument("--sets", nargs="+", default=["held-out"], choices=list(SETS))
     parser.add_argument("--cases", nargs="+", help="ask these samples of the sets only")
     parser.add_argument("--cache", type=Path, default=Path("out/study"))
