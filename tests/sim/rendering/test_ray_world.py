@@ -43,6 +43,27 @@ def test_a_slide_before_a_textured_plane_gives_the_same_events(tmp_path):
     assert same.precision >= 0.95
 
 
+@pytest.mark.parametrize(("samples", "texels"), [(3, 2.0), (3, 2.5), (3, 3.2), (3, 4.0), (6, 4.0)])
+def test_fine_textures_keep_their_contrast(samples, texels, tmp_path):
+    """So many texels lie beside one another in a sample of a fine frame: over a whole mip level.
+
+    The ray caster takes many samples of the finest level. The slope of drawn light on its light is
+    below 1 where textures are blurred, and the spread is too large where they are too sharp.
+    """
+    depth_m, grey = 2.0, DRAW.noise(1024, 3, slope=0.5)
+    half_m = 512 * depth_m / DAVIS.focal_px / (texels * samples)
+    panel = wall(depth_m, 4 * half_m, grey, repeats=4)
+    world = RayWorld((panel,), DAVIS, gliding((0.0, 0.0, 0.0)))
+    cast, scene = RayCaster(world, 24).picture(0.0), panel_scene(world, (1.0, 4.0), tmp_path)
+    with StereoRenderer(
+        scene.spec(), panel_rig(DAVIS), samples, scene.depth_range_m, border_px=3
+    ) as renderer:
+        drawn = renderer.frame(0, np.eye(4)).intensity
+    (variance, both), (_, own) = np.cov(cast.ravel(), drawn.ravel())
+    assert both / variance == pytest.approx(1, abs=0.02)
+    assert np.sqrt(own / variance) == pytest.approx(1, abs=0.05)
+
+
 @pytest.mark.parametrize(("ambient", "floats"), [(0.02, True), (1.0, False), (3.0, True)])
 def test_a_look_at_a_scene_decides_how_light_is_drawn(tmp_path, ambient, floats):
     """Half of it is white: at 1 that is no brighter than 8 bits, at 3 it is."""
