@@ -90,6 +90,8 @@ def _diagnosis(
     cured = trials.after(best)
     besides = _besides(cured, best, alternatives, progress) if best.is_cause else None
     second = besides if besides and _is_second(besides, best) else None
+    if second:
+        rivals += tuple(_other_firsts(trials, (best, second), likely, alternatives))
     if second and second.gain > best.gain:
         rivals += _in_other_order(trials, best, second, alternatives)
     cured = cured.after(second) if second else cured
@@ -259,6 +261,38 @@ def _is_second(second: Trial, best: Trial) -> bool:
     """Whether it may be named beside the best cure, and is clear enough."""
     may_be = _may_be_second(second.alternative, best.alternative)
     return may_be and second.gain > _CLEAR * second.margin
+
+
+def _other_firsts(
+    trials: CameraTrials, causes: tuple[Trial, Trial], likely: Sequence[Trial],
+    alternatives: Sequence[Alternative | Amount],
+) -> Iterator[Trial]:  # fmt: skip
+    """Other first causes that explain about as much with a second one in the second one's place.
+
+    Rows counted from below and left-handed poses are the same for cameras side by side.
+    """
+    best, second = causes
+    enough = _RIVAL * (best.gain + second.gain)
+    for first in likely:
+        if _kind(first.alternative) == _kind(best.alternative) or not first.is_cause:
+            continue
+        cured = trials.after(first)
+        others = [
+            other for other in _in_place_of(second.alternative, alternatives)
+            if _may_be_second(other, first.alternative)
+        ]  # fmt: skip
+        gains = [trial.gain for trial in cured.trials(others, most=_SECONDS)] if others else []
+        if first.gain + max(gains, default=0.0) >= enough:
+            yield first
+
+
+def _in_place_of(
+    cause: Alternative | Amount, alternatives: Sequence[Alternative | Amount]
+) -> list[Alternative | Amount]:
+    """An amount itself; of a convention, all that concern the poses as well, or the cameras."""
+    if isinstance(cause, Amount):
+        return [cause]
+    return [a for a in alternatives if isinstance(a, Alternative) and a.of_pair == cause.of_pair]
 
 
 def _in_other_order(
