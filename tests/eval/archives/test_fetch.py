@@ -261,8 +261,12 @@ def answering(*answers):
                     connection.sendall(part)
                     time.sleep(0 if part is answer else 0.02)
 
-        threading.Thread(target=serve, daemon=True).start()
+        serving = threading.Thread(target=serve, daemon=True)
+        serving.start()
         yield f"http://127.0.0.1:{listening.getsockname()[1]}/data"
+        # A thread that still accepts would take what comes to the next socket of the same number.
+        listening.shutdown(socket.SHUT_RDWR)
+        serving.join()
 
 
 def ok(content, *more):
