@@ -7,6 +7,7 @@ import sys
 import tomllib
 
 import numpy as np
+import pytest
 import yaml
 
 from eventsweep.eval.cli.main import main
@@ -41,6 +42,7 @@ def test_it_names_this_version():
     assert f"eventsweep-{version}-py3-none-any.whl" in FILE.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_its_command_accepts_an_entry_and_refuses_a_changed_one(tmp_path):
     (tmp_path / "pair.toml").write_text(suite_text(case("wall")))
     theirs = tmp_path / "theirs" / "wall" / "seed0"

@@ -83,6 +83,7 @@ def test_formats_that_are_only_read_convert_too(tmp_path, first, second):
         max_size=8,
     ),
 )
+@pytest.mark.slow
 def test_events_survive_a_walk_through_all_formats(tmp_path, order, start_us, steps_us):
     stamps = start_us + np.cumsum([step for step, _ in steps_us])
     made = events(np.repeat(stamps, [count for _, count in steps_us]))

@@ -69,6 +69,7 @@ def done(site, folder, *words):
     return over.stdout
 
 
+@pytest.mark.slow
 def test_it_is_mapped_without_a_volume_and_scored(site, tmp_path):
     small_sequence(tmp_path / "seq")
     assert "Chance/middle" in done(site, tmp_path, "list", "methods")

@@ -108,6 +108,7 @@ def test_the_two_cameras_see_different_events(desk_run):
     assert np.mean((left.x[:n] == right.x[:n]) & (left.y[:n] == right.y[:n])) < 0.1
 
 
+@pytest.mark.slow
 def test_the_configuration_that_was_used_makes_the_same_results(desk_run, tmp_path):
     """config.toml is enough to run again: same maps, number by number."""
     config = str(desk_run / "config.toml")

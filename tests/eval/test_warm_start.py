@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 from cost_stream import MovingEdges
 from places import with_tools
 
@@ -70,6 +72,7 @@ def test_nothing_heavy_is_imported_before_the_first_event(tmp_path):
     assert not modules & set(HEAVY)
 
 
+@pytest.mark.slow
 def test_the_first_picture_waits_for_nothing_else(tmp_path):
     run(FIRST_PICTURE, tmp_path / "first")
     compiled, *names = run(FIRST_PICTURE, tmp_path / "second")

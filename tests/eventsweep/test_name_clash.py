@@ -59,6 +59,7 @@ def test_the_command_line_works_there(project):
     assert "Alg1/H" in works(project, "list")
 
 
+@pytest.mark.slow
 def test_the_installed_script_works_there_too(project):
     script = project / "bin" / "eventsweep"
     script.parent.mkdir()

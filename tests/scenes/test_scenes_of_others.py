@@ -67,6 +67,7 @@ def eventsweep(package, folder, *words):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_scene_of_another_package_is_listed_and_simulated(package, tmp_path):
     offers(package, "green_house = theirs_scenes:SCENE")
     listed = eventsweep(package, tmp_path, "list", "scenes")

@@ -68,6 +68,7 @@ def test_stereo_rotation_and_camera_clock_come_back_together():
     assert found.sharpness[:, 1].mean() > 1.02 * found.sharpness[:, 0].mean()
 
 
+@pytest.mark.slow
 def test_a_lag_that_all_cameras_share_is_no_clock_between_them():
     """Events of both come 6 ms late: one camera alone would be sharper with its clock put back."""
     recording = world()
@@ -106,6 +107,7 @@ def test_each_other_parameter_comes_back(name, parameter, error, most):
     assert abs(left[parameter]) < most
 
 
+@pytest.mark.slow
 def test_the_direction_of_the_baseline_comes_back():
     _, left = refined(("direction",), {"cam1 forward": 1.0, "cam1 across": -1.2})
     assert abs(left["cam1 across"]) < 0.4
@@ -128,6 +130,7 @@ def test_hand_eye_rotation_and_pose_clock_come_back_where_the_camera_turns():
         assert abs(left[name]) < 0.35, name
 
 
+@pytest.mark.slow
 def test_a_lever_is_refused_without_turning_and_says_why():
     found, left = refined(("lever",), {"lever x": 10.0}, "translating")
     assert {"lever x", "lever y", "lever z"} <= refusals(found).keys()

@@ -101,6 +101,7 @@ def test_pixels_of_a_large_sensor_are_joined():
     assert scales == [[1, 2], [3, 6]]
 
 
+@pytest.mark.slow
 def test_poses_that_no_alternative_mends_are_not_blamed_on_one():
     """A tracker that overstates how far the head turns: no convention, clock or lens does that."""
 
@@ -113,6 +114,7 @@ def test_poses_that_no_alternative_mends_are_not_blamed_on_one():
     assert "turn freely" in finding.evidence
 
 
+@pytest.mark.slow
 def test_windows_may_lie_where_poses_are_rare():
     poses = head_recording().trajectory
     few = Trajectory(poses.t_us[::25], poses.positions_m[::25], poses.quats_xyzw[::25])

@@ -191,6 +191,7 @@ def test_the_network_that_ships_reads_a_plane(depth_m):
     assert abs(np.median(found.depth_m[found.mask]) - depth_m) < 0.35
 
 
+@pytest.mark.slow
 def test_threads_and_company_do_not_change_a_bit():
     recording = fronto_parallel(1.5)
     alone = map_window(recording, CONFIG.model_copy(update={"threads": 1})).depth_maps["DERD/H"]

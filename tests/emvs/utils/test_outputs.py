@@ -8,6 +8,7 @@ import shutil
 import tempfile
 import threading
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -604,13 +605,15 @@ def memory():
     shutil.rmtree(folder)
 
 
+# What replaces a whole folder takes many steps.
+OFTEN = [*product(("exchanged", "file"), ("ours", "beside somebody's"))]
+SELDOM = [("whole", "ours"), ("grown", "ours"), *((call, "nothing") for call in KILLED)]
+
+
 @pytest.mark.parametrize(
-    "before", [pytest.param("nothing", marks=pytest.mark.slow), "ours", "beside somebody's"]
+    ("call", "before"), [*OFTEN, *(pytest.param(*way, marks=pytest.mark.slow) for way in SELDOM)]
 )
-@pytest.mark.parametrize("call", KILLED)
 def test_killed_at_any_step_it_ends_with_the_same_bytes(memory, call, before):
-    if before == "beside somebody's" and call in ("whole", "grown"):
-        pytest.skip("they replace whole folders")
     out, make = memory / "out", KILLED[call]
 
     def start():

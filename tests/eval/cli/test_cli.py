@@ -239,6 +239,7 @@ def test_list_and_version(capsys):
     assert capsys.readouterr().out.startswith("eventsweep 0.")
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_line_and_loses_nothing(tmp_path):
     def small_files() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))

@@ -363,6 +363,7 @@ def test_a_worker_killed_in_the_middle_is_replaced(make, log, tmp_path):
     assert over["b"].text == "b"
 
 
+@pytest.mark.slow
 def test_a_job_that_always_dies_fails_alone(make, log, tmp_path):
     over = run_here([make("a", "die"), make("b"), make("c")], tmp_path / "cache")
     assert over["a"] == Failed("a", f"its worker died {ATTEMPTS} times, last by signal 9")
@@ -515,6 +516,7 @@ def cluster(start, tmp_path):
     return place, lambda: start("worker", "--nthreads", "1", "--no-nanny")
 
 
+@pytest.mark.slow
 def test_the_same_graph_runs_on_a_cluster_whose_worker_joins_late(cluster, make, log, tmp_path):
     place, start_worker = cluster
     threading.Timer(1.0, start_worker).start()

@@ -338,6 +338,7 @@ def test_a_ranking_killed_anywhere_is_taken_up_and_leaves_nothing(tmp_path, monk
     assert {path.name for path in tmp_path.iterdir()} == {"in", "out"}
 
 
+@pytest.mark.slow
 def test_a_maps_page_killed_anywhere_is_taken_up_and_leaves_nothing(tmp_path, monkeypatch):
     out = tmp_path / "map"
     with atomic_dir(out) as made:

@@ -136,6 +136,7 @@ def test_a_prediction_is_scored_ranked_and_shown(suite, theirs, tmp_path):
     assert best < page.index("Alg1/H")
 
 
+@pytest.mark.slow
 def test_several_predictions_resume_and_only_what_changed_is_scored_again(
     suite, theirs, tmp_path, blank
 ):

@@ -213,6 +213,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, whole, w
     assert left == {"s", "noise.xml", "killed.py"}
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_is_told_and_loses_nothing(folder, scene, monkeypatch):
     out = folder / "died"
     # So few that the workers cannot be done long before the parent is.

@@ -121,6 +121,7 @@ def test_so_it_is_with_any_border(tmp_path, border_px):
     check_alike(textured(tmp_path), mixed, border_px=border_px)
 
 
+@pytest.mark.slow
 def test_so_it_is_of_a_large_sensor_behind_a_wide_lens(tmp_path):
     """Thousands of samples along a side: where a position has few bits left for its fraction."""
     wide = rig_of(RIGS["tumvie-kb4"].cameras[0])
