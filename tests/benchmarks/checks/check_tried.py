@@ -252,7 +252,8 @@ TRIED = (
     _unknown("two axes of the positions exchanged", _axes_of_positions_exchanged),
     # An image that is shifted is nearly that of a camera that is turned.
     _unknown("second camera's principal point off", _second_principal_point,
-             "stereo yaw", "stereo pitch", *two("stereo yaw", "stereo pitch")),
+             "principal point off", "stereo yaw", "stereo pitch",
+             *two("stereo yaw", "stereo pitch")),
     _unknown("principal point off by 8 to 14 %", _principal_point, "principal point off"),
     _unknown("fy off by 10 to 20 %", _fy, "focal lengths unequal"),
     _unknown("second camera's distortion that is not there", _second_bent),
