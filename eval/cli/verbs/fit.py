@@ -59,7 +59,8 @@ def fit(
     if opened is None and (recording / FILE_NAME).exists():
         opened = open_recording(recording)  # a sequence without poses, whose frames count
     if not 0 <= camera < len(readable.streams):
-        raise InputError(f"{recording}: no camera {camera}, there are {len(readable.streams)}")
+        last = len(readable.streams) - 1
+        raise InputError(f"{recording}: no camera {camera}, it has 0 to {last}")
     with console.progress.stage("fit", 1.0) as update:
         if opened is not None:
             fitted = fit_sensor(opened, camera, part_of(opened, camera, start_s, duration_s))

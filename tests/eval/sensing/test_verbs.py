@@ -68,4 +68,4 @@ def test_an_event_file_says_what_events_alone_can(sequence, tmp_path, capsys):
         assert "needs frames" in by_name["contrast_threshold_pos"]["refused"]
     assert found[0] == found[1]
     assert main(["fit", str(file), "--out", str(tmp_path / "p"), "--camera", "1"]) == 2
-    assert "no camera 1, there are 1" in capsys.readouterr().err
+    assert "no camera 1, it has 0 to 0" in capsys.readouterr().err
