@@ -164,6 +164,8 @@ studies: setup
 	done
 	$(BIN)/python tests/benchmarks study_pages out/studies docs/studies.md # docs/images/study_*.png
 	$(BIN)/python tests/benchmarks reproduction --out out/mvsec-table --page docs/studies.md
+	$(BIN)/python tests/benchmarks fit_imperfection --page docs/studies.md
+	$(BIN)/python tests/benchmarks fit_imperfection --held-out --page docs/studies.md
 
 setup: .venv/installed
 

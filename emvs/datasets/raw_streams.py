@@ -38,6 +38,8 @@ def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
     refused.
     """
     path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder; needs a recording or an event file")
     if columns is not None and (path.is_dir() or path.suffix == ".toml"):
         raise InputError(
             f"{path}: columns can be given for an event file only; for a recording, set them in "

@@ -26,7 +26,10 @@ from eventsweep.eval.sensing.thresholds import (
 from eventsweep.sim.config import PixelConfig
 from eventsweep.sim.sensor.sensor import Sensor
 
-_WITHOUT_FRAMES = "events alone do not show how much the light changed; needs frames"
+_WITHOUT_FRAMES = (
+    "events alone do not show how much the light changed; needs frames: three or more, of the "
+    "events' size in pixels"
+)
 _POLARITIES = "contrast_threshold_pos", "contrast_threshold_neg"
 # A search for thresholds that make as many events: steps, and how near is near enough.
 _STEPS, _NEAR_ENOUGH, _LARGEST = 12, 0.01, 3.0

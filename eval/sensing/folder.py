@@ -67,8 +67,9 @@ def part_of_span(
     begin_us = first_us + round((start_s or 0.0) * 1e6)
     end_us = last_us if duration_s is None else min(last_us, begin_us + round(duration_s * 1e6))
     if not first_us <= begin_us < end_us:
+        length = "" if duration_s is None else f" for {duration_s:g} s"
         raise InputError(
-            f"{name}: from {start_s or 0:g} s for {duration_s or 0:g} s of a recording of "
+            f"{name}: from {start_s or 0:g} s{length} of a recording of "
             f"{(last_us - first_us) * 1e-6:g} s: choose a part within it"
         )
     return begin_us, end_us

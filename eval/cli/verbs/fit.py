@@ -50,7 +50,7 @@ def fit(
     from eventsweep.emvs.formats.tables.columns import column_map
     from eventsweep.emvs.utils.outputs import atomic_dir, check_output
     from eventsweep.eval.sensing.fit import fit_sensor, fit_stream
-    from eventsweep.eval.sensing.folder import part_of, part_of_span, write_fit
+    from eventsweep.eval.sensing.folder import SENSOR_NAME, part_of, part_of_span, write_fit
 
     check_output(out, force=force, inputs=(recording,))
     console = common.console()
@@ -59,7 +59,8 @@ def fit(
     if opened is None and (recording / FILE_NAME).exists():
         opened = open_recording(recording)  # a sequence without poses, whose frames count
     if not 0 <= camera < len(readable.streams):
-        raise InputError(f"{recording}: no camera {camera}, there are {len(readable.streams)}")
+        last = len(readable.streams) - 1
+        raise InputError(f"{recording}: no camera {camera}, it has 0 to {last}")
     with console.progress.stage("fit", 1.0) as update:
         if opened is not None:
             fitted = fit_sensor(opened, camera, part_of(opened, camera, start_s, duration_s))
@@ -73,6 +74,7 @@ def fit(
             write_fit(folder, fitted, name, command)
         update(1.0, f"{len(fitted.pixels):,} events")
     console.result({"estimates": [e.facts() for e in fitted.estimates]}, _summary(fitted))
+    console.wrote(out / SENSOR_NAME)
     console.wrote(out / "report.html")
 
 
@@ -85,6 +87,7 @@ def _summary(fitted: SensorFit) -> Iterator[Part]:
         for e in fitted.estimates
     )  # fmt: skip
     yield table("sensor", ("parameter", ">value", ">95 % ±", ">unit"), rows)
-    for estimate in fitted.estimates:
-        if estimate.refused:
-            yield dim(f"{estimate.name}: {estimate.refused}")
+    reasons = dict.fromkeys(e.refused for e in fitted.estimates if e.refused)
+    for reason in reasons:
+        names = ", ".join(e.name for e in fitted.estimates if e.refused == reason)
+        yield dim(f"{names}: {reason}")

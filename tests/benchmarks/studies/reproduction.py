@@ -94,7 +94,7 @@ def report(result: SuiteResult) -> str:
             "",
             *_order_lines(_case(found, "mvsec-flying")),
             "",
-            "Told imperfect geometry, with noise:\n",
+            "With noise and imperfect geometry (`mvsec`):\n",
             *_order_lines(_case(found, "imperfect")),
             "",
         ]

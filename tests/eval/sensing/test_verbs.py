@@ -44,11 +44,33 @@ def test_too_short_a_recording_is_refused(sequence, tmp_path, capsys):
     assert not out.exists()
 
 
-@pytest.mark.parametrize("flags", [["--camera", "7"], ["--start-s", "1e9"], ["--duration-s", "-1"]])
-def test_a_part_that_is_not_there_is_refused_in_one_line(sequence, tmp_path, capsys, flags):
+def test_fit_names_its_files_and_each_reason_once(sequence, tmp_path, capsys):
+    file = tmp_path / "e.npz"
+    write_events(file, "npz", 96, 64, {"events": [Sequence.open(sequence).events(0, 0, 1 << 40)]})
+    assert main(["fit", str(file), "--out", str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr()
+    assert (shown.out + shown.err).count("needs frames: three or more") == 1
+    assert f"wrote {tmp_path / 'out' / 'sensor.toml'}" in shown.out + shown.err
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--camera", "7"], "no camera 7, it has 0 to 1"),
+        (["--start-s", "1e9"], "from 1e+09 s of a recording"),
+        (["--duration-s", "-1"], "from 0 s for -1 s of a recording"),
+    ],
+)
+def test_a_part_that_is_not_there_is_refused_in_one_line(sequence, tmp_path, capsys, flags, words):
     assert main(["fit", str(sequence), "--out", str(tmp_path / "out"), *flags]) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert words in line
     assert not (tmp_path / "out").exists()
+
+
+def test_nothing_at_a_path_is_refused_in_one_line(tmp_path, capsys):
+    assert main(["fit", str(tmp_path / "no"), "--out", str(tmp_path / "out")]) == 2
+    assert "no such file or folder; needs a recording or an event file" in capsys.readouterr().err
 
 
 def test_an_event_file_says_what_events_alone_can(sequence, tmp_path, capsys):
@@ -68,4 +90,4 @@ def test_an_event_file_says_what_events_alone_can(sequence, tmp_path, capsys):
         assert "needs frames" in by_name["contrast_threshold_pos"]["refused"]
     assert found[0] == found[1]
     assert main(["fit", str(file), "--out", str(tmp_path / "p"), "--camera", "1"]) == 2
-    assert "no camera 1, there are 1" in capsys.readouterr().err
+    assert "no camera 1, it has 0 to 0" in capsys.readouterr().err
