@@ -88,8 +88,8 @@ def realism_page(realism: Realism, command: str, files: tuple[str, ...]) -> str:
 
 def estimates_grid(estimates: tuple[Estimate, ...]) -> Grid:
     """A line per parameter: value, uncertainty, or why it is refused."""
-    heads = (Head("parameter", text=True), Head("value"), Head("95\N{NO-BREAK SPACE}%\N{NO-BREAK SPACE}±"), Head("unit", text=True),
-             Head("result", text=True))  # fmt: skip
+    heads = (Head("parameter", text=True), Head("value"), Head("±", "95 %"),
+             Head("unit", text=True), Head("result", text=True))  # fmt: skip
     known_first = sorted(estimates, key=lambda estimate: bool(estimate.refused))
     return Grid(heads, tuple(map(_line, known_first)))
 
