@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from eventsweep.emvs.errors import significant
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, TRUTH_COLOUR, plain_ticks, svg
@@ -61,28 +62,36 @@ def realism_page(realism: Realism, command: str, files: tuple[str, ...]) -> str:
         f"A classifier on event statistics tells them apart with an AUC of {realism.auc:.3f} "
         "(0.5: never, as good as real; 1: always).",
     ]
-    heads = (Head("statistic", text=True), Head(real.name), Head(simulated.name))
+    heads = (
+        Head("statistic", text=True),
+        Head(real.name, "real"),
+        Head(simulated.name, "simulated"),
+    )
     lines = tuple(
-        (GridCell(name), *(GridCell(f"{v:.4g}", v) for v in (value, simulated.statistics[name])))
+        (
+            GridCell(name),
+            *(GridCell(significant(v), v) for v in (value, simulated.statistics[name])),
+        )
         for name, value in real.statistics.items()
     )
     single = tuple((GridCell(name), GridCell(f"{v:.3f}", v)) for name, v in realism.single.items())
     grids = (
-        Grid(heads, lines, "whole recordings"),
-        Grid(
-            (Head("statistic of a window", text=True), Head("AUC alone")), single, "one at a time"
-        ),
+        Grid(heads, lines),
+        Grid((Head("statistic of a window", text=True), Head("AUC of it alone")), single),
     )
     pictures = tuple(
-        Picture(title, svg_uri(svg(_distribution, real, simulated, field, label)), label)
-        for title, field, label in (
-            ("Intervals", "gap_us", "time between two events of a pixel [µs]"),
-            ("Bursts", "burst", "events per burst"),
-            ("Edges", "edge_hz", "rate of events at edges [1/s]"),
-            ("Rates", "per_pixel", "events per second of a pixel"),
+        Picture(title, svg_uri(svg(_distribution, real, simulated, field, label, counted)), label)
+        for title, field, label, counted in (
+            ("Intervals", "gap_us", "time between two events of a pixel [µs]", False),
+            ("Bursts", "burst", "events per burst", True),
+            ("Edges", "edge_hz", "rate of events at edges [1/s]", False),
+            ("Rates", "per_pixel", "events per second of a pixel", True),
         )
     )
-    section = Section("realism", "Side by side", ("whole", "windows"), grids, pictures=pictures)
+    section = Section(
+        "realism", "Side by side", ("whole recordings", "what gives it away"), grids,
+        pictures=pictures, choice="Show",
+    )  # fmt: skip
     return _page(f"{simulated.name} compared with {real.name}", findings, section, command, files)
 
 
@@ -98,8 +107,8 @@ def _line(estimate: Estimate) -> tuple[GridCell, ...]:
     refused = estimate.refused
     return (
         GridCell(estimate.name),
-        GridCell("–" if refused else f"{estimate.value:.4g}", estimate.value),
-        GridCell("–" if refused else f"{estimate.uncertainty:.2g}", estimate.uncertainty),
+        GridCell("–" if refused else significant(estimate.value), estimate.value),
+        GridCell("–" if refused else significant(estimate.uncertainty, 2), estimate.uncertainty),
         GridCell(estimate.unit),
         GridCell(f"refused: {refused}" if refused else "determined",
                  kind="worse" if refused else "better"),
@@ -192,17 +201,23 @@ def _changes(fit: SensorFit) -> Figure:
     return figure
 
 
-def _distribution(real: Portrait, simulated: Portrait, field: str, label: str) -> Figure:
+def _distribution(
+    real: Portrait, simulated: Portrait, field: str, label: str, counted: bool
+) -> Figure:
+    """Histograms of both; of counts no bin lies between two of them, where none can be."""
     figure = LaidOutFigure(figsize=(5, 3))
     axes = figure.subplots()
     both = [np.asarray(getattr(each, field), float) for each in (real, simulated)]
     positive = np.concatenate(both)
     positive = positive[positive > 0]
-    bins = np.geomspace(positive.min(), positive.max() * 1.01, 60).tolist()
+    least, most = positive.min(), positive.max()
+    bins = np.geomspace(least, most * 1.01, 60)
+    if counted:
+        bins = (np.unique(np.geomspace(1, most / least + 1, 60).round()) - 0.5) * least
     for values, each, colour in zip(
         both, (real, simulated), (TRUTH_COLOUR, ESTIMATE_COLOUR), strict=True
     ):
-        axes.hist(values, bins, weights=_percent(values), histtype="step",
+        axes.hist(values, bins.tolist(), weights=_percent(values), histtype="step",
                   color=colour, label=each.name)  # fmt: skip
     axes.set(xscale="log", yscale="log", xlabel=label, ylabel="share [%]")
     plain_ticks(axes.xaxis, axes.yaxis)

@@ -178,7 +178,9 @@ def _draw_panel(axes: Axes, study: Study, curves: Sequence[RobustnessCurve]) -> 
 
 
 def _label(axes: Axes, study: Study, curve: RobustnessCurve) -> None:
-    axes.set_title(f"{_TITLES[curve.metric]} [{curve.unit}]", loc="left", fontsize=10)
+    unit = curve.unit
+    axes.set_title(f"{_TITLES[curve.metric]} [{display_unit(unit)}]", loc="left", fontsize=10)
+    axes.yaxis.set_major_formatter(lambda value, _: f"{in_display_unit(value, unit):,.6g}")
     axes.grid(linewidth=0.4, alpha=0.35)
     if study.logarithmic:
         axes.set_xscale("log")
