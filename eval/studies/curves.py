@@ -19,6 +19,7 @@ from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import STYLE
 from eventsweep.eval.found_poses import TRACK
+from eventsweep.eval.numbers import display_unit, in_display_unit
 from eventsweep.eval.scoring.significance import stratified_interval
 from eventsweep.eval.studies.definitions import Study
 
