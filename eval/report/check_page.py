@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from eventsweep.emvs.check.findings import TIME, VERDICTS, Finding, Report, Series
+from eventsweep.emvs.errors import significant
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.figures.laid_out import LaidOutFigure
@@ -100,7 +101,7 @@ def _curve(series: Series, finding: Finding, position: int) -> Figure:
             axes.axhline(limit, linewidth=0.8, linestyle=(0, (4, 2)), color="#777777")
     axes.set_xlabel(x_label)
     axes.set_ylabel(series.y_label)
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:,.6g}".replace("-", "−"))
+    axes.yaxis.set_major_formatter(lambda value, _: significant(value).replace("-", "−"))
     axes.grid(linewidth=0.4, alpha=0.35)
     return figure
 

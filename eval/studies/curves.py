@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from eventsweep.emvs.errors import significant
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.figures.laid_out import LaidOutFigure
@@ -181,7 +182,7 @@ def _draw_panel(axes: Axes, study: Study, curves: Sequence[RobustnessCurve]) -> 
 def _label(axes: Axes, study: Study, curve: RobustnessCurve) -> None:
     unit = curve.unit
     axes.set_title(f"{_TITLES[curve.metric]} [{display_unit(unit)}]", loc="left", fontsize=10)
-    axes.yaxis.set_major_formatter(lambda value, _: f"{in_display_unit(value, unit):,.6g}")
+    axes.yaxis.set_major_formatter(lambda value, _: significant(in_display_unit(value, unit)))
     axes.grid(linewidth=0.4, alpha=0.35)
     if study.logarithmic:
         axes.set_xscale("log")
