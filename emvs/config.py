@@ -66,7 +66,10 @@ class SemiGlobal(ParameterGroup):
     )
     p2_per_px: Count = Field(default=32, description="penalty per block pixel of a larger step")
     uniqueness_percent: int = Field(
-        default=11, ge=0, le=100, description="margin by which the best cost must beat the second"
+        default=11,
+        ge=0,
+        le=100,
+        description="how much lower the best cost must be than the second best, %",
     )
     left_right_px: Count = Field(
         default=1, description="largest difference between the disparities seen from both sides, px"

@@ -115,7 +115,7 @@ def prepared(
             default the scene's.
         config: the parameters.
         seed: of the motion.
-        notice: told in one line what may be unwanted.
+        notice: called with one line about anything that may be unwanted.
 
     Raises:
         InputError: an unknown scene, rig or camera, or an unusable model.

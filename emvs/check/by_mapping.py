@@ -82,7 +82,7 @@ def _diagnosis(
     if best.verdict == "good":
         return Diagnosis(tried, best, _unfit(trials))
     if best.verdict == "doubtful":
-        return Diagnosis(tried, best, f"{_sharper([best])}, which is too little to name a cause")
+        return Diagnosis(tried, best, f"{_sharper([best])}, too little to be sure")
     likely = _likely(trials, tried, best)
     wrong = (trial for trial in likely if trial.verdict == "wrong")
     best = next((trial for trial in wrong if _explains(trials, trial)), best)
@@ -136,7 +136,7 @@ def _undecided(trials: CameraTrials, causes: Sequence[Trial]) -> str:
     gains = np.sum([trial.gains for trial in causes], axis=0)
     free = _free_gain(trials, causes[0])
     if gains.mean() < _DECISIVE or gains.min() < _DECISIVE / 2:
-        return f"{_sharper(causes)}, which is too little to name a cause"
+        return f"{_sharper(causes)}, too little to be sure"
     if gains.mean() <= _BEYOND_FREE * free:
         return f"{_sharper(causes)}, but also by {percent(free)} where a camera may turn freely"
     return ""

@@ -59,7 +59,7 @@ def as_finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
     )  # fmt: skip
     return Finding(
         name, "wrong" if diagnosis.decisive else "doubtful", gain, "",
-        f"{cameras}: {who}, and no single cause was found: {diagnosis.unexplained}",
+        f"{cameras}: {who}: {diagnosis.unexplained}",
         f"{_MEANING}: run `calibrate`; if it does not help, look at how the poses are stored "
         "(handedness, degrees or radians, order of Euler angles, direction) and whether clocks and "
         "calibration belong to this recording",

@@ -178,7 +178,7 @@ def _sensor(stream: Stream) -> Finding:
         meaning="the calibration is for another sensor or resolution, x and y are exchanged, or a "
         "part of the sensor is silent",
         suspect="sensor not filled",
-        series=Series(np.log1p(stream.pixels), y_label="events per pixel, logarithm"),
+        series=Series(stream.pixels.astype(np.float64), y_label="events per pixel"),
     )  # fmt: skip
 
 

@@ -76,7 +76,8 @@ class Finding:
     def line(self) -> str:
         """The finding in one line, for a warning."""
         named = f"{self.suspect}: " if self.suspect else ""
-        return f"{self.name} {self.verdict}: {named}{self.evidence}; {self.cure or self.meaning}"
+        parts = (f"{self.name} {self.verdict}: {named}{self.evidence}", self.cure or self.meaning)
+        return "; ".join(filter(None, parts))
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""

@@ -70,8 +70,8 @@ def _coverage(poses: Trajectory, events_us: tuple[int, int]) -> Finding:
         like = f"of another clock: the events begin {events_us[0] - first_us} µs after the poses"
     return judged(
         "poses-coverage", verdict, share, "",
-        f"poses cover {share:.1%} of the events' time: poses {first_us} to {last_us} µs, events "
-        f"{events_us[0]} to {events_us[1]} µs{like and f'; as if {like}'}",
+        f"poses cover {share:.1%} of the events' time: poses {_seconds(first_us, last_us)}, events "
+        f"{_seconds(*events_us)}{like and f'; as if {like}'}",
         meaning="events without a pose cannot vote: look at unit and clock of the times (time_unit "
         "of the events, unit and time_offset_us of the poses)",
         suspect="poses and events apart",
@@ -80,6 +80,10 @@ def _coverage(poses: Trajectory, events_us: tuple[int, int]) -> Finding:
 
 def _rate_hz(poses: Trajectory) -> float:
     return 1e6 / float(np.median(np.diff(poses.t_us))) if len(poses) > 1 else 0.0
+
+
+def _seconds(first_us: int, last_us: int) -> str:
+    return f"{first_us / 1e6:.3f} to {last_us / 1e6:.3f} s"
 
 
 def _mistaken_unit(ratio: float, rate_hz: float, *, covered: bool) -> str:

@@ -13,7 +13,9 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 from eventsweep.eval.figures.colormaps import INK, line_style, nice_between, spaced
@@ -68,6 +70,13 @@ def svg(draw: Callable[..., Figure], *content: Any) -> str:
     # The page's style sets the size; a fixed one would overflow a phone.
     opening, rest = drawing.split(">", 1)
     return re.sub(r' (?:width|height)="[^"]*"', "", opening) + ">" + rest
+
+
+def plain_ticks(*scales: Axis) -> None:
+    """Numbers instead of powers of ten at the decades of logarithmic axes, and none between."""
+    for axis in scales:
+        axis.set_major_formatter(lambda value, _: f"{value:,.0f}" if value >= 1 else f"{value:g}")
+        axis.set_minor_formatter(NullFormatter())
 
 
 def curves_figure(curves: Sequence[tuple[str, SharesByName]], prefix: str) -> Figure:

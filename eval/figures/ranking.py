@@ -21,7 +21,7 @@ def coverage_figure(curves: Mapping[str, Sequence[tuple[float, float]]]) -> Figu
     for method, curve in curves.items():
         _line(axes, method, [x for x, _ in curve], [y for _, y in curve])
     axes.set_xlabel("coverage: share of the true pixels, the surest first [%]")
-    axes.set_ylabel("error, of the middle method's")
+    axes.set_ylabel("error, as a multiple of the median method's")
     return _finished(figure, axes)
 
 

@@ -32,7 +32,7 @@ def path_figure(truth: Trajectory, scored: Scored) -> Figure:
     panels = figure.subplots(1, 2)
     for axes, name, (right, up) in zip(panels, ("above", "side"), ((0, 1), (0, 2)), strict=True):
         true_m = _thinned(truth.positions_m)
-        axes.plot(true_m[:, right], true_m[:, up], color=_GREY, lw=3, alpha=0.6)
+        axes.plot(true_m[:, right], true_m[:, up], color=_GREY, lw=5, alpha=0.4)
         for position, (method, found) in enumerate(scored.items()):
             path_m = _thinned(_aligned_path_m(found))
             (line,) = axes.plot(path_m[:, right], path_m[:, up], **_line(method))
@@ -126,7 +126,7 @@ def _line(method: str) -> dict[str, Any]:
 def _legend(figure: Figure, scored: Scored, *, with_truth: bool = False) -> None:
     handles = [Line2D([], [], label=method, **_line(method)) for method in scored]
     if with_truth:
-        handles.insert(0, Line2D([], [], color=_GREY, lw=3, alpha=0.6, label="truth"))
+        handles.insert(0, Line2D([], [], color=_GREY, lw=5, alpha=0.4, label="truth"))
     figure.legend(handles=handles, loc="outside right center", handlelength=3.2)
 
 

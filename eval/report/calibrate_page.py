@@ -94,8 +94,8 @@ def sentences(refinement: Refinement, sides: Sequence[MappedWith]) -> list[str]:
 def estimates_grid(estimates: Sequence[Estimate]) -> Grid:
     """A line per parameter: correction, uncertainty, verdict."""
     heads = (
-        Head("parameter", text=True), Head("correction"), Head("95 % ±"), Head("unit", text=True),
-        Head("result", text=True),
+        Head("parameter", text=True), Head("correction"), Head("±", "95 %"),
+        Head("unit", text=True), Head("result", text=True),
     )  # fmt: skip
     return Grid(heads, tuple(map(_line, estimates)))
 

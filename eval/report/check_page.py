@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from eventsweep.emvs.check.findings import TIME, VERDICTS, Finding, Report, Series
+from eventsweep.emvs.errors import significant
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.figures.laid_out import LaidOutFigure
@@ -63,7 +64,8 @@ def summary(report: Report) -> str:
 
 def _figure(finding: Finding, position: int) -> Markup:
     series = finding.series
-    if series is None or not np.isfinite(series.y).any():
+    # A curve of a single point shows nothing that the evidence does not say.
+    if series is None or np.isfinite(series.y).sum() < (1 if series.names else 2):
         return Markup("")
     if series.y.ndim == 2:
         return _image(series, finding)
@@ -99,6 +101,7 @@ def _curve(series: Series, finding: Finding, position: int) -> Figure:
             axes.axhline(limit, linewidth=0.8, linestyle=(0, (4, 2)), color="#777777")
     axes.set_xlabel(x_label)
     axes.set_ylabel(series.y_label)
+    axes.yaxis.set_major_formatter(lambda value, _: significant(value).replace("-", "−"))
     axes.grid(linewidth=0.4, alpha=0.35)
     return figure
 

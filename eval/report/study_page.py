@@ -200,8 +200,8 @@ def _section(study: StoredStudy, figure: str, position: int) -> Section:
         names=tuple(column(metric).title for metric in metrics),
         tables=tuple(_grid(study, metric) for metric in metrics),
         text=f"{study.axis[:1].upper()}{study.axis[1:]}, in {study.unit}. Means over "
-        f"{', '.join(study.cases)} and {seeds}: up to {len(study.cases) * len(study.seeds)} "
-        "samples a number; ± is half of the 95 % band, which one seed does not have.",
+        f"{', '.join(study.cases)} and {seeds}; ± is half of the 95 % band, which needs several "
+        "seeds.",
         figure=figure,
         failures=tuple(study.failures.items()),
     )

@@ -62,7 +62,7 @@ def track_page(name: str, tracked: Tracked, cloud: PointCloud) -> str:
             title=f"{name}, tracked",
             subtitle=f"{len(tracked.trajectory):,} poses over {(last_us - first_us) / 1e6:.2f} s, "
             f"{100 * tracked.covered:.1f} % of the time covered, {plural(tracked.maps, 'map')}, "
-            f"lost {plural(lost, 'time')}",
+            + (f"lost {plural(lost, 'time')}" if lost else "never lost"),
             sections=(path, status),
             provenance=versions_grid(["this page"], [installed]),
             version=installed["eventsweep"],

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.errors import significant
 from eventsweep.eval.sensing.estimates import Estimate, half_width, refused, resampled
 from eventsweep.eval.sensing.pixel_events import HOT_RATIO, PixelEvents
 
@@ -155,7 +156,9 @@ def hot_estimates(pixels: PixelEvents, refractory_us: float = 0.0) -> list[Estim
     names, count = ("hot_pixel_fraction", "hot_pixel_rate_hz"), int(hot.sum())
     busy_hz = float(np.quantile(pixels.counts, 0.9)) / pixels.seconds
     seen_hz = HOT_RATIO * busy_hz
-    hidden = f"pixels under {seen_hz:.3g} Hz would not be distinguishable from the scene"
+    hidden = (
+        f"pixels under {significant(seen_hz, 3)} Hz would not be distinguishable from the scene"
+    )
     if not count:
         why = f"no pixel is hot; {hidden}"
         return [refused(names[0], "", why), refused(names[1], "Hz", why)]

@@ -14,11 +14,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from eventsweep.emvs.errors import significant
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import STYLE
 from eventsweep.eval.found_poses import TRACK
+from eventsweep.eval.numbers import display_unit, in_display_unit
 from eventsweep.eval.scoring.significance import stratified_interval
 from eventsweep.eval.studies.definitions import Study
 
@@ -178,7 +180,9 @@ def _draw_panel(axes: Axes, study: Study, curves: Sequence[RobustnessCurve]) -> 
 
 
 def _label(axes: Axes, study: Study, curve: RobustnessCurve) -> None:
-    axes.set_title(f"{_TITLES[curve.metric]} [{curve.unit}]", loc="left", fontsize=10)
+    unit = curve.unit
+    axes.set_title(f"{_TITLES[curve.metric]} [{display_unit(unit)}]", loc="left", fontsize=10)
+    axes.yaxis.set_major_formatter(lambda value, _: significant(in_display_unit(value, unit)))
     axes.grid(linewidth=0.4, alpha=0.35)
     if study.logarithmic:
         axes.set_xscale("log")

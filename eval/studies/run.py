@@ -165,7 +165,7 @@ def study_jobs(
     Seeds are of the head motion, the sensor's noise and the perturbation.
     """
     if not seconds > 3 * MARGIN_S:
-        raise InputError(f"sequences of {seconds:g} s: a study needs more than {3 * MARGIN_S:g} s")
+        raise InputError(f"seconds is {seconds:g}: a study needs more than {3 * MARGIN_S:g}")
     for case in cases:
         check_case(case, None, MapperConfig(methods=tuple(methods)), track=track)
     return {

@@ -19,8 +19,9 @@ from eventsweep.emvs.parameters import FrozenModel, first_fault
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, check_file, inside, parse_toml, read_text
 from eventsweep.emvs.utils.output_manifest import NAME as LISTED
 from eventsweep.emvs.utils.outputs import atomic_dir
+from eventsweep.eval.archives.manifest import ArchiveManifest
 from eventsweep.eval.archives.tarball import sha256_of
-from eventsweep.eval.suite.definition import load
+from eventsweep.eval.suite.definition import ALL, load
 from eventsweep.eval.suite.submission import (
     Asked,
     SubmissionFacts,
@@ -39,12 +40,12 @@ class Entry(FrozenModel):
     """`entry.toml`.
 
     Attributes:
-        suite: name of the suite that was mapped.
+        suite: name of the suite that was mapped, behind a colon that of a subset.
         archive: version of the archive whose sequences were read; empty where the suite was drawn.
         sha256: of the package, `maps.tar.zst`.
     """
 
-    suite: Annotated[str, Field(pattern=r"^[\w.-]{1,80}$")]
+    suite: Annotated[str, Field(pattern=r"^[\w.-]{1,80}(:[\w.-]{1,80})?$")]
     archive: Annotated[str, Field(pattern=r"^[0-9a-f]{0,64}$")] = ""
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
@@ -95,19 +96,22 @@ def make_entry(folder: Path, asked: Asked, out: Path, *, force: bool) -> Submiss
     with atomic_dir(out, force=force, inputs=(folder,)) as made:
         manifest = make_submission(folder, asked, made / PACKAGE, force=False)
         check_file(made / PACKAGE, MOST_BYTES)
-        entry = Entry(
-            suite=asked.suite.name, archive=asked.archive, sha256=sha256_of(made / PACKAGE)
-        )
+        digest = sha256_of(made / PACKAGE)
+        entry = Entry(suite=asked.name, archive=asked.archive, sha256=digest)
         (made / ENTRY).write_text(tomli_w.dumps(entry.model_dump()), encoding="utf-8")
     return manifest.facts
 
 
-def check_entry(folder: Path, suite: str = "") -> tuple[SubmissionFacts, Asked]:
+def check_entry(
+    folder: Path, suite: str = "", archive: ArchiveManifest | None = None
+) -> tuple[SubmissionFacts, Asked]:
     """Checks an entry as CI does: its name, its files, the package's hash, every depth map.
 
     Args:
         folder: the entry.
-        suite: its suite as `load` takes it; by default the one of the entry's name.
+        suite: its suite as `load` takes it; by default the one that the entry names. The subset
+            is always the entry's.
+        archive: whose cases and seeds are enough; by default all of the subset.
 
     Returns:
         What is submitted, and what was asked for.
@@ -117,9 +121,10 @@ def check_entry(folder: Path, suite: str = "") -> tuple[SubmissionFacts, Asked]:
     if strange:
         raise InputError(f"{folder}: {quoted(strange[0])} does not belong to an entry: remove it")
     entry, package = read_entry(folder), package_of(folder)
-    asked = Asked.of(*load(suite or entry.suite), None)
-    if asked.suite.name != entry.suite:
-        raise InputError(f"{folder}: is for {entry.suite}, not for {asked.suite.name}")
+    (found, _), (own, _, subset) = load(suite or entry.suite), entry.suite.partition(":")
+    if found.name != own:
+        raise InputError(f"{folder}: is for {own}, not for {found.name}")
+    asked = Asked.of(found, subset or ALL, archive)
     return check_submission(package, asked), asked
 
 

@@ -38,7 +38,7 @@ from eventsweep.eval.scoring.predictions import (
     timed_files,
 )
 from eventsweep.eval.scoring.results import POOLED, each
-from eventsweep.eval.suite.definition import Suite
+from eventsweep.eval.suite.definition import ALL, Suite
 from eventsweep.eval.suite.predictions import Assignment, assignment, open_predictions
 
 if TYPE_CHECKING:
@@ -108,26 +108,33 @@ class Asked:
         cases: of it.
         seeds: of every case.
         archive: version of the archive of those sequences; empty where it does not matter.
+        subset: of the suite.
     """
 
     suite: Suite
     cases: tuple[str, ...]
     seeds: tuple[int, ...]
     archive: str = ""
+    subset: str = ALL
+
+    @property
+    def name(self) -> str:
+        """Suite and subset, as `load` takes them."""
+        return self.suite.name if self.subset == ALL else f"{self.suite.name}:{self.subset}"
 
     @classmethod
     def of(cls, suite: Suite, subset: str, archive: ArchiveManifest | None) -> Asked:
         """All of a subset; of an archive, what is in it."""
         chosen = suite.subset(subset)
         if archive is None:
-            return cls(suite, chosen.cases, chosen.seeds)
+            return cls(suite, chosen.cases, chosen.seeds, subset=subset)
         cases = tuple(case for case in chosen.cases if archive.seeds(case))
         if not cases:
             raise InputError(f"the archive of {archive.suite} has no case of {suite.name}")
         hidden = archive.part == "hidden"
         there = archive.seeds(cases[0])
         seeds = tuple(seed for seed in there if hidden or seed in chosen.seeds)
-        return cls(suite, cases, seeds, archive.version)
+        return cls(suite, cases, seeds, archive.version, subset)
 
     def assignments(self) -> list[Assignment]:
         """One for each case and seed."""

@@ -62,7 +62,9 @@ def find_mount(model: Any, name: str) -> Mount:
         found = [(kind, name) for kind in KINDS if name in known[kind]]
     if len(found) != 1:
         what = "several things are" if found else "nothing is"
-        choice = [f"{kind}:{name}" for kind in KINDS for name in known[kind] if name != "world"]
+        choice = [f"{kind}:{name}" for kind, name in found] or [
+            f"{kind}:{name}" for kind in KINDS for name in known[kind] if name != "world"
+        ]
         raise InputError(f"{what} called {name!r} in the model: choose one of {_some(choice)}")
     kind, own = found[0]
     return Mount(kind, own, _body_of(model, kind, own))

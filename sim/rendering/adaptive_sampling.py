@@ -59,8 +59,8 @@ def truth_times_us(duration_us: int, interval_us: int, more_us: Sequence[int] = 
     outside = [t_us for t_us in more_us if not 0 <= t_us <= duration_us]
     if outside:
         raise InputError(
-            f"truth_times_s holds {outside[0] * 1e-6:g} s, but the sequence lasts "
-            f"{duration_us * 1e-6:g} s: leave it out, or raise duration_s"
+            f"truth_times_s lists {outside[0] * 1e-6:g} s, but the sequence lasts "
+            f"{duration_us * 1e-6:g} s: remove that time, or raise duration_s"
         )
     times = {*range(0, duration_us, interval_us), duration_us // 2, duration_us, *more_us}
     return sorted(times)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, significant
 from eventsweep.eval.cli.app import COMMON, Common, Force, app
 
 if TYPE_CHECKING:
@@ -82,8 +82,8 @@ def _summary(fitted: SensorFit) -> Iterator[Part]:
     from eventsweep.eval.cli.console import dim, table
 
     rows = (
-        (e.name, "refused" if e.refused else f"{e.value:.4g}",
-         "" if e.refused else f"{e.uncertainty:.2g}", e.unit)
+        (e.name, "refused" if e.refused else significant(e.value),
+         "" if e.refused else significant(e.uncertainty, 2), e.unit)
         for e in fitted.estimates
     )  # fmt: skip
     yield table("sensor", ("parameter", ">value", ">95 % ±", ">unit"), rows)

@@ -55,6 +55,8 @@ def report(folder: Path, /, *, flags: ReportFlags = _PAGE_ONLY, common: Quiet = 
     from eventsweep.eval.report.study_page import find_studies, write_study_report
     from eventsweep.eval.report.suite_page import is_suite_folder, write_suite_report
 
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; `run`, `map`, `suite` and `study` write one")
     if is_suite_folder(folder):
         written = _page_only(write_suite_report, folder, flags, "suite")
     elif find_studies(folder):

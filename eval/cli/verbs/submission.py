@@ -94,12 +94,13 @@ def check(
         suite: Such as suite-v4, quick, or FILE.toml; an entry names its own.
         archive: Folder of the archive whose sequences were read: its cases and seeds.
     """
+    from eventsweep.eval.archives.manifest import read
     from eventsweep.eval.suite.entry import check_apart, check_entry, is_entry
 
     entries = []
     for path in paths:
         if is_entry(path):
-            facts, asked = check_entry(path, suite or "")
+            facts, asked = check_entry(path, suite or "", read(archive) if archive else None)
             entries.append((path, facts))
         else:
             facts, asked = _checked(path, suite, archive)
@@ -128,8 +129,8 @@ def _show(common: Common, facts: SubmissionFacts, asked: Asked) -> None:
     maps, cost = len(asked.views()), facts.cost
     line = (
         f"{facts.method} by {', '.join(facts.authors)}, {facts.licence}: {maps} depth maps for "
-        f"{asked.suite.name} are complete; stated: {cost.seconds_per_window:g} s per window, "
+        f"{asked.name} are complete; stated: {cost.seconds_per_window:g} s per window, "
         f"{cost.peak_memory_mb:g} MB, {cost.hardware}"
     )
-    content = {**facts.model_dump(mode="json"), "suite": asked.suite.name, "depth_maps": maps}
+    content = {**facts.model_dump(mode="json"), "suite": asked.name, "depth_maps": maps}
     common.console().result(content, [line])

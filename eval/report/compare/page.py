@@ -35,16 +35,15 @@ VERDICT = "verdict"
 _MOST_SETTINGS = 5
 _KINDS: Mapping[str, Kind] = {"better": "better", "worse": "worse", "equal": ""}
 _NOTE = (
-    "Values are means over the seeds that both results have, and in each seed over the windows "
+    "Values are means over the seeds that both results have and, within a seed, over the windows "
     "that both have; a run's own report pools the pixels of all windows instead. Δ is the other "
-    "value less the first, and its 95 % interval comes from pairs: the same seed, the same window. "
-    "One seed has no interval and leaves open whether another one would show the same. Better and "
-    "worse are said of {judged} only, where the "
-    "interval leaves out zero and p, of a t-test over seeds, stays below 0.05 after correction for "
-    "all numbers that are judged beside it (Holm): over means of cases, and over single cases. "
-    "Intervals are not corrected: of twenty that are looked at, one leaves out zero by chance. No "
-    "difference shown does not mean that there is none. Read errors beside points: a method that "
-    "reports fewer pixels has chosen easier ones."
+    "value minus the first, and its 95 % interval comes from pairs of the same seed and window. "
+    "With one seed there is no interval, and another seed may show something else. Only {judged} "
+    "are judged: better or worse means that the interval excludes zero and that p, from a t-test "
+    "over seeds, is below 0.05 after correction for all numbers that are judged beside it (Holm), "
+    "separately for means of cases and for single cases. The intervals are not corrected: one in "
+    "twenty excludes zero by chance. “No difference shown” does not mean that there is none. Read "
+    "errors together with points: a method that reports fewer pixels has chosen easier ones."
 )
 
 

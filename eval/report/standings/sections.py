@@ -35,6 +35,8 @@ from eventsweep.eval.report.ranking import column, definition, value_cell
 from eventsweep.eval.scoring.direction import Direction, best
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 
+_RELATIVE = "× median method"
+
 
 @dataclass(frozen=True)
 class RankingPage:
@@ -206,18 +208,19 @@ def coverage(page: RankingPage) -> Section:
     """Error over coverage."""
     joined = page.joined
     curves = {m: summary.coverage_curve(joined, m, page.methods) for m in page.methods}
+    reached = {x for curve in curves.values() for x, _ in curve[:-1]}
+    shown = [share for share in COVERAGES if share in reached]
     heads = (
         Head("method", text=True),
         Head("coverage", "%", "higher", arrow=True),
-        Head("error on all its pixels", "of the middle method's", arrow=True),
-        *(Head(f"surest {share} %", "of the middle method's", arrow=True)
-          for share in COVERAGES),
-    )  # fmt: skip
+        Head("error on all its pixels", _RELATIVE, arrow=True),
+        *(Head(f"surest {share} %", _RELATIVE, arrow=True) for share in shown),
+    )
     lines = []
     for method, curve in curves.items():
         known = dict(curve[:-1])
         last = curve[-1] if curve else (math.nan, math.nan)
-        cells = (_number(known.get(float(share), math.nan)) for share in COVERAGES)
+        cells = (_number(known.get(float(share), math.nan)) for share in shown)
         lines.append((_name(method), _number(last[0]), _number(last[1]), *cells))
     return Section(
         "coverage",

@@ -24,6 +24,7 @@ _TIMES_LONGER = 100.0
 _ALIKE = 0.5
 """Two ways are the same but for their size where they are closer than this share of their size."""
 _NEARLY = 0.25
+_FREE_TURN_DEG = 2.0
 _LOST_SHARE = 0.02
 _TIME_SHARE = 0.2
 _SCALE_PERCENT = 2.0
@@ -144,6 +145,11 @@ def notes_on(
             "all positions are on a line or at one point: alignment cannot determine the "
             "rotation about it, so absolute rotation errors are undefined; see the relative ones"
         )
+    elif config.align != "none" and _free_turn_deg(matched, ate_m) > _FREE_TURN_DEG:
+        yield (
+            "the path is so straight that alignment hardly determines the rotation about it: see "
+            "the relative errors of rotation"
+        )
     if config.align == "sim3" and 100 * abs(world_odom.scale - 1) > _SCALE_PERCENT:
         yield (
             f"sim3 multiplies the estimate by {world_odom.scale:.4g}: its errors hide that "
@@ -171,6 +177,14 @@ def _of_pairs(
             f"which alone makes {significant(100 * apart_m, 3)} cm (RMS) of the ATE of "
             f"{significant(100 * ate_m, 3)} cm: set associate to 'interpolate' to leave it out"
         )
+
+
+def _free_turn_deg(matched: MatchedPoses, ate_m: float) -> float:
+    """How far the estimate may turn about its path before its errors (RMS) double, roughly, °."""
+    true_m = matched.T_world_body[:, :3, 3]
+    spreads_m = np.linalg.svd(true_m - true_m.mean(axis=0), compute_uv=False)
+    beside_m = float(np.hypot(*spreads_m[1:])) / math.sqrt(len(true_m))
+    return math.degrees(math.atan2(ate_m, beside_m))
 
 
 def _moved_meanwhile_m(matched: MatchedPoses, truth: Trajectory) -> float:

@@ -21,7 +21,7 @@ from markdown_blocks import into_page
 
 def limit_table(figures: Sequence[Figure]) -> str:
     """Markdown: every figure beside its limit."""
-    lines = ["| What | measured | limit | held |", "|---|--:|--:|---|"]
+    lines = ["| What | measured | limit | met |", "|---|--:|--:|---|"]
     for one in figures:
         sign = {"lower": "≤", "higher": "≥"}[one.better]
         limit = "–" if one.limit is None else f"{sign} {one.limit:g} {one.unit}"

@@ -90,7 +90,7 @@ def _stated_px(table: Precision, points: Scored) -> NDArray[np.float32]:
 
 def spread(held: Mapping[str, Sequence[float]]) -> str:
     """Markdown: how much a band holds in sequences that its table does not know."""
-    lines = ["| Method | held %: median | least | most |", "|---|--:|--:|--:|"]
+    lines = ["| Method | within the band, %: median | least | most |", "|---|--:|--:|--:|"]
     for name, shares in held.items():
         cells = (100 * f(shares) for f in (np.median, np.min, np.max))
         lines.append(f"| `{name}` | " + " | ".join(f"{cell:.0f}" for cell in cells) + " |")

@@ -152,6 +152,19 @@ def test_an_entry_is_a_folder_that_a_command_makes_and_another_checks(place, cap
     assert "Guess by A. Author" in capsys.readouterr().out
 
 
+def test_an_entry_for_a_subset_is_checked_for_that_subset_alone(place, capsys):
+    path = place / "pair.toml"
+    path.write_text(
+        suite_text(case("wall"), case("late"), more='[subsets.near]\ncases = ["wall"]\nseeds = [0]')
+    )
+    out = place / "submissions" / "guess"
+    theirs, suite = str(place / "theirs"), f"{path}:near"
+    assert main(["submission", "enter", theirs, "--suite", suite, "--out", str(out)]) == 0
+    assert "2 depth maps for pair:near are complete" in capsys.readouterr().out
+    assert read_entry(out).suite == "pair:near"
+    assert check_entries(place, "guess") == 0
+
+
 def text_in(name, old, new):
     def spoil(folder):
         path = folder / name

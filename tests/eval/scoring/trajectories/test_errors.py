@@ -206,6 +206,16 @@ def test_on_a_line_rotation_is_open_and_translation_is_not():
     assert any("on a line" in note for note in score.notes)
 
 
+@pytest.mark.parametrize(("bow_m", "is_noted"), [(0.002, True), (0.5, False)])
+def test_rotation_about_a_nearly_straight_path_is_called_uncertain(bow_m, is_noted):
+    t_s = np.linspace(0, 3, 61)
+    truth = made(t_s, np.stack([t_s, bow_m * np.sin(t_s), 0 * t_s], 1), Rotation.identity(61))
+    beside_m = np.stack([0 * t_s, 0 * t_s, 0.001 * (-1.0) ** np.arange(61)], 1)
+    estimate = es.Trajectory(truth.t_us, truth.positions_m + beside_m, truth.quats_xyzw)
+    notes = es.score_trajectory(estimate, truth).notes
+    assert any("so straight" in note for note in notes) == is_noted
+
+
 def test_standing_still_has_no_way_and_no_scale():
     still = made(np.linspace(0, 3, 61), np.ones((61, 3)), Rotation.identity(61))
     values = scored(still, still)
