@@ -68,8 +68,8 @@ fields.begin()
 fields.fill(0, np.c_[np.arange(50, 110, 0.25), np.full(240, 60.2), np.ones(240)], 240, 1)
 H, g, lens = np.zeros((6, 6)), np.zeros(6), np.array([130, 130, 79.5, 59.5])
 found = map_to_events(
-    np.array([[0.02, 0.0, 1.3]]), np.eye(4), lens, np.array([160.0, 120.0]), fields.places[0, 0],
-    fields.drawing, fields.field, 1e9, 5.0, H, g)
+    np.array([[0.02, 0.0, 1.3]]), np.array([[0.0, 1.0]]), np.eye(4), lens, np.array([160.0, 120.0]),
+    fields.places[0, 0], fields.drawing, fields.field, 1e9, 5.0, H, g)
 print(found, H.tolist(), g.tolist())
 """
 EQUATIONS = """
@@ -88,8 +88,9 @@ lines = fields.places[0, 0], fields.drawing, fields.field
 scratch = np.eye(4), np.eye(4), np.zeros(6), np.zeros((12, 12)), np.zeros(12)
 H, g, fit = np.zeros((12, 12)), np.zeros(12), np.zeros(6)
 depth, lens_of = (np.ones(99), np.array([0, 9, 11, 1])), (eye, eye, np.eye(6), lens, size)
-equations((np.array([[5.0, 3.0, 0.01]]), 1), np.array([[0.1, 0.0, 1.0]]), lines, lines, 0, depth,
-          lens_of, eye, eye, twist, scratch, H, g, fit)
+across = np.array([[0.0, 1.0]])
+equations((np.array([[5.0, 3.0, 0.01, 0.0, 1.0]]), 1), np.array([[0.1, 0.0, 1.0]]), across, lines,
+          lines, 0, depth, lens_of, eye, eye, twist, scratch, H, g, fit)
 print(fit.tolist(), g.tolist())
 """
 ALIGNED = """

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.emvs.odometry.registration.lines_kernels import NEAREST_M
+from eventsweep.emvs.odometry.registration.lines_kernels import NEAREST_M, line_at
 from eventsweep.emvs.odometry.registration.residuals_kernels import later
 
 NEVER_US = -(1 << 62)
@@ -69,3 +69,25 @@ def compensate(placed, count, rho, rho_cell_px, twist, intrinsics, size, out):
             out[n, 0], out[n, 1], out[n, 2] = u, v, inverse
             n += 1
     return n
+
+
+@njit(cache=True, nogil=True)
+def direct(events, count, rho, rho_cell_px, twist, intrinsics, place, drawing, field):
+    """Fills columns 3 and 4 of `events` with the normal of the line that each lies on, or 0.
+
+    Rows are (u, v, dt, n_u, n_v); the lines are those of compensated events, `compensate`.
+    """
+    fx, fy, cx, cy = intrinsics
+    sums, _, made, lines, scratch = field
+    for k in range(count):
+        u, v, dt = events[k, 0], events[k, 1], events[k, 2]
+        z = 1 / rho[int(v / rho_cell_px + 0.5), int(u / rho_cell_px + 0.5)]
+        x, y, z = later((u - cx) / fx * z, (v - cy) / fy * z, z, twist, -dt)
+        events[k, 3] = events[k, 4] = 0
+        if z < NEAREST_M:
+            continue
+        weight, n_u, n_v, _, _ = line_at(
+            place, drawing, sums, made, lines, scratch, fx * x / z + cx, fy * y / z + cy
+        )
+        if weight > 0:
+            events[k, 3], events[k, 4] = n_u, n_v

@@ -84,6 +84,7 @@ class Registration:
         self._drawn_at: Matrix | None = None
         self._drawn_levels = 0
         self._points = self._few = np.empty((0, 3))
+        self._normals = np.empty((len(views), 0, 2))
 
     def use_map(self, points_world: Matrix, few_world: Matrix) -> None:
         """Takes (N, 3) points for lines, and (M, 3) of them for distances, instead of the last."""
@@ -111,7 +112,7 @@ class Registration:
         H, counts = np.linalg.inv(expected.covariance), np.zeros(6)
         map_lines, event_lines, depth = self._map.lines, self._events.lines, self._map.depth
         gauss_newton(
-            self._events.events, self._events.counts, self._few,
+            self._events.events, self._events.counts, self._few, self._normals,
             (map_lines.drawing, map_lines.field), (event_lines.drawing, event_lines.field),
             map_lines.places, (depth.rho, depth.places), self._cameras, levels,
             T_body_world @ se3.inverse(T_drawn_world), T_drawn_world, expected.twist, H.copy(),
@@ -134,6 +135,7 @@ class Registration:
             return drawn_at
         self._drawn_at, self._drawn_levels = T_body_world, levels
         self._map.draw(self._points, T_body_world, levels)
+        self._normals = self._map.normals(self._few, T_body_world)
         return T_body_world
 
     def _moved_px(self, T_body_world: Matrix, drawn_at: Matrix) -> float:

@@ -101,8 +101,8 @@ def to_body(H_cam, g_cam, A, H, g):
 
 @njit(cache=True, nogil=True)
 def equations(
-    batch, points, map_lines, event_lines, level, depth, camera, pose, T_drawn_world, twist,
-    scratch, H, g, fit,
+    batch, points, normals, map_lines, event_lines, level, depth, camera, pose, T_drawn_world,
+    twist, scratch, H, g, fit,
 ):  # fmt: skip
     """Adds the normal equations of one camera, and how its residuals fit; see `gauss_newton`."""
     events, count = batch
@@ -128,7 +128,7 @@ def equations(
     product(T_half, T_drawn_world, T_cam)
     place, drawing, field = event_lines
     seen, near, closeness = map_to_events(
-        points, T_cam, intrinsics, size, place, drawing, field, width, gate, H_cam, g_cam
+        points, normals, T_cam, intrinsics, size, place, drawing, field, width, gate, H_cam, g_cam
     )
     fit[3] += seen
     fit[4] += near
@@ -148,15 +148,16 @@ def believe(H, g, belief, off):
 
 @njit(cache=True, nogil=True)
 def gauss_newton(
-    events, counts, points, map_lines, event_lines, places, depth, cameras, levels,
+    events, counts, points, normals, map_lines, event_lines, places, depth, cameras, levels,
     T_expected_drawn, T_drawn_world, expected_twist, belief, pose, twist, H, fit,
 ):  # fmt: skip
     """Finds pose and twist of the body that fit a batch best, coarse to fine.
 
     Arrays, C cameras and L levels:
-        events: (C, M, 3) float64 rows (u, v, dt), of which the first `counts`, (C,) int64, count; a
-            camera of less than 0 takes no part.
+        events: (C, M, 5) float64 rows (u, v, dt, n_u, n_v), of which the first `counts`, (C,)
+            int64, count; a camera of less than 0 takes no part.
         points: (P, 3) float64 map points in the world.
+        normals: (C, P, 2) float64, of the lines that they lie on.
         map_lines, event_lines: drawing and field of `lines_kernels`; `places` is (C, L, 4) int64
             of both.
         depth: (N,) float64, smooth inverse depths of the map, and (C, 4) int64, where each image
@@ -183,7 +184,7 @@ def gauss_newton(
                 if counts[k] >= 0:
                     camera = T_cam_body[k], T_body_cam[k], adjoint[k], intrinsics[k], sizes[k]
                     equations(
-                        (events[k], counts[k]), points, (places[k, level], *map_lines),
+                        (events[k], counts[k]), points, normals[k], (places[k, level], *map_lines),
                         (places[k, level], *event_lines), level, (depth[0], depth[1][k]), camera,
                         pose, T_drawn_world, twist, scratch, H, g, fit,
                     )  # fmt: skip

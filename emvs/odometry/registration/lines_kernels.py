@@ -203,3 +203,18 @@ def add_inverse_depth(points, count, cell_px, total, number):
         if i < columns and j < rows:
             total[j, i] += points[k, 2]
             number[j, i] += 1
+
+
+@njit(cache=True, nogil=True)
+def normals(points, T_cam_world, intrinsics, place, drawing, field, out):
+    """Fills rows (n_u, n_v) of `out` with the normal of the line that each point lies on, or 0."""
+    sums, _, made, lines, scratch = field
+    for k in range(len(points)):
+        x, y, z = moved(T_cam_world, points[k, 0], points[k, 1], points[k, 2])
+        out[k] = 0
+        if z < NEAREST_M:
+            continue
+        u, v = intrinsics[0] * x / z + intrinsics[2], intrinsics[1] * y / z + intrinsics[3]
+        weight, n_u, n_v, _, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
+        if weight > 0:
+            out[k, 0], out[k, 1] = n_u, n_v

@@ -16,6 +16,9 @@ import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache bef
 from eventsweep.emvs.odometry.registration.lines_kernels import NEAREST_M, line_at, moved
 
 LEAST_WEIGHT = 0.1  # of a line
+# Squared cosine of the angle between the line that an event or point lies on itself and the line it
+# is compared with: lines that cross are not of one edge.
+_LEAST_ALIKE = 0.5
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -42,12 +45,14 @@ def slope(n_u, n_v, x, y, z, intrinsics, J):
 
 
 @njit(cache=True, nogil=True)
-def map_to_events(points, T_cam_world, intrinsics, size, place, drawing, field, width, gate, H, g):
+def map_to_events(
+    points, normals, T_cam_world, intrinsics, size, place, drawing, field, width, gate, H, g
+):  # fmt: skip
     """`mls`: distances of projected map points from lines of motion-compensated events.
 
-    `place`, `drawing` and `field` are those of `lines_kernels`. Adds to the upper left (6, 6) of H
-    and (6,) of g; returns points in view, those near a line, and the sum of their closeness,
-    1 / (1 + (r / width)²).
+    `normals` are (N, 2), of the lines of the map that the points lie on; `place`, `drawing` and
+    `field` are those of `lines_kernels`. Adds to the upper left (6, 6) of H and (6,) of g; returns
+    points in view, those near a line, and the sum of their closeness, 1 / (1 + (r / width)²).
     """
     J, part = np.empty(6), np.zeros((6, 6))
     sums, _, made, lines, scratch = field
@@ -62,12 +67,13 @@ def map_to_events(points, T_cam_world, intrinsics, size, place, drawing, field, 
             continue
         seen += 1
         weight, n_u, n_v, r, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
-        if weight < LEAST_WEIGHT or abs(r) > gate:
+        alike = (n_u * normals[k, 0] + n_v * normals[k, 1]) ** 2
+        if weight < LEAST_WEIGHT or abs(r) > gate or alike < _LEAST_ALIKE:
             continue
         near += 1
         close = 1 / (1 + (r / width) ** 2)
         closeness += close
-        weight *= close
+        weight *= close * alike
         slope(n_u, n_v, x, y, z, intrinsics, J)
         for a in range(6):
             weighted = weight * J[a]
@@ -87,10 +93,10 @@ def events_to_map(
 ):  # fmt: skip
     """`ev`: distances of events, each at its own time, from lines of the map.
 
-    `events` are rows (u, v, dt). The lines, and `rho`, a smooth inverse depth in larger cells, are
-    drawn from the map at a frame of the camera from which `T_now_drawn` leads to that at dt 0. An
-    event is carried back there, its foot on the line there becomes a point P at the line's depth,
-    and
+    `events` are rows (u, v, dt, n_u, n_v), with the normal of the line of events that each lies on.
+    The map's lines, and `rho`, a smooth inverse depth in larger cells, are drawn at a frame of the
+    camera from which `T_now_drawn` leads to that at dt 0. An event is carried back there, its foot
+    on the line there becomes a point P at the line's depth, and
 
         r = n . (u - pi(exp(-tau dt) T_now_drawn P)).
 
@@ -113,7 +119,8 @@ def events_to_map(
             place, drawing, sums, made, lines, scratch, at_u, at_v
         )
         seen += 1
-        if weight < LEAST_WEIGHT or abs(off) > gate:
+        alike = (n_u * events[k, 3] + n_v * events[k, 4]) ** 2
+        if weight < LEAST_WEIGHT or abs(off) > gate or alike < _LEAST_ALIKE:
             continue
         z = 1 / inverse
         x, y = (at_u - n_u * off - cx) / fx * z, (at_v - n_v * off - cy) / fy * z
@@ -127,7 +134,7 @@ def events_to_map(
         near += 1
         close = 1 / (1 + (r / width) ** 2)
         closeness += close
-        weight *= close
+        weight *= close * alike
         slope(-n_u, -n_v, x, y, z, intrinsics, J)
         for a in range(6):
             weighted = weight * J[a]

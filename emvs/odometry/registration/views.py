@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.emvs.odometry.registration.events_kernels import compensate, place
+from eventsweep.emvs.odometry.registration.events_kernels import compensate, direct, place
 from eventsweep.emvs.odometry.registration.lines import DepthFields, LineFields
-from eventsweep.emvs.odometry.registration.lines_kernels import project
+from eventsweep.emvs.odometry.registration.lines_kernels import normals, project
 
 Matrix = NDArray[np.float64]
 
@@ -82,20 +82,29 @@ class DrawnMap:
                 self.depth.fill(k, seen, count)
                 self.lines.fill(k, seen, count, levels)
 
+    def normals(self, points_world: Matrix, T_body_world: Matrix) -> Matrix:
+        """(C, N, 2) normals of the lines that (N, 3) points lie on where the map is drawn, or 0."""
+        found = np.zeros((len(self._views), len(points_world), 2))
+        for k, view in enumerate(self._views):
+            T_cam_world = view.T_cam_body @ T_body_world
+            lines = self.lines.places[k, 0], self.lines.drawing, self.lines.field
+            normals(points_world, T_cam_world, view.intrinsics, *lines, found[k])
+        return found
+
 
 class DrawnEvents:
     """A batch of events in all views: some as they are, and lines of all, carried to one time.
 
     Attributes:
         lines: what was drawn.
-        events: (C, most, 3) rows (u, v, dt).
+        events: (C, most, 5) rows (u, v, dt, n_u, n_v): the normal of the line it lies on, or 0.
         counts: (C,) int64, how many of them count; -1 where a view takes no part.
     """
 
     def __init__(self, views: Sequence[View], levels: int, most: int) -> None:
         self._views = tuple(views)
         self.lines = LineFields([view.size_px for view in views], levels)
-        self.events, self.counts = np.zeros((len(views), most, 3)), np.full(len(views), -1)
+        self.events, self.counts = np.zeros((len(views), most, 5)), np.full(len(views), -1)
 
     def draw(
         self, batches: Sequence[Events], t_mid_us: int, drawn: DrawnMap, twist: Matrix, levels: int
@@ -110,9 +119,14 @@ class DrawnEvents:
             placed, carried = np.empty((len(batch), 3)), np.empty((len(batch), 3))
             count = place(batch.x, batch.y, batch.t_us, t_mid_us, view.table, placed)
             self.counts[k] = taken = min(count, self.events.shape[1])
-            self.events[k, :taken] = placed[np.arange(taken) * count // max(taken, 1)]
+            self.events[k, :taken, :3] = placed[np.arange(taken) * count // max(taken, 1)]
             count = compensate(
                 placed, count, drawn.depth.image(k), float(drawn.depth.places[k, 3]),
                 view.adjoint @ twist, view.intrinsics, view.size, carried,
             )  # fmt: skip
             self.lines.fill(k, carried, count, levels)
+            direct(
+                self.events[k], taken, drawn.depth.image(k), float(drawn.depth.places[k, 3]),
+                view.adjoint @ twist, view.intrinsics, self.lines.places[k, 0],
+                self.lines.drawing, self.lines.field,
+            )  # fmt: skip

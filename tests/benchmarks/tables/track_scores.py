@@ -49,9 +49,10 @@ TWINS = {
 OPENED = frozenset({0, 1})
 """Seeds that were looked at while the tracker was built."""
 # A car taught the tracker to expect more speed, a wide image to map more events; the others were
-# looked at when the length of a map's window was chosen.
+# looked at when the length of a map's window was chosen, or directions of lines were.
 _OPENED_TOO = frozenset(
-    {("dsec-street", 4), ("tumvie-6dof", 4), ("rpg-reader", 4), ("desk", 3)}
+    {("dsec-street", 4), ("tumvie-6dof", 4), ("rpg-reader", 4), ("desk", 3), ("desk", 4)}
+    | {("rpg-boxes", 2)}
     | {("mvsec-flying", seed) for seed in (2, 3, 4)}
 )
 _METHOD = "Focus/H"

@@ -21,7 +21,7 @@ from eventsweep.emvs.odometry.registration.residuals_kernels import (
     map_to_events,
     slope,
 )
-from eventsweep.emvs.odometry.registration.views import View
+from eventsweep.emvs.odometry.registration.views import DrawnEvents, DrawnMap, View
 
 CAMERA = world.pinhole(width=160, height=120, f=130.0)
 T_BODY_CAM = se3.exp([0.05, -0.02, 0.03, 0.1, -0.2, 0.05])
@@ -101,7 +101,7 @@ def test_normal_equations_of_a_map_point_are_those_of_its_residual():
     uv = projected(X_CAM)
     lines = drawn_line(uv + 0.7 * normal, normal, 1.0)
     H, g = np.zeros((6, 6)), np.zeros(6)
-    args = X_CAM[None], np.eye(4), VIEW.intrinsics, VIEW.size, *lines, 1e9, 5.0, H, g
+    args = X_CAM[None], -normal[None], np.eye(4), VIEW.intrinsics, VIEW.size, *lines, 1e9, 5.0, H, g
     assert map_to_events(*args)[:2] == (1, 1)
     J = differences(lambda xi: projected(se3.transform(se3.exp(xi), X_CAM)) @ normal)
     # g is w J r and H is w J J^T, of the same weight in 0..1.
@@ -121,8 +121,8 @@ def test_normal_equations_of_an_event_are_those_of_its_residual(dt_s):
     H, g = np.zeros((12, 12)), np.zeros(12)
     rho = np.full((40, 50), 1 / depth_m)
     counts = events_to_map(
-        np.array([[*event, dt_s]]), 1, *lines, rho, 4, np.eye(4), np.zeros(6), VIEW.intrinsics,
-        1e9, 5.0, H, g,
+        np.array([[*event, dt_s, *normal]]), 1, *lines, rho, 4, np.eye(4), np.zeros(6),
+        VIEW.intrinsics, 1e9, 5.0, H, g,
     )  # fmt: skip
     assert counts[:2] == (1, 1)
 
@@ -135,6 +135,54 @@ def test_normal_equations_of_an_event_are_those_of_its_residual(dt_s):
     assert 0.7 < weight <= 1
     np.testing.assert_allclose(H, weight * np.outer(J, J), rtol=0.02, atol=0.02 * H.max())
     np.testing.assert_allclose(g, weight * J * 0.5, rtol=0.05, atol=0.05 * np.abs(g).max())
+
+
+@pytest.mark.parametrize(("degrees", "counts"), [(0, True), (40, True), (50, False), (90, False)])
+def test_only_edges_of_like_direction_meet(degrees, counts):
+    """Law: the weight is the squared cosine between the two lines; none where they cross."""
+    angle = np.radians(degrees)
+    normal, own = np.array([0.6, 0.8]), np.array([[0.6, 0.8], [-0.8, 0.6]])
+    own = np.cos(angle) * own[0] + np.sin(angle) * own[1]
+    lines, g = drawn_line(projected(X_CAM) + 0.7 * normal, normal, 1 / 1.3), np.zeros(12)
+    rho = np.full((40, 50), 1 / 1.3)
+
+    def weight_of(own):
+        H = np.zeros((12, 12))
+        place = np.array([[*projected(X_CAM), 0.0, *own]])
+        eye, lens, still = np.eye(4), VIEW.intrinsics, np.zeros(6)
+        of_events = events_to_map(place, 1, *lines, rho, 4, eye, still, lens, 1e9, 5.0, H, g)[1]
+        H_map, g_map = np.zeros((6, 6)), np.zeros(6)
+        args = X_CAM[None], own[None], eye, lens, VIEW.size, *lines, 1e9, 5.0, H_map, g_map
+        assert map_to_events(*args)[1] == of_events == bool(H.any())
+        return np.array([H[0, 0], H_map[0, 0]])
+
+    share = np.cos(angle) ** 2 if counts else 0.0
+    np.testing.assert_allclose(weight_of(own), share * weight_of(normal), rtol=1e-6)
+
+
+def test_events_and_points_know_the_lines_that_they_lie_on():
+    """Of a world of edges, nearly all that are in view do."""
+    trajectory = world.swinging(way_m=(0.08, 0.05, 0.04), duration_us=120_000)
+    recording = line_world.recorded(trajectory)
+    views = [
+        View.of(c, T) for c, T in zip(recording.rig.cameras, recording.rig.T_body_cam, strict=True)
+    ]
+    drawn, T_body_world = DrawnMap(views, 1), se3.inverse(trajectory.at(60_000))
+    points = line_world.edges()
+    drawn.draw(points, T_body_world, 1)
+    own = drawn.normals(points, T_body_world)
+    length = np.linalg.norm(own, axis=-1)
+    np.testing.assert_allclose(length[length > 0], 1.0, rtol=1e-5)
+    assert ((length > 0).sum(axis=1) > 0.9 * np.array(drawn.counts)).all()
+    events, batch = (
+        DrawnEvents(views, 1, 500),
+        [recording.events(k, 52_000, 68_000) for k in (0, 1)],
+    )
+    twist = se3.log(se3.inverse(trajectory.at(59_000)) @ trajectory.at(61_000)) / 0.002
+    events.draw(batch, 60_000, drawn, twist, 1)
+    length = np.linalg.norm(events.events[..., 3:], axis=-1)
+    np.testing.assert_allclose(length[length > 0], 1.0, rtol=1e-5)
+    assert (length > 0).mean() > 0.9
 
 
 def test_a_planted_pose_is_recovered():
