@@ -209,12 +209,13 @@ def _undistort_radtan(sensor: NDArray[np.float64], terms: tuple[float, ...]) -> 
 
 
 def _grows_outward(bearing: NDArray[np.float64], terms: tuple[float, ...]) -> NDArray[np.bool_]:
+    """Whether the radius grows all the way from the middle: looked at in 33 places of it."""
     k1, k2, _, _, k3 = (*terms, 0.0)[:5]
     r2 = (bearing**2).sum(axis=-1)
-    inner = np.linspace(0, 1, 33)[:, *(None,) * r2.ndim] * r2
-    grows: NDArray[np.bool_] = (1 + inner * (3 * k1 + inner * (5 * k2 + inner * 7 * k3)) > 0).all(
-        axis=0
-    )
+    grows = np.ones(r2.shape, bool)
+    for share in np.linspace(0, 1, 33):  # one by one: all at once would be 33 tables in memory
+        inner = share * r2
+        grows &= 1 + inner * (3 * k1 + inner * (5 * k2 + inner * 7 * k3)) > 0
     return grows
 
 

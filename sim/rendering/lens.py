@@ -19,6 +19,14 @@ from eventsweep.sim.rendering.sub_views import LensMap, sub_views
 _LEAST_Z = 1e-3
 
 
+@lru_cache(maxsize=8)
+def _bearings(camera: Camera) -> NDArray[np.float64]:
+    """(H, W, 2) bearings of all pixels, NaN where there is no ray; every table here begins so."""
+    bearing = camera.bearing_table()
+    bearing.setflags(write=False)
+    return bearing
+
+
 @lru_cache(maxsize=16)
 def bearing_steps(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(H, W, 2) bearings of all pixels, and (H, W, 2, 2) their change by column and by row.
@@ -26,7 +34,7 @@ def bearing_steps(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float
     Raises:
         InputError: the lens gives a pixel no ray.
     """
-    bearing = camera.bearing_table()
+    bearing = _bearings(camera)
     _refuse_blind(camera, np.isnan(bearing[..., 0]))
     by_row, by_column = np.gradient(bearing, axis=(0, 1), edge_order=2)
     return bearing, np.stack([by_column, by_row], axis=-1)
@@ -68,7 +76,7 @@ def lens_map(camera: Camera, supersample: int, border_px: int = 0) -> LensMap:
 @lru_cache(maxsize=16)
 def known_bearings(camera: Camera) -> NDArray[np.float64]:
     """(H, W, 2) bearings of all pixels; those without a ray have the nearest one's."""
-    bearing = camera.bearing_table()
+    bearing = _bearings(camera)
     blind = np.isnan(bearing[..., 0])
     known: NDArray[np.float64] = bearing[_nearest_known(blind)] if blind.any() else bearing
     return known
@@ -76,7 +84,7 @@ def known_bearings(camera: Camera) -> NDArray[np.float64]:
 
 def _rays(camera: Camera) -> NDArray[np.float64]:
     """(H, W, 3) unit vectors, which change evenly up to the rim; NaN where there is no ray."""
-    bearing = camera.bearing_table()
+    bearing = _bearings(camera)
     rays = np.concatenate([bearing, np.ones_like(bearing[..., :1])], axis=-1)
     return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 

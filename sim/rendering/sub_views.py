@@ -148,7 +148,7 @@ def sub_views(rays: Array, change: Array, supersample: int) -> LensMap:
 
 def cells_of(rays: Array, change: Array, supersample: int) -> tuple[int, int, bool]:
     """Into how many rows and columns to cut a sensor, and whether to turn views, at least cost."""
-    costs: dict[tuple[int, int, bool], float] = {}
+    chosen, least = (1, 1, False), np.inf
     height, width = _size(rays)
     longer = max(height, width)
     every = max(1, longer // _LOOKS)
@@ -158,11 +158,12 @@ def cells_of(rays: Array, change: Array, supersample: int) -> tuple[int, int, bo
         samples = 0.0
         for cell in itertools.chain(*_cut(*_size(seen[0]), rows, columns)):
             part, moved = seen[0][cell], seen[1][cell]
-            if not np.isnan(part).all():
+            if samples < least and not np.isnan(part).all():
                 view = _aimed(part, moved, supersample, turned, every)
                 samples += _VIEW_COST + float(view.size.prod())
-        costs[rows, columns, turned] = samples
-    return min(costs, key=costs.__getitem__)
+        if samples < least:
+            chosen, least = (rows, columns, turned), samples
+    return chosen
 
 
 def _size(table: Array) -> tuple[int, int]:
@@ -182,12 +183,13 @@ def _cut(height: int, width: int, rows: int, columns: int) -> Iterator[list[tupl
 
 def _aimed(rays: Array, change: Array, supersample: int, turned: bool, every: int = 1) -> _Aimed:
     """A view of a cell, of which each `every`-th pixel and row is given."""
-    R_cam_view = _turn_to(np.nanmean(rays, axis=(0, 1))) if turned else np.eye(3)
-    seen = rays @ R_cam_view
+    R_cam_view, seen, moved = np.eye(3), rays, change
+    if turned:
+        R_cam_view = _turn_to(np.nanmean(rays, axis=(0, 1)))
+        seen, moved = rays @ R_cam_view, np.einsum("ji,...jk->...ik", R_cam_view, change)
     ahead = seen[..., 2:]
     at = seen[..., :2] / ahead
     # Quotient rule: [..., i, k] is the change of component i of a ray by column or row k.
-    moved = np.einsum("ji,...jk->...ik", R_cam_view, change)
     slope = (moved[..., :2, :] - at[..., None] * moved[..., 2:, :]) / ahead[..., None]
     focal = supersample / float(np.sqrt(np.nanmin(_area(slope))))
     reach = 0.5 * every * np.abs(slope).sum(axis=-1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -85,3 +86,35 @@ def test_every_pixel_on_the_way_learns_what_comes(all_walks):
         assert sorted(zip(*columns, strict=True)) == truth
         assert reached.dark[k] == min((one.dark for one in told[pixel]), default=np.inf)
         assert reached.bright[k] == max((one.bright for one in told[pixel]), default=-np.inf)
+
+
+def covered(du, dv, at):
+    """The greatest share of each pixel that a pixel-sized box covers on its straight way."""
+    crossings = [k / d for d in (du, dv) if d for k in range(-9, 10) if 0 < k / d < 1]
+    most = defaultdict(float)
+    for start, end in pairwise(sorted({0.0, 1.0, *crossings})):
+        for share in np.linspace(start, end, 21):
+            x, y = at[0] + du * share, at[1] + dv * share
+            left, top = int(np.floor(x)), int(np.floor(y))
+            for i, j in np.ndindex(2, 2):
+                area = (1 - abs(left + j - x)) * (1 - abs(top + i - y))
+                most[top + i, left + j] = max(most[top + i, left + j], area)
+    return most
+
+
+def pixels_told(starts, du, dv):
+    """The pixels that walks by (du, dv) from several pixels tell."""
+    reached = empty_reached(np.arange(24 * 24, dtype=np.int32).reshape(24, 24))
+    for x, y in starts:
+        walk(x, y, x + du, y + dv, 0, 0.0, 0.0, GAP, 0.0, 1.0, reached)
+    return set(map(tuple, np.argwhere(reached.number.reshape(24, 24) > 0).tolist()))
+
+
+@given(*(st.floats(-9, 9, width=32) for _ in range(2)))
+def test_a_corner_that_a_walk_cuts_is_small_and_its_neighbours_walk_there(du, dv):
+    shares = {pixel: share for pixel, share in covered(du, dv, (12, 12)).items() if share > 1e-6}
+    assert {pixel for pixel, share in shares.items() if share > 0.25 + 1e-6} <= pixels_told(
+        [(12, 12)], du, dv
+    )
+    around = [(11 + i, 11 + j) for i, j in np.ndindex(3, 3)]
+    assert set(shares) <= pixels_told(around, du, dv)
