@@ -16,9 +16,8 @@ import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache bef
 from eventsweep.emvs.odometry.registration.lines_kernels import NEAREST_M, line_at, moved
 
 LEAST_WEIGHT = 0.1  # of a line
-# Squared cosine of the angle between the line that an event or point lies on itself and the line it
-# is compared with: lines that cross are not of one edge.
-_LEAST_ALIKE = 0.5
+# What counts of a residual between lines that cross, and are seldom of one edge.
+_CROSSING = 0.25
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -44,6 +43,12 @@ def slope(n_u, n_v, x, y, z, intrinsics, J):
     J[5] = x * J[1] - y * J[0]
 
 
+@njit(cache=True, nogil=True, forceinline=True)
+def likeness(n_u, n_v, own_u, own_v):
+    """Weight of two lines with these normals: 1 where they are parallel, least where they cross."""
+    return _CROSSING + (1 - _CROSSING) * (n_u * own_u + n_v * own_v) ** 2
+
+
 @njit(cache=True, nogil=True)
 def map_to_events(
     points, normals, T_cam_world, intrinsics, size, place, drawing, field, width, gate, H, g
@@ -67,13 +72,12 @@ def map_to_events(
             continue
         seen += 1
         weight, n_u, n_v, r, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
-        alike = (n_u * normals[k, 0] + n_v * normals[k, 1]) ** 2
-        if weight < LEAST_WEIGHT or abs(r) > gate or alike < _LEAST_ALIKE:
+        if weight < LEAST_WEIGHT or abs(r) > gate:
             continue
         near += 1
         close = 1 / (1 + (r / width) ** 2)
         closeness += close
-        weight *= close * alike
+        weight *= close * likeness(n_u, n_v, normals[k, 0], normals[k, 1])
         slope(n_u, n_v, x, y, z, intrinsics, J)
         for a in range(6):
             weighted = weight * J[a]
@@ -119,8 +123,7 @@ def events_to_map(
             place, drawing, sums, made, lines, scratch, at_u, at_v
         )
         seen += 1
-        alike = (n_u * events[k, 3] + n_v * events[k, 4]) ** 2
-        if weight < LEAST_WEIGHT or abs(off) > gate or alike < _LEAST_ALIKE:
+        if weight < LEAST_WEIGHT or abs(off) > gate:
             continue
         z = 1 / inverse
         x, y = (at_u - n_u * off - cx) / fx * z, (at_v - n_v * off - cy) / fy * z
@@ -134,7 +137,7 @@ def events_to_map(
         near += 1
         close = 1 / (1 + (r / width) ** 2)
         closeness += close
-        weight *= close * alike
+        weight *= close * likeness(n_u, n_v, events[k, 3], events[k, 4])
         slope(-n_u, -n_v, x, y, z, intrinsics, J)
         for a in range(6):
             weighted = weight * J[a]
