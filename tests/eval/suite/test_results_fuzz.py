@@ -13,7 +13,7 @@ from fuzz_results import KINDS
 from places import ROOT
 
 
-@pytest.mark.parametrize("examples", ["1", pytest.param("40", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("examples", ["2", pytest.param("40", marks=pytest.mark.slow)])
 def test_odd_values_end_in_a_page_or_one_clear_line(examples):
     script = ROOT / "tests" / "fuzz" / "fuzz_results.py"
     done = subprocess.run(
