@@ -17,7 +17,8 @@ def row(seed, percent, lost=0, failure="", ratio=1.05):
 
 
 def test_failures_count_and_opened_seeds_do_not():
-    text = table([row(0, 9.0), row(12, 0.2), row(13, 0.4, lost=1), row(14, None, failure="no poses")])
+    failed = row(14, None, failure="no poses")
+    text = table([row(0, 9.0), row(12, 0.2), row(13, 0.4, lost=1), failed])
     assert "| 1.5 | 12, 13, 14 | 0.40 | no poses | 99.0 | 2 | 1.05 | 6.0 |" in text
     assert "| 1.5 | 0 (seen) | 9.00 | 9.00 | 99.0 | 0 | 1.05 | 6.0 |" in text
     assert "depth errors 1.05 times those on true poses in the median, inf at worst" in text
