@@ -48,6 +48,17 @@ def place(x, y, t_us, t_mid_us, table, out):
     return n
 
 
+@njit(cache=True, nogil=True, forceinline=True)
+def _at_rest(event, rho, rho_cell_px, twist, intrinsics):
+    """Where an event would be at dt 0 at the depth of `rho`: u, v, z, and its inverse depth."""
+    fx, fy, cx, cy = intrinsics
+    u, v, dt = event[0], event[1], event[2]
+    inverse = rho[int(v / rho_cell_px + 0.5), int(u / rho_cell_px + 0.5)]
+    z = 1 / inverse
+    x, y, z = later((u - cx) / fx * z, (v - cy) / fy * z, z, twist, -dt)
+    return fx * x / z + cx, fy * y / z + cy, z, inverse
+
+
 @njit(cache=True, nogil=True)
 def compensate(placed, count, rho, rho_cell_px, twist, intrinsics, size, out):
     """Moves (u, v, dt) events to dt 0 at the depths of `rho`: rows (u, v, rho); returns how many.
@@ -56,15 +67,10 @@ def compensate(placed, count, rho, rho_cell_px, twist, intrinsics, size, out):
     height.
     """
     n = 0
-    fx, fy, cx, cy = intrinsics
     for k in range(count):
-        u, v, dt = placed[k, 0], placed[k, 1], placed[k, 2]
-        inverse = rho[int(v / rho_cell_px + 0.5), int(u / rho_cell_px + 0.5)]
-        z = 1 / inverse
-        x, y, z = later((u - cx) / fx * z, (v - cy) / fy * z, z, twist, -dt)
+        u, v, z, inverse = _at_rest(placed[k], rho, rho_cell_px, twist, intrinsics)
         if z < NEAREST_M:
             continue
-        u, v = fx * x / z + cx, fy * y / z + cy
         if u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1:
             out[n, 0], out[n, 1], out[n, 2] = u, v, inverse
             n += 1
@@ -72,22 +78,17 @@ def compensate(placed, count, rho, rho_cell_px, twist, intrinsics, size, out):
 
 
 @njit(cache=True, nogil=True)
-def direct(events, count, rho, rho_cell_px, twist, intrinsics, place, drawing, field):
+def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, drawing, field):
     """Fills columns 3 and 4 of `events` with the normal of the line that each lies on, or 0.
 
     Rows are (u, v, dt, n_u, n_v); the lines are those of compensated events, `compensate`.
     """
-    fx, fy, cx, cy = intrinsics
     sums, _, made, lines, scratch = field
     for k in range(count):
-        u, v, dt = events[k, 0], events[k, 1], events[k, 2]
-        z = 1 / rho[int(v / rho_cell_px + 0.5), int(u / rho_cell_px + 0.5)]
-        x, y, z = later((u - cx) / fx * z, (v - cy) / fy * z, z, twist, -dt)
+        u, v, z, _ = _at_rest(events[k], rho, rho_cell_px, twist, intrinsics)
         events[k, 3] = events[k, 4] = 0
         if z < NEAREST_M:
             continue
-        weight, n_u, n_v, _, _ = line_at(
-            place, drawing, sums, made, lines, scratch, fx * x / z + cx, fy * y / z + cy
-        )
+        weight, n_u, n_v, _, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
         if weight > 0:
             events[k, 3], events[k, 4] = n_u, n_v

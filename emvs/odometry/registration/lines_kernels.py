@@ -206,7 +206,7 @@ def add_inverse_depth(points, count, cell_px, total, number):
 
 
 @njit(cache=True, nogil=True)
-def normals(points, T_cam_world, intrinsics, place, drawing, field, out):
+def point_normals(points, T_cam_world, intrinsics, place, drawing, field, out):
     """Fills rows (n_u, n_v) of `out` with the normal of the line that each point lies on, or 0."""
     sums, _, made, lines, scratch = field
     for k in range(len(points)):

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.emvs.odometry.registration.events_kernels import compensate, direct, place
+from eventsweep.emvs.odometry.registration.events_kernels import compensate, event_normals, place
 from eventsweep.emvs.odometry.registration.lines import DepthFields, LineFields
-from eventsweep.emvs.odometry.registration.lines_kernels import normals, project
+from eventsweep.emvs.odometry.registration.lines_kernels import point_normals, project
 
 Matrix = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ class DrawnMap:
         for k, view in enumerate(self._views):
             T_cam_world = view.T_cam_body @ T_body_world
             lines = self.lines.places[k, 0], self.lines.drawing, self.lines.field
-            normals(points_world, T_cam_world, view.intrinsics, *lines, found[k])
+            point_normals(points_world, T_cam_world, view.intrinsics, *lines, found[k])
         return found
 
 
@@ -120,13 +120,11 @@ class DrawnEvents:
             count = place(batch.x, batch.y, batch.t_us, t_mid_us, view.table, placed)
             self.counts[k] = taken = min(count, self.events.shape[1])
             self.events[k, :taken, :3] = placed[np.arange(taken) * count // max(taken, 1)]
-            count = compensate(
-                placed, count, drawn.depth.image(k), float(drawn.depth.places[k, 3]),
-                view.adjoint @ twist, view.intrinsics, view.size, carried,
+            seen = (
+                drawn.depth.image(k), float(drawn.depth.places[k, 3]), view.adjoint @ twist,
+                view.intrinsics,
             )  # fmt: skip
+            count = compensate(placed, count, *seen, view.size, carried)
             self.lines.fill(k, carried, count, levels)
-            direct(
-                self.events[k], taken, drawn.depth.image(k), float(drawn.depth.places[k, 3]),
-                view.adjoint @ twist, view.intrinsics, self.lines.places[k, 0],
-                self.lines.drawing, self.lines.field,
-            )  # fmt: skip
+            lines = self.lines.places[k, 0], self.lines.drawing, self.lines.field
+            event_normals(self.events[k], taken, *seen, *lines)
