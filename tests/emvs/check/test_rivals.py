@@ -13,6 +13,7 @@ from eventsweep.emvs.check.amounts import Amount, amounts_of_one, amounts_of_pai
 from eventsweep.emvs.check.by_mapping import (
     _is_ambiguous,
     _may_be_second,
+    _other_firsts,
     _several,
     _undecided,
 )
@@ -110,3 +111,19 @@ def test_what_gains_besides_a_cause_leaves_several():
     late = Trial(clock, np.full(3, 0.05), lambda r: r, 0.015, amount=20.0)
     assert "more than one thing" in _several(None, [trial(CONVENTION)], late, [clock])
     assert _several(None, [trial(CONVENTION)], None, [clock]) == ""
+
+
+@pytest.mark.parametrize(("first", "after", "rival"), [(0.2, 0.2, True), (0.2, 0.05, False)])
+def test_another_first_cause_with_a_second_one_like_it_is_a_rival(first, after, rival):
+    """Mirrored rows and left-handed poses: each needs its own pair mistake to explain as much."""
+    best, second = trial(CONVENTION), trial(SWAPPED)
+    other, inverted = trial(OTHER, (first,) * 3), of_pair()[1]
+
+    def trials_after(others, most):
+        assert most
+        assert all(alternative.of_pair for alternative in others)
+        return [trial(a, ((after if a.name == inverted.name else 0.0),) * 3) for a in others]
+
+    trials = SimpleNamespace(after=lambda _: SimpleNamespace(trials=trials_after))
+    found = tuple(_other_firsts(trials, (best, second), [best, other], [OTHER, *of_pair()]))
+    assert found == ((other,) if rival else ())
