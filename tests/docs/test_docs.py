@@ -16,6 +16,7 @@ from eventsweep.sim.config import SimConfig
 from eventsweep.sim.scene import Scene
 from eventsweep.sim.simulate import simulate
 from places import ROOT
+from tiers import often
 from twin_checks import smaller
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -57,7 +58,19 @@ def code(page: Path) -> list[str]:
     return [text for language, text in blocks(page) if language == "python" or commands(text)]
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if code(page)], ids=lambda page: page.name)
+CODE = {page.name: page for page in PAGES if code(page)}
+# Five to fifteen seconds each; what they call has tests of its own.
+LONG = {
+    "baselines.md",
+    "sequences.md",
+    "howto_model.md",
+    "predictions.md",
+    "truth.md",
+    "simulator.md",
+}
+
+
+@pytest.mark.parametrize("page", often(CODE.keys() - LONG, CODE))
 def test_code_runs(page, sequences, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # What a page registers must not be known to the tests after it.

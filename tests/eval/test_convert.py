@@ -262,6 +262,7 @@ def test_depth_is_never_unpickled(tmp_path):
     assert run(path, tmp_path / "b", "--to", "depth-npy") == 2
 
 
+@pytest.mark.slow
 def test_clouds_go_to_pcd_and_back(tmp_path):
     import open3d as o3d
 

@@ -95,6 +95,7 @@ def test_a_larger_amount_is_the_same_error_enlarged(factor, seed):
     np.testing.assert_allclose(large, factor * small, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_odometry_starts_right_turns_steadily_and_is_off_by_its_share_of_the_way():
     turned = perturbed_trajectory(walk(), Perturbation(drift_yaw_deg_s=2), 0)
     yaw = Rotation.from_quat(turned.quats_xyzw).as_rotvec(degrees=True)

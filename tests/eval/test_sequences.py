@@ -59,6 +59,7 @@ def test_other_settings_are_one_line_and_exit_code_2(mapped, sequence, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_bad_windows_are_told_at_the_end_and_are_no_success(sequence, tmp_path, capsys):
     counts = [
         min(camera["voting"] for camera in window.counts.values())

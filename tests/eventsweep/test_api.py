@@ -112,7 +112,9 @@ def test_mapping_and_scoring_take_six_lines_and_one_import():
 # What comes out
 
 
-@pytest.mark.parametrize("flags", [[], ["--map.hot-pixels", "3"]])
+@pytest.mark.parametrize(
+    "flags", [[], pytest.param(["--map.hot-pixels", "3"], marks=pytest.mark.slow)]
+)
 def test_a_window_scores_as_the_command_line_does(folder, config, middle_s, tmp_path, flags):
     chosen = config.model_copy(update={"hot_pixels": 3.0}) if flags else config
     recording = es.open_recording(folder)
@@ -127,6 +129,7 @@ def test_a_window_scores_as_the_command_line_does(folder, config, middle_s, tmp_
     assert (direct.sequences, direct.metrics) == (written.sequences, written.metrics)
 
 
+@pytest.mark.slow
 def test_paths_may_be_strings_everywhere(folder, config, tmp_path):
     path, out = str(folder), str(tmp_path / "windows")
     assert repr(es.Sequence(path)) == repr(es.open_recording(path))

@@ -8,6 +8,7 @@ import pytest
 from eventsweep import scenes
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import rig
+from tiers import often
 from twin_checks import (
     check_original,
     check_same_every_time,
@@ -38,6 +39,7 @@ TWINS = {
 }
 LIT = [name for name in TWINS if not name.startswith("hdr")]
 ROOMS = ["tumvie-6dof", "mvsec-flying", "rpg-boxes", "hdr-window", "hdr-night"]
+OFTEN = {"mvsec-flying", "rpg-boxes", "rpg-bin", "hdr-night"}
 
 
 @pytest.mark.parametrize("name", TWINS)
@@ -45,18 +47,18 @@ def test_rig_and_depth_range_are_those_of_the_original(name):
     check_original(name, *TWINS[name])
 
 
-@pytest.mark.parametrize("name", [*TWINS, pytest.param("trinocular-desk", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", often(OFTEN, [*TWINS, "trinocular-desk"]))
 def test_depth_stays_in_the_declared_range(name):
     for seed in range(3):
         assert share_in_range(name, seed, factor(name)) >= 0.99
 
 
-@pytest.mark.parametrize("name", TWINS)
+@pytest.mark.parametrize("name", often(OFTEN, [*TWINS]))
 def test_no_camera_comes_near_anything(name):
     assert clearance_m(name, factor(name)) > 0.3
 
 
-@pytest.mark.parametrize("name", ROOMS)
+@pytest.mark.parametrize("name", often(OFTEN & {*ROOMS}, ROOMS))
 def test_a_room_is_cheap_matt_and_complete(name):
     model = opened(name, factor(name))[2].model
     assert 100 < model.ngeom <= 250
@@ -65,13 +67,13 @@ def test_a_room_is_cheap_matt_and_complete(name):
         assert not np.any(part)
 
 
-@pytest.mark.parametrize("name", ["hdr-night", pytest.param("rpg-boxes", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", often(("hdr-night",), ["hdr-night", "rpg-boxes"]))
 def test_a_room_is_the_same_every_time(name):
     parts = "tex_data", "geom_pos", "geom_size", "geom_quat", "mat_emission", "light_diffuse"
     check_same_every_time(name, parts)
 
 
-@pytest.mark.parametrize("name", LIT)
+@pytest.mark.parametrize("name", often(OFTEN & {*LIT}, LIT))
 def test_pictures_have_smooth_surfaces_and_detail_and_no_black(name):
     """Real rooms are mostly paint; a scene of nothing but texture fires far too many events."""
     intensity = picture(name)
@@ -82,7 +84,7 @@ def test_pictures_have_smooth_surfaces_and_detail_and_no_black(name):
     assert np.mean(contrast > 0.2) > 0.10
 
 
-@pytest.mark.parametrize("name", [*TWINS])
+@pytest.mark.parametrize("name", often(OFTEN, [*TWINS]))
 def test_left_depth_warps_onto_the_right(name):
     for law in stereo(name, factor(name) / 2):
         assert law.seen > 0.5
@@ -142,13 +144,14 @@ def radiance(name):
         return drawn.frame(0, poses(name, 0, 3)[1]).intensity
 
 
-@pytest.mark.parametrize("name", ["hdr-window", "hdr-night"])
+@pytest.mark.parametrize("name", often(["hdr-night"], ["hdr-window", "hdr-night"]))
 def test_light_and_dark_are_a_thousand_to_one_in_one_view(name):
     seen = radiance(name)
     assert np.percentile(seen, 99.9) > 1000 * np.percentile(seen, 2)
     assert 2e-4 < np.percentile(seen, 2) < 0.05
 
 
+@pytest.mark.slow
 def test_the_window_shows_more_than_white():
     """What a frame camera would burn out has structure: bricks, frames, branches."""
     seen = radiance("hdr-window")

@@ -11,6 +11,7 @@ from eventsweep.scenes.textures.noise import BRIGHTEST, DARKEST, streams
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import rig
+from tiers import often
 from twin_checks import (
     check_original,
     check_same_every_time,
@@ -32,6 +33,7 @@ TWINS = {
 }
 HARD = ["moving-objects", "low-texture", "repetitive", "thin-structures", "reflective"]
 ALL = [*TWINS, *HARD]
+OFTEN = ("dsec-street", "moving-objects")
 OUTDOORS = ["tumvie-run", "tumvie-bike", "dsec-street", "repetitive", "thin-structures"]
 
 
@@ -42,7 +44,7 @@ def test_rig_and_depth_range_are_those_of_the_original(name):
     check_original(name, *rest)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", often(OFTEN, ALL))
 def test_depth_is_in_the_declared_range_or_that_of_the_sky(name):
     scene, seen, renderer = opened(name, factor(name))
     low_m, high_m = scene.depth_range_m
@@ -56,7 +58,7 @@ def test_depth_is_in_the_declared_range_or_that_of_the_sky(name):
                 assert np.mean(sky | ((depth_m >= low_m) & (depth_m <= high_m))) >= 0.99
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", often(OFTEN, ALL))
 def test_nothing_stands_in_the_way(name):
     """Rays from every camera, all along the way of three seconds where the gait goes forward."""
     mujoco = import_mujoco()
@@ -76,7 +78,7 @@ def test_nothing_stands_in_the_way(name):
                     assert far_m < 0 or far_m > 0.3
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", often(OFTEN, ALL))
 def test_a_place_is_cheap_complete_and_within_bounds(name):
     model = opened(name, factor(name))[2].model
     assert 20 < model.ngeom <= 300
@@ -92,21 +94,18 @@ def test_the_reflective_kitchen_breaks_the_rule_that_points_keep_their_brightnes
     assert np.count_nonzero(model.mat_specular) >= 4
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["dsec-street", "moving-objects", *(pytest.param(n, marks=pytest.mark.slow) for n in ALL)],
-)
+@pytest.mark.parametrize("name", often(OFTEN, ALL))
 def test_a_place_is_the_same_every_time(name):
     parts = "tex_data", "geom_pos", "geom_size", "geom_quat", "mesh_vert", "qpos0"
     check_same_every_time(name, parts)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", often(OFTEN, ALL))
 def test_pictures_are_neither_black_nor_saturated_and_have_contrast(name):
     assert np.std(np.log(picture(name))) > 0.15
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", often(OFTEN, ALL))
 def test_left_depth_warps_onto_the_right(name):
     for law in stereo(name, factor(name) / 2):
         assert law.seen > 0.3

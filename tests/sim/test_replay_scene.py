@@ -257,6 +257,7 @@ def test_the_table_of_what_smoothing_costs(tum, capsys):
     assert "raise max_gap_s" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_command_line_replays(folder, tum):
     from eventsweep.eval.cli.main import main
 

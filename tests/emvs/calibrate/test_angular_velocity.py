@@ -32,6 +32,7 @@ def test_turn_rates_of_poses_are_their_mean_rotation():
         assert np.allclose(rate, turn / (1e-6 * (window.t1_us - window.t0_us)))
 
 
+@pytest.mark.slow
 def test_events_turn_as_fast_as_the_poses_where_those_are_right():
     rates = turn_rates(OBJECTIVE, Correction(), np.radians(4))
     assert np.degrees(np.sqrt(((rates.events - rates.poses) ** 2).mean())) < 1.5

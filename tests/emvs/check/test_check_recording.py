@@ -73,6 +73,7 @@ def test_mapping_is_not_tried_on_nonsense_and_says_so():
     assert dict(report.unchecked)["mapping"] == "cure parallax first"
 
 
+@pytest.mark.slow
 def test_every_step_shows_and_answers_are_the_same_again():
     steps = []
     reports = [

@@ -11,6 +11,7 @@ from eventsweep.emvs.check.recording import check, check_path
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.writer import SequenceWriter
 from head_world import head_recording
+from tiers import often
 
 # Each takes seconds: one of each family is planted in every run, the others in slow ones.
 ALWAYS = {
@@ -25,14 +26,7 @@ ALWAYS_UNSPOILT = {"as simulated", "one camera", "poses of a tracked body"}
 ALWAYS_IN_FILES = {"quaternions w first npz", "events not sorted csv"}
 
 
-def sometimes(named, always):
-    """Parameters by name; those that are not always tried are marked as slow."""
-    assert set(named) >= always
-    marks = {name: () if name in always else pytest.mark.slow for name in named}
-    return [pytest.param(value, id=name, marks=marks[name]) for name, value in named.items()]
-
-
-@pytest.mark.parametrize("fault", sometimes({fault.kind: fault for fault in FAULTS}, ALWAYS))
+@pytest.mark.parametrize("fault", often(ALWAYS, {fault.kind: fault for fault in FAULTS}))
 def test_a_planted_fault_is_named_first(fault):
     report = check(fault.plant(head_recording(), np.random.default_rng(3)))
     assert report.verdict == "wrong"
@@ -49,9 +43,7 @@ def first_suspects(report):
     return set(report.suspects[0].split(" or "))
 
 
-@pytest.mark.parametrize(
-    "fault", sometimes({f.kind: f for f in (*OPENED, *TRIED)}, {"poses inverted, stereo pitch"})
-)
+@pytest.mark.parametrize("fault", often((), {f.kind: f for f in (*OPENED, *TRIED)}))
 def test_two_faults_at_once_and_nameless_ones_get_no_wrong_cure(fault):
     report = check(fault.plant(head_recording(), np.random.default_rng(3)))
     assert set(report.suspects[:1]) <= {*fault.named, *UNKNOWN}
@@ -64,7 +56,7 @@ def test_causes_that_no_recording_of_this_rig_can_tell_apart_are_named_together(
     assert first_suspects(report) == {"cameras swapped", "extrinsics inverted"}
 
 
-@pytest.mark.parametrize("tell", sometimes(UNSPOILT, ALWAYS_UNSPOILT))
+@pytest.mark.parametrize("tell", often(ALWAYS_UNSPOILT, UNSPOILT))
 def test_a_correct_recording_is_not_accused(tell):
     report = check(tell(head_recording(), np.random.default_rng(1)))
     assert report.suspects == ()
@@ -85,7 +77,7 @@ def sequence(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    "fault", sometimes({f"{f.kind} {f.format}": f for f in FILE_FAULTS}, ALWAYS_IN_FILES)
+    "fault", often(ALWAYS_IN_FILES, {f"{f.kind} {f.format}": f for f in FILE_FAULTS})
 )
 def test_a_fault_in_the_files_is_named_first(fault, sequence, tmp_path):
     folder = rewritten(sequence, tmp_path / "rewritten", fault.format)

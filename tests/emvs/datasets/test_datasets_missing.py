@@ -205,6 +205,7 @@ raise SystemExit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mvsec", "dsec"])
 def test_a_full_disk_is_one_line_and_leaves_nothing(sequence, tmp_path, kind):
     """The disk ends at several places, in events as in maps, poses and ground truth."""

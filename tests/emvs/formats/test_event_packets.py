@@ -63,6 +63,7 @@ def test_slices_take_up_the_stream_where_its_clock_wrapped(tmp_path, monkeypatch
         assert naive.rows_of(reader.between("/events", t0_us, t0_us + 900_000)) == expected
 
 
+@pytest.mark.slow
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     words=st.lists(WORDS, max_size=40),

@@ -166,6 +166,7 @@ def stated_file(path, kind):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["hdf5", "npz", "csv", "parquet"])
 def test_stated_columns_are_read_by_library_flags_and_recording(tmp_path, kind, capsys):
     path = stated_file(tmp_path / "f", kind)

@@ -43,6 +43,7 @@ def rows_of(events):
     return list(zip(events.t_us.tolist(), events.x.tolist(), strict=True))
 
 
+@pytest.mark.slow
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     t=st.lists(st.integers(0, 6000), min_size=1, max_size=12),

@@ -277,6 +277,7 @@ def test_hot_pixels_and_a_burst_of_noise_do_not_lead_it_astray(recording):
     assert worst_m(tracker.known(), recording.trajectory) < 0.015
 
 
+@pytest.mark.slow
 def test_what_the_map_does_not_show_is_lost_with_a_reason_and_the_place_found_again(recording):
     """The world is another one for 0.14 s; then it is the old one again."""
     elsewhere = line_world.recorded(recording.trajectory, seed=7)

@@ -21,6 +21,7 @@ from eventsweep.eval.cli.exit_codes import with_flags
 from eventsweep.eval.cli.main import main
 from places import ROOT
 from small_pair import small_sequence
+from tiers import often
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -116,6 +117,7 @@ def test_bad_configuration_file_is_one_line_and_code_2(tmp_path, capsys, sequenc
     assert [path.name for path in tmp_path.iterdir()] == ["c.toml"]
 
 
+@pytest.mark.slow
 def test_settings_that_a_command_does_not_read_are_said(tmp_path, capsys, sequence):
     file = tmp_path / "c.toml"
     file.write_text("[sim]\ncontrast_threshold_pos = 0.15\n[map]\nplanes = 7\n[score]\n")
@@ -256,7 +258,7 @@ def test_a_full_disk_is_one_line_and_loses_nothing(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["s"]
 
 
-@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("kind", often([signal.SIGINT], [signal.SIGINT, signal.SIGTERM]))
 def test_an_interrupted_run_leaves_nothing(tmp_path, kind):
     def heed_signals() -> None:
         # A parent in the background may have told its children to ignore Ctrl-C.

@@ -232,13 +232,10 @@ def test_the_gate_writes_over_nothing_but_its_own(tmp_path, capsys):
         flags.check_files(force=False)
 
 
-KILLED = (
-    pytest.param((12, "map anew", "simulate", "submission"), marks=pytest.mark.slow),
-    (5, "convert"),
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "kills", [(12, "map anew", "simulate", "submission"), (5, "convert")], ids=str
 )
-
-
-@pytest.mark.parametrize("kills", KILLED, ids=str)
 def test_after_a_kill_the_same_call_makes_the_same_and_nothing_is_lost(kills):
     """As in `fuzz_kills`, in a process that has not yet any thread."""
     count, *names = map(str, kills)

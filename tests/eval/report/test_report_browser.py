@@ -105,6 +105,7 @@ def test_the_cursor_reads_the_same_pixel_everywhere(tmp_path, page, data):
     assert float(numbers["confidence"]) == pytest.approx(method.confidence[y, x], rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_comparison_shows_the_chosen_method_and_opens_what_is_folded(tmp_path, monkeypatch):
     monkeypatch.setattr(side_by_side, "load_run", lambda _: report_data("desk"))
     for name in "ab":
@@ -127,6 +128,7 @@ def test_a_comparison_shows_the_chosen_method_and_opens_what_is_folded(tmp_path,
     assert rows
 
 
+@pytest.mark.slow
 def test_the_cursor_reads_why_a_pixel_is_wrong(tmp_path, data):
     window = data.cases[0].windows[0]
     method = next(m for m in window.methods if m.name == "Alg1/H")
@@ -143,6 +145,7 @@ def test_the_cursor_reads_why_a_pixel_is_wrong(tmp_path, data):
     assert re.search(r"error [-\d.]+ cm · off by more than a tenth, occlusion: at a depth", text)
 
 
+@pytest.mark.slow
 def test_the_slider_shows_one_window_at_a_time_and_play_goes_on(tmp_path, data):
     film = tuple(replace(w, name=f"w{k:03d}") for k, w in enumerate(data.cases[0].windows * 3))
     page = run_page(replace(data, cases=(replace(data.cases[0], film=film),)))
@@ -178,6 +181,7 @@ def test_a_pixel_without_depth_says_so_until_a_method_has_one(tmp_path, page, da
     assert found_m == pytest.approx(second.depth_m[y, x], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_cursor_reads_a_prediction_that_says_no_confidence(tmp_path, data):
     window = data.cases[0].windows[0]
     silent = replace(window.methods[0], name="Given/x", confidence=np.full(SHAPE, np.nan))
@@ -196,6 +200,7 @@ def test_the_cursor_reads_a_prediction_that_says_no_confidence(tmp_path, data):
     assert drawn == silent.mask.sum()
 
 
+@pytest.mark.slow
 def test_a_studys_figure_is_as_dark_as_the_page(tmp_path):
     study = STUDIES["event-share"]
     ones = np.ones((4, len(study.amounts)))
@@ -215,6 +220,7 @@ def test_a_studys_figure_is_as_dark_as_the_page(tmp_path):
     assert found[1] < 80
 
 
+@pytest.mark.slow
 def test_print_holds_no_configuration(tmp_path, data):
     """A folded part takes no room on paper: as many lines of settings change nothing."""
     sizes = []

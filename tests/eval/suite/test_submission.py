@@ -537,6 +537,7 @@ def test_from_a_package_outside_to_a_row_in_two_commands(ran, tmp_path, capsys):
     assert "Given/x" in read_suite(tmp_path / "named").stated
 
 
+@pytest.mark.slow
 def test_copied_truth_is_flagged(ran, tmp_path, capsys):
     recordings = tmp_path / "recordings"
     unpacked(ran, recordings)

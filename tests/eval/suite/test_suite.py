@@ -338,6 +338,7 @@ def test_a_suite_gates_itself(run, tmp_path, capsys):
     assert "worse" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_job_that_fails_is_told_and_others_go_on(run, tmp_path, capsys):
     """A window in which nothing moves has no events."""
     cache = run[1]

@@ -113,6 +113,7 @@ def test_mapping_an_archive_needs_no_graphics_and_gives_the_same_numbers(made, t
     ]
 
 
+@pytest.mark.slow
 def test_maps_of_drawn_sequences_are_those_of_the_same_archived_ones(made, tmp_path):
     file, cache, frozen, drawn = made
     assert run(file, cache, tmp_path / "out", "--archive", frozen) == 0
@@ -122,6 +123,7 @@ def test_maps_of_drawn_sequences_are_those_of_the_same_archived_ones(made, tmp_p
     assert len(list((tmp_path / "out" / "pictures").glob("*.png"))) == 2
 
 
+@pytest.mark.slow
 def test_an_archive_is_the_same_bytes_when_made_again(made, tmp_path):
     file, _, frozen, _ = made
     arguments = ["--cache", str(tmp_path / "c"), "--workers", "1", "--quiet", "--case", "wall"]
@@ -144,6 +146,7 @@ def test_what_an_archive_says_of_itself(made, capsys):
     assert manifest.digest == read_definition(file).digest
 
 
+@pytest.mark.slow
 def test_a_sequence_drawn_anew_is_not_comparable(made, tmp_path):
     """Of other bytes: here another seed's sequence in its place, as another library would draw."""
     file, cache, frozen, drawn = made
@@ -211,6 +214,7 @@ def hidden(made, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_hidden_motions_are_others_and_nobody_can_tell_which(made, hidden):
     _, _, frozen, _ = made
     own, given = read(hidden / "own"), read(hidden / "given")
@@ -228,6 +232,7 @@ def test_hidden_motions_are_others_and_nobody_can_tell_which(made, hidden):
     assert not any(str(seed) in published for seed in seeds)
 
 
+@pytest.mark.slow
 def test_what_is_published_of_it_holds_no_truth_and_no_seed(hidden, tmp_path):
     out = tmp_path / "recordings"
     assert main(["archive", "unpack", str(hidden / "given"), "--out", str(out), "--quiet"]) == 0
@@ -250,6 +255,7 @@ def test_what_is_published_of_it_holds_no_truth_and_no_seed(hidden, tmp_path):
         )
 
 
+@pytest.mark.slow
 def test_only_who_has_the_truth_can_score(made, hidden, tmp_path, capsys):
     file, cache, _, _ = made
     assert run(file, cache, tmp_path / "out", "--archive", hidden / "own") == 0
@@ -299,6 +305,7 @@ def test_what_an_archive_lacks_is_one_line(made, tmp_path, capsys):
         assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_suite_of_other_methods_can_use_the_same_archive(made, tmp_path):
     _, cache, frozen, _ = made
     more = tmp_path / "more.toml"

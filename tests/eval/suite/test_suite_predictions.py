@@ -106,6 +106,7 @@ def test_the_list_for_people_has_a_line_for_each_window(suite, capsys):
     assert "2 of 2 sequences are simulated" in out
 
 
+@pytest.mark.slow
 def test_a_prediction_is_scored_ranked_and_shown(suite, theirs, tmp_path):
     """As good as it was made: one hundredth off everywhere; built-in numbers stay the same."""
     file, cache, before = suite

@@ -32,6 +32,7 @@ def made(path, rig="model:left,right", said=None, config=CONFIG, **model):
     return prepared(str(path), rig, config, 0, told.append)
 
 
+@pytest.mark.slow
 def test_dynamics_become_a_sequence_that_any_number_of_workers_makes(path, tmp_path):
     scene, rig, config = made(path, motion="dynamics", key="go")
     assert scene.name == "rover"

@@ -27,6 +27,7 @@ from eventsweep.sim.sensor_presets import SensorConfig
 from eventsweep.sim.simulate import check_disk, make_job, simulate
 from noise_scene import CONFIG, Killed, contents, motion, stop_at, textures
 from places import HELPERS
+from tiers import often
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def stopped(scene, out, t_us, config=CONFIG):
     assert not out.exists()
 
 
-@pytest.mark.parametrize("t_us", [12_000, 30_000, 50_000])
+@pytest.mark.parametrize("t_us", often([12_000], [12_000, 30_000, 50_000]))
 def test_a_stopped_run_goes_on_where_it_was(folder, scene, whole, t_us):
     out, lines = folder / f"stopped{t_us}", []
     stopped(scene, out, t_us)
@@ -233,6 +234,7 @@ def test_a_worker_that_dies_is_told_and_loses_nothing(folder, scene, monkeypatch
     assert contents(out) == contents(folder / "not-killed")
 
 
+@pytest.mark.slow
 def test_what_workers_refuse_is_one_line(folder, scene):
     config = SimConfig(max_displacement_px=0.5, min_frame_interval_us=9_000)
     with pytest.raises(InputError, match="slow the motion"):

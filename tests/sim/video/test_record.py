@@ -60,6 +60,7 @@ def test_a_sequence_without_poses_opens_and_tells_so(tmp_path, folder):
     assert not (tmp_path / "map").exists()
 
 
+@pytest.mark.slow
 def test_the_manifest_says_what_was_taken_for_granted(tmp_path, folder):
     made(folder, tmp_path / "seq", NOISY, seed=5)
     manifest = json.loads((tmp_path / "seq" / "manifest.json").read_text())
