@@ -16,6 +16,7 @@ from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import rig
 from eventsweep.sim.scene import put_texture
+from tiers import often
 
 NAMES = scenes.names()
 
@@ -96,9 +97,7 @@ def test_listing_the_scenes_imports_nothing_heavy():
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(x, marks=[pytest.mark.slow] * (x == "desk")) for x in PLAIN]
-)
+@pytest.mark.parametrize("name", often({*PLAIN} - {"desk", "boxes"}, PLAIN))
 def test_a_scene_is_the_same_every_time(name):
     scene, renderer = opened(name)
     again = scene.spec().compile()
@@ -106,7 +105,7 @@ def test_a_scene_is_the_same_every_time(name):
         assert np.array_equal(getattr(renderer.model, part), getattr(again, part)), part
 
 
-@pytest.mark.parametrize("name", MAIN)
+@pytest.mark.parametrize("name", often({*MAIN} - {"desk"}, MAIN))
 def test_every_texture_of_the_mjcf_gets_its_picture(name):
     model = opened(name)[1].model
     placeholders = [model.texture(k).name for k in np.flatnonzero(model.tex_width <= 2)]

@@ -152,6 +152,7 @@ def test_what_a_camera_at_rest_cannot_see_is_refused():
         refined(("baseline",), {}, "still")
 
 
+@pytest.mark.slow
 def test_refused_parameters_keep_the_value_that_was_given():
     found, _ = refined(("lever",), {"lever x": 10.0}, "translating")
     assert found.applied(world("translating")).rig.T_body_cam[0][0, 3] == 0

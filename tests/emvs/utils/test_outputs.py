@@ -31,6 +31,7 @@ from eventsweep.emvs.utils.outputs import (
     replace_dir,
 )
 from killed import killed_at_every_step
+from tiers import often
 
 
 def put(folder, **files):
@@ -606,13 +607,14 @@ def memory():
 
 
 # What replaces a whole folder takes many steps.
-OFTEN = [*product(("exchanged", "file"), ("ours", "beside somebody's"))]
-SELDOM = [("whole", "ours"), ("grown", "ours"), *((call, "nothing") for call in KILLED)]
+OFTEN = [*product(("exchanged", "file"), ("beside somebody's",))]
+SELDOM = [
+    *product(("exchanged", "file", "whole", "grown"), ("ours",)),
+    *product(KILLED, ("nothing",)),
+]
 
 
-@pytest.mark.parametrize(
-    ("call", "before"), [*OFTEN, *(pytest.param(*way, marks=pytest.mark.slow) for way in SELDOM)]
-)
+@pytest.mark.parametrize(("call", "before"), often(OFTEN, [*OFTEN, *SELDOM]))
 def test_killed_at_any_step_it_ends_with_the_same_bytes(memory, call, before):
     out, make = memory / "out", KILLED[call]
 

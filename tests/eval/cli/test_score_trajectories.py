@@ -130,6 +130,7 @@ def test_an_interrupt_leaves_nothing(files, monkeypatch):
     assert set(files.rglob("*")) == before
 
 
+@pytest.mark.slow
 def test_the_gate_and_compare_take_trajectories(files, capsys):
     """A worse estimate is red and named; the same one is green; another truth is no comparison."""
     worse = noisy(es.read_poses("good.txt"), seed=8, sigma_m=0.01)

@@ -191,7 +191,8 @@ def study_result(mean):
     return StudyResult(study, found, tuple(values), {}, ("desk",), (0,))
 
 
-@pytest.mark.parametrize("before", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("before", [False, True])
 def test_a_killed_study_is_whole_or_not_there_and_never_in_the_way(tmp_path, monkeypatch, before):
     monkeypatch.setattr(
         "eventsweep.eval.studies.run.draw",

@@ -321,6 +321,7 @@ def test_running_again_does_nothing_again(run, tmp_path):
     assert again.samples == read_suite(out).samples
 
 
+@pytest.mark.slow
 def test_a_suite_gates_itself(run, tmp_path, capsys):
     """Green against its own numbers; red, with the culprit, against better ones."""
     file, cache, _ = run

@@ -252,6 +252,7 @@ with StereoRenderer(scene.spec(), rig("davis346"), 1, scene.depth_range_m) as re
 """
 
 
+@pytest.mark.slow
 def test_the_trial_says_what_the_renderer_says(library):
     backend, found = library
     said = in_process(SHOW, MUJOCO_GL=backend)
