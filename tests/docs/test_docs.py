@@ -16,7 +16,7 @@ from eventsweep.sim.config import SimConfig
 from eventsweep.sim.scene import Scene
 from eventsweep.sim.simulate import simulate
 from places import ROOT
-from tiers import often
+from tiers import often_named
 from twin_checks import smaller
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -70,7 +70,7 @@ LONG = {
 }
 
 
-@pytest.mark.parametrize("page", often(CODE.keys() - LONG, CODE))
+@pytest.mark.parametrize("page", often_named(CODE.keys() - LONG, CODE))
 def test_code_runs(page, sequences, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # What a page registers must not be known to the tests after it.

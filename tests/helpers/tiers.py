@@ -8,16 +8,19 @@ import pytest
 def often(always: Collection, cases: Iterable) -> list:
     """Parameters: all `cases`, of which those that are not `always` tried are marked as slow.
 
-    A mapping gives each case its name: in `always`, and as the parameter's id. A tuple is a value
-    for each of the test's arguments.
+    A case that is a tuple is a value for each of the test's arguments.
     """
-    named = cases if isinstance(cases, Mapping) else {case: case for case in cases}
-    assert set(always) <= set(named)
-    return [
-        pytest.param(
-            *(case if isinstance(case, tuple) else (case,)),
-            id=name if isinstance(name, str) else None,
-            marks=() if name in always else pytest.mark.slow,
-        )
-        for name, case in named.items()
-    ]
+    cases = [*cases]
+    assert set(always) <= set(cases)
+    return [_param(case, None, case in always) for case in cases]
+
+
+def often_named(always: Collection, cases: Mapping) -> list:
+    """As `often`, with names: those in `always`, and the parameters' ids."""
+    assert set(always) <= set(cases)
+    return [_param(case, name, name in always) for name, case in cases.items()]
+
+
+def _param(case, name, always):
+    values = case if isinstance(case, tuple) else (case,)
+    return pytest.param(*values, id=name, marks=() if always else pytest.mark.slow)

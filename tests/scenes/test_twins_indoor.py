@@ -53,7 +53,7 @@ def test_depth_stays_in_the_declared_range(name):
         assert share_in_range(name, seed, factor(name)) >= 0.99
 
 
-@pytest.mark.parametrize("name", often(OFTEN, [*TWINS]))
+@pytest.mark.parametrize("name", often(OFTEN, TWINS))
 def test_no_camera_comes_near_anything(name):
     assert clearance_m(name, factor(name)) > 0.3
 
@@ -84,7 +84,7 @@ def test_pictures_have_smooth_surfaces_and_detail_and_no_black(name):
     assert np.mean(contrast > 0.2) > 0.10
 
 
-@pytest.mark.parametrize("name", often(OFTEN, [*TWINS]))
+@pytest.mark.parametrize("name", often(OFTEN, TWINS))
 def test_left_depth_warps_onto_the_right(name):
     for law in stereo(name, factor(name) / 2):
         assert law.seen > 0.5

@@ -11,7 +11,7 @@ from eventsweep.emvs.check.recording import check, check_path
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.writer import SequenceWriter
 from head_world import head_recording
-from tiers import often
+from tiers import often_named
 
 # Each takes seconds: one of each family is planted in every run, the others in slow ones.
 ALWAYS = {
@@ -25,7 +25,7 @@ ALWAYS_UNSPOILT = {"as simulated", "one camera", "poses of a tracked body"}
 ALWAYS_IN_FILES = {"events not sorted csv"}
 
 
-@pytest.mark.parametrize("fault", often(ALWAYS, {fault.kind: fault for fault in FAULTS}))
+@pytest.mark.parametrize("fault", often_named(ALWAYS, {fault.kind: fault for fault in FAULTS}))
 def test_a_planted_fault_is_named_first(fault):
     report = check(fault.plant(head_recording(), np.random.default_rng(3)))
     assert report.verdict == "wrong"
@@ -42,7 +42,7 @@ def first_suspects(report):
     return set(report.suspects[0].split(" or "))
 
 
-@pytest.mark.parametrize("fault", often((), {f.kind: f for f in (*OPENED, *TRIED)}))
+@pytest.mark.parametrize("fault", often_named((), {f.kind: f for f in (*OPENED, *TRIED)}))
 def test_two_faults_at_once_and_nameless_ones_get_no_wrong_cure(fault):
     report = check(fault.plant(head_recording(), np.random.default_rng(3)))
     assert set(report.suspects[:1]) <= {*fault.named, *UNKNOWN}
@@ -55,7 +55,7 @@ def test_causes_that_no_recording_of_this_rig_can_tell_apart_are_named_together(
     assert first_suspects(report) == {"cameras swapped", "extrinsics inverted"}
 
 
-@pytest.mark.parametrize("tell", often(ALWAYS_UNSPOILT, UNSPOILT))
+@pytest.mark.parametrize("tell", often_named(ALWAYS_UNSPOILT, UNSPOILT))
 def test_a_correct_recording_is_not_accused(tell):
     report = check(tell(head_recording(), np.random.default_rng(1)))
     assert report.suspects == ()
@@ -76,7 +76,7 @@ def sequence(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    "fault", often(ALWAYS_IN_FILES, {f"{f.kind} {f.format}": f for f in FILE_FAULTS})
+    "fault", often_named(ALWAYS_IN_FILES, {f"{f.kind} {f.format}": f for f in FILE_FAULTS})
 )
 def test_a_fault_in_the_files_is_named_first(fault, sequence, tmp_path):
     folder = rewritten(sequence, tmp_path / "rewritten", fault.format)

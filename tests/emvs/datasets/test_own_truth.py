@@ -18,7 +18,7 @@ from eventsweep.emvs.datasets.own_truth import depth_of_points
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.eval.cli.main import main
-from tiers import often
+from tiers import often_named
 
 LENS = "kb4"
 
@@ -139,7 +139,7 @@ def write_plane(path, mesh, unit_m=1.0, points=400_000):
         file.write("3 0 1 2\n3 0 2 3\n" if mesh else "")
 
 
-@pytest.mark.parametrize("mesh", often(["mesh"], {"mesh": True, "cloud": False}))
+@pytest.mark.parametrize("mesh", often_named(["mesh"], {"mesh": True, "cloud": False}))
 def test_a_surface_is_seen_from_every_pose(ours, tmp_path, mesh):
     pytest.importorskip("open3d")
     more = "" if mesh else "point_radius_m = 0.012"

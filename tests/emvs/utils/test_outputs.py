@@ -607,7 +607,7 @@ def memory():
 
 
 # What replaces a whole folder takes many steps.
-OFTEN = [*product(("exchanged", "file"), ("beside somebody's",))]
+OFTEN = [("exchanged", "beside somebody's"), ("file", "beside somebody's")]
 SELDOM = [
     *product(("exchanged", "file", "whole", "grown"), ("ours",)),
     *product(KILLED, ("nothing",)),
