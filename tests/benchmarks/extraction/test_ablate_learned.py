@@ -90,6 +90,7 @@ def pixels(chosen):
     return zip(chosen.rows, chosen.columns, chosen.centres, chosen.strides, strict=True)
 
 
+@pytest.mark.slow
 def test_each_part_of_the_network_is_what_its_row_says(sequence):
     """Against the definition of the network, at some candidates."""
     shown = show(sequence, CONFIG, ablate_learned.METHOD)
