@@ -19,7 +19,7 @@ from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 from eventsweep.eval.figures.colormaps import INK, line_style, nice_between, spaced
-from eventsweep.eval.figures.laid_out import LaidOutFigure, Places
+from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.method_scores import CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
@@ -134,12 +134,9 @@ class DsiSlice:
     truth_m: NDArray[np.floating] | None = None
 
 
-def slice_figure(dsi_slice: DsiSlice, places: Places | None = None) -> Figure:
-    """Seen from above, the camera below: ray density, extracted depth and true depth of one row.
-
-    Slices of one row of the same volume, with truth or without, may share their `places`.
-    """
-    figure = LaidOutFigure(places, figsize=(10.5, 3.6))
+def slice_figure(dsi_slice: DsiSlice) -> Figure:
+    """Seen from above, the camera below: ray density, extracted depth and true depth of one row."""
+    figure = LaidOutFigure(figsize=(10.5, 3.6))
     axes = figure.subplots()
     _draw_votes(axes, dsi_slice)
     columns = np.flatnonzero(dsi_slice.mask)

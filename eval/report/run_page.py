@@ -41,7 +41,6 @@ from eventsweep.eval.figures.images import (
     photo_image,
     point_size_px,
 )
-from eventsweep.eval.figures.laid_out import Places
 from eventsweep.eval.figures.plots import (
     CAUSE_COLOURS,
     SharesByName,
@@ -176,7 +175,6 @@ def window_context(
     """What the template shows of one window."""
     scales, sure = _scales(window), _confidence_scales(window)
     names = dict.fromkeys(name for counts in window.counts.values() for name in counts)
-    places: Places = []  # of slices, which are of the same row and planes
     return {
         "name": window.name,
         "time": seconds(window.t_us - clock_us),
@@ -187,7 +185,7 @@ def window_context(
         "events_caption": window.events_caption,
         "truth": truth_uri(window, scales["depth_scale"]),
         "methods": [
-            _method_context(m, methods.index(m.name), window, scales, sure[m.name], rows, places)
+            _method_context(m, methods.index(m.name), window, scales, sure[m.name], rows)
             for m in window.methods
         ],
         "confidence_title": _confidence_title(window),
@@ -204,7 +202,7 @@ def window_context(
 
 def _method_context(
     method: MethodData, position: int, window: WindowData, scales: dict[str, Scale], sure: Scale,
-    rows: pd.DataFrame, places: Places,
+    rows: pd.DataFrame,
 ) -> dict[str, Any]:  # fmt: skip
     point_px = point_size_px(method.depth_m.shape[1])
     depth = depth_image(method.depth_m, method.mask, scales["depth_scale"], point_px)
@@ -225,7 +223,7 @@ def _method_context(
         "cause": _cause_uri(method, point_px),
         "causes": _cause_shares(method),
         "within": _within_band(method, window),
-        "slice_svg": _drawn(slice_figure, method.dsi_slice, places),
+        "slice_svg": _drawn(slice_figure, method.dsi_slice),
     }
 
 
@@ -399,7 +397,7 @@ def with_predictions(mapped: Sequence[str], rows: pd.DataFrame) -> list[str]:
     return list(dict.fromkeys([*mapped, *rows.loc[rows["metric"] == "points", "method"]]))
 
 
-def _drawn(draw: Callable[..., Figure], content: Any, *more: Any) -> Markup | None:
+def _drawn(draw: Callable[..., Figure], content: Any, *more: str) -> Markup | None:
     return Markup(svg(draw, content, *more)) if content else None
 
 
