@@ -38,8 +38,13 @@ from eventsweep.eval.report.ranking import (
     mean_over_cases,
     table,
 )
-from eventsweep.eval.suite.output import CSV_NAME, PICTURES_FOLDER
-from eventsweep.eval.suite.results import FILE_NAME, SuiteResult, read_suite
+from eventsweep.eval.suite.results import (
+    CSV_NAME,
+    FILE_NAME,
+    PICTURES_FOLDER,
+    SuiteResult,
+    read_suite,
+)
 from eventsweep.eval.suite.series import Series, means_over_seeds, of_suite
 
 _ABOUT = (

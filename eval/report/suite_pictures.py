@@ -36,9 +36,8 @@ from eventsweep.eval.scoring.predictions import FAMILY, NamedFolder, Prediction,
 from eventsweep.eval.scoring.results import POOLED, each
 from eventsweep.eval.suite.archive import SequenceArchive
 from eventsweep.eval.suite.definition import Suite
-from eventsweep.eval.suite.output import PICTURES_FOLDER
 from eventsweep.eval.suite.predictions import assignment, open_predictions
-from eventsweep.eval.suite.results import Sample, SuiteResult, mapper_method
+from eventsweep.eval.suite.results import PICTURES_FOLDER, Sample, SuiteResult, mapper_method
 from eventsweep.eval.suite.run import suite_jobs
 from eventsweep.eval.suite.stages.predict import opened
 from eventsweep.eval.suite.stages.score import mapped_window

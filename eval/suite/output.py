@@ -14,10 +14,15 @@ from eventsweep.eval.scoring.results import write_csv
 from eventsweep.eval.suite.archive import SequenceArchive
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.predictions import assignment
-from eventsweep.eval.suite.results import FILE_NAME, SuiteResult, write_suite
+from eventsweep.eval.suite.results import (
+    CSV_NAME,
+    FILE_NAME,
+    PICTURES_FOLDER,
+    SuiteResult,
+    write_suite,
+)
 from eventsweep.eval.suite.run import extent, suite_jobs
 
-CSV_NAME, PICTURES_FOLDER = "suite.csv", "pictures"
 _CSV_COLUMNS = ("case", "seed", "window", "method", "metric", "value", "unit", "direction")
 
 

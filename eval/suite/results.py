@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 SCHEMA_VERSION = 2
 FILE_NAME = "suite.json"
+CSV_NAME, PICTURES_FOLDER = "suite.csv", "pictures"
 DEFAULT_MAPPER = "default"
 EVENTS = "events"
 """What stands in a row's place of a method where the row is about the events themselves."""

@@ -26,6 +26,7 @@ from eventsweep.sim.compensation.edge_reach_kernels import Seen
 from eventsweep.sim.compensation.layer_search_kernels import MOST, Layers
 from eventsweep.sim.compensation.light_kernels import light_at
 from eventsweep.sim.compensation.path_kernels import (
+    FAST,
     TO_FIRST_END,
     TO_FIRST_MIDDLE,
     TO_SECOND_MIDDLE,
@@ -54,7 +55,7 @@ def nearer_by(T: NDArray[np.float64], a: float, b: float, rho: float) -> float:
     return T[2, 0] * a + T[2, 1] * b + T[2, 2] + T[2, 3] * rho  # type: ignore[no-any-return]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def begin_layer(
     x: int,
     y: int,
@@ -103,7 +104,7 @@ def begin_layer(
     return longest
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def begin_layers(
     x: int,
     y: int,
@@ -157,7 +158,7 @@ def place_of(
     return x + s * u, y + s * v
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def proof(
     frame: Seen, n: int, u: float, v: float, over: float, under: float
 ) -> tuple[float, float, float, float]:
@@ -198,7 +199,7 @@ def proof(
     return counted(frame, n, u, v, over, under)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def counted(
     frame: Seen, n: int, u: float, v: float, over: float, under: float
 ) -> tuple[float, float, float, float]:
@@ -222,7 +223,7 @@ def counted(
     return float(on * share), float(beyond * share), float(total * share), float(depth * share)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def hidden_light(
     before: Seen, after: Seen, n: int, u_a: float, v_a: float, u_b: float, v_b: float,
     over_a: float, under_a: float, over_b: float, under_b: float, s: float,
@@ -266,7 +267,7 @@ def found_at(
         numbers[at + _SHARE] = min(max((rho - low) / (high - low), 0.0), 1.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def layered_light(
     x: int, y: int, layers: Layers, k: int, numbers: NDArray[np.float64],
     before: Seen, after: Seen, n: int, border: int, s: float,

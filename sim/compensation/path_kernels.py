@@ -17,7 +17,11 @@ TO_FIRST_MIDDLE, TO_FIRST_END, TO_SECOND_MIDDLE, TO_SECOND_START = 0, 1, 2, 3
 """Which of `ways` is which: into the first frame from half-time and from the second frame, into the
 second frame from half-time and from the first."""
 
-_FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
+FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
+"""Sums may be reordered, so each function rounds as it was compiled. What is called is inlined, or
+a process that compiles would call another copy than one that loads the cache. And it says its
+flags: numba hands a caller's down to what it compiles on the way, so that it would round as who
+came first."""
 
 Path = tuple[float, float, float, float, float, float, float, float, float]
 
@@ -66,7 +70,7 @@ def turned(T: NDArray[np.float64], a: float, b: float, rho: float) -> tuple[floa
     return u, v
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=False)
 def carried(
     T: NDArray[np.float64], a: float, b: float, rho: float, lens: NDArray[np.float64]
 ) -> tuple[float, float]:
@@ -96,7 +100,7 @@ def path_through(
     return au1, au2, av1, av2, bu1, bu2, bv1, bv2, longest
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def straight_paths(
     bearing: NDArray[np.float32],
     rho_a: NDArray[np.float32],
@@ -134,7 +138,7 @@ def straight_paths(
             paths[n, x] = path[n]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def path_of(
     x: int,
     y: int,
@@ -184,7 +188,7 @@ def path_of(
     return path_through(au - x, av - y, bu - x, bv - y, ahu - x, ahv - y, bhu - x, bhv - y)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def paths_of_row(
     y: int,
     pixels: NDArray[np.int64],

@@ -17,7 +17,7 @@ from eventsweep.sim.compensation.edge_reach_kernels import Seen
 from eventsweep.sim.compensation.layer_kernels import NUMBERS, begin_layers, layered_light
 from eventsweep.sim.compensation.layer_search_kernels import MOST, Layers
 from eventsweep.sim.compensation.light_kernels import light_at
-from eventsweep.sim.compensation.path_kernels import paths_of_row, places_on
+from eventsweep.sim.compensation.path_kernels import FAST, paths_of_row, places_on
 from eventsweep.sim.sensor.esim_kernels import NEAR, level_of, number_of_falls, number_of_rises
 
 # Steps are never shorter and never longer than this way, px.
@@ -30,12 +30,9 @@ _NONE: int = np.int64(0)  # type: ignore[assignment]  # numba compiles once more
 _WAY = 8
 _TIME, _LIGHT, _LAST, _RISE, _FALL, _RATE, _PER_PX, _THEN, _SEEN = range(9, 18)
 _ROWS = 18
-# Sums may be reordered, so each function rounds as it was compiled: what is called from here is
-# inlined, or a process that compiles would call another copy than one that loads the cache.
-_FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True, fastmath=FAST)
 def thresholds(
     reference: NDArray[np.float64],
     c_pos: float,
@@ -61,7 +58,7 @@ def slope_at(slope: NDArray[np.float32], u: float, v: float) -> float:
     return slope[i, j]  # type: ignore[no-any-return]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=False)
 def levels_passed(
     rises: bool, log: float, first: float, up: int, down: int, c_pos: float, c_neg: float
 ) -> int:
@@ -105,7 +102,7 @@ def rate_at(
     return max(a, b) * way_px + apart + 1e-9
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def begin_row(
     y: int,
     pixels: NDArray[np.int64],
@@ -131,7 +128,7 @@ def begin_row(
         row[_RATE, x] = rate_at(slope_a, slope_b, places, row[_WAY, x], apart)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def step_of_row(
     y: int,
     pixels: NDArray[np.int64],
@@ -163,7 +160,7 @@ def step_of_row(
     return n
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=False)
 def end_step(pixels: NDArray[np.int64], row: NDArray[np.float64]) -> int:
     """Brings pixels to where their step leads; those not at the end yet come first: how many."""
     n = 0
@@ -174,7 +171,7 @@ def end_step(pixels: NDArray[np.int64], row: NDArray[np.float64]) -> int:
     return n
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def crossing(
     x: int,
     y0: float,
@@ -203,7 +200,7 @@ def crossing(
     return between(level, log_there, log_e, when, e)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=False)
 def silence(
     pixel: NDArray[np.int64],
     offset_us: NDArray[np.int64],
@@ -228,7 +225,7 @@ def silence(
             memory[pixel[n]].last_emitted_us = t_us
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=False)
 def roomier(values: NDArray[np.int64], room: int) -> NDArray[np.int64]:
     """The same values in an array of `room`."""
     more = np.empty(room, np.int64)
@@ -237,7 +234,7 @@ def roomier(values: NDArray[np.int64], room: int) -> NDArray[np.int64]:
     return more
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=False)
 def append_by_column(
     columns: NDArray[np.int64],
     found: NDArray[np.int64],
@@ -259,7 +256,7 @@ def append_by_column(
         ends[x] += 1
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def crossings(
     x: int, k: int, s: float, e: float, light_s: float, light_e: float, rises: bool,
     reference: NDArray[np.float64], memory: NDArray[np.void],
@@ -306,7 +303,7 @@ def crossings(
     return n + number, columns, found
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def layered_events(
     y: int, light_a: NDArray[np.float32], light_b: NDArray[np.float32],
     layers: Layers, before: Seen, after: Seen, grid: int, border: int,
@@ -383,7 +380,7 @@ def layered_events(
     return n, columns, found
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True, fastmath=FAST)
 def events_between(
     light_a: NDArray[np.float32],
     light_b: NDArray[np.float32],

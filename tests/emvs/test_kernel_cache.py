@@ -2,6 +2,7 @@
 
 import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -378,8 +379,34 @@ def reordering(file):
     fast = [node.targets[0].id for node in constants if "reassoc" in ast.unparse(node.value)]
     for function in compiled(file):
         marks = " ".join(ast.unparse(mark) for mark in function.decorator_list)
-        if any(word in marks for word in ("reassoc", *fast)) and "inline" not in marks:
+        if any(word in marks for word in ("reassoc", "FAST", *fast)) and "inline" not in marks:
             yield function.name
+
+
+def calls(function):
+    """Names of the functions that one calls."""
+    nodes = [node for node in ast.walk(function) if isinstance(node, ast.Call)]
+    return {node.func.id for node in nodes if isinstance(node.func, ast.Name)}
+
+
+def test_what_is_called_where_sums_may_be_reordered_says_whether_its_own_may():
+    """Numba hands `fastmath` down to what it compiles for a caller, and keeps the outcome.
+
+    A session whose first simulation drew pictures had other events, in all later ones, than one
+    whose first followed pixels.
+    """
+    files = [file for file in kernel_files() if "cuda" not in file.parts]
+    known = {function.name: function for file in files for function in compiled(file)}
+    marks = {name: ast.unparse(known[name].decorator_list[0]) for name in known}
+    silent = {name for name in known if "fastmath" not in marks[name]}
+    # What is inlined before it is compiled has no flags of its own.
+    silent -= {name for name in silent if "inline='always'" in marks[name]}
+    reached = [name for name in known if re.search("fastmath=.*(FAST|reassoc)", marks[name])]
+    assert reached
+    for name in reached:
+        assert not calls(known[name]) & silent, name
+        inlined = calls(known[name]) & {n for n in known if "inline='always'" in marks[n]}
+        reached += [n for n in inlined if n not in reached]
 
 
 def test_a_first_run_rounds_like_all_later_ones():

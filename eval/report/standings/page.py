@@ -36,7 +36,7 @@ from eventsweep.eval.report.standings.method_page import FOLDER as METHODS
 from eventsweep.eval.report.standings.method_page import method_page, page_names
 from eventsweep.eval.report.standings.sections import RankingPage
 from eventsweep.eval.report.suite_pictures import METHODS_NAME
-from eventsweep.eval.suite.output import PICTURES_FOLDER
+from eventsweep.eval.suite.results import PICTURES_FOLDER
 
 HTML_NAME = "index.html"
 _PICTURE_BYTES = 1 << 22
