@@ -37,11 +37,10 @@ from check_cases import (
     UNSPOILT,
     Base,
     FileFault,
-    Planter,
     exported,
 )
 from check_harm import harm
-from check_opened import OPENED, UNKNOWN
+from check_opened import OPENED
 from check_shown import SHOWN
 from check_spent import SPENT
 from check_tried import TRIED
@@ -51,6 +50,7 @@ from eventsweep.emvs.check.recording import check, check_path
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.utils.files import atomic_path
 from markdown_blocks import into_page
+from planting import UNKNOWN, Planter
 
 SECONDS = 0.6
 
@@ -192,10 +192,8 @@ def code_version() -> str:
     folder = Path(str(eventsweep.emvs.check.__file__)).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py"))]
     here = Path(__file__)
-    files += [
-        here.with_name(f"check_{what}.py")
-        for what in ("cases", "opened", "shown", "spent", "tried", "unseen")
-    ]
+    planted = ("cases", "opened", "shown", "spent", "tried", "unseen")
+    files += [here.with_name("planting.py"), *(here.with_name(f"check_{w}.py") for w in planted)]
     code = "".join(ast.dump(_Bare().visit(ast.parse(file.read_text()))) for file in files)
     return hashlib.sha256(code.encode()).hexdigest()[:16]
 

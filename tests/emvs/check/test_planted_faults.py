@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from check_cases import FAULTS, FILE_FAULTS, UNSPOILT
-from check_opened import OPENED, UNKNOWN
+from check_opened import OPENED
 from check_tried import TRIED
 from dataset_world import rewritten
 from eventsweep.emvs.check.recording import check, check_path
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.writer import SequenceWriter
 from head_world import head_recording
+from planting import UNKNOWN
 
 # Each takes seconds: one of each family is planted in every run, the others in slow ones.
 ALWAYS = {
