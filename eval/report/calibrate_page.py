@@ -167,8 +167,7 @@ def _draw_curve(axes: Any, estimate: Estimate, at: Any, relative: Any) -> None:
     axes.axvspan(value - uncertainty, value + uncertainty, color=ESTIMATE_COLOUR, alpha=0.2, lw=0)
     axes.axvline(value, color=ESTIMATE_COLOUR, lw=1)
     axes.set_title(estimate.parameter.name, fontsize=9, loc="left")
-    axes.set_xlabel(f"correction [{estimate.parameter.unit}]")
-    axes.set_ylabel("sharpness [%]")
+    axes.set(xlabel=f"correction [{estimate.parameter.unit}]", ylabel="sharpness [%]")
     axes.grid(linewidth=0.4, alpha=0.35)
 
 
