@@ -9,6 +9,7 @@ from .emvs.baselines import BaselineEstimator as BaselineEstimator
 from .emvs.calibrate.refine import RefineConfig as RefineConfig
 from .emvs.calibrate.refine import Refinement as Refinement
 from .emvs.check.findings import Finding as Finding
+from .emvs.check.recording import check as check
 from .emvs.config import MapperConfig as MapperConfig
 from .emvs.data.events import Events as Events
 from .emvs.data.poses import read_poses as read_poses
@@ -30,6 +31,7 @@ from .emvs.geometry.camera import Camera as Camera
 from .emvs.geometry.rig import Rig as Rig
 from .emvs.geometry.trajectory import Trajectory as Trajectory
 from .emvs.maps.folder import StoredMap as StoredMap
+from .emvs.maps.folder import read_map as read_map
 from .emvs.methods.method import Extraction as Extraction
 from .emvs.methods.method import Method as Method
 from .emvs.odometry.config import TrackConfig as TrackConfig
@@ -44,6 +46,8 @@ from .eval.config import TrajectoryConfig as TrajectoryConfig
 from .eval.scoring.predictions import Prediction as Prediction
 from .eval.scoring.predictions import TargetView as TargetView
 from .eval.scoring.results import Results as Results
+from .eval.scoring.results import read_results as read_results
+from .eval.scoring.results import write_results as write_results
 from .eval.scoring.score import score_depth as score_depth
 from .eval.scoring.trajectories.score import TrajectoryScore as TrajectoryScore
 from .eval.sensing.fit import SensorFit as SensorFit
@@ -51,20 +55,16 @@ from .eval.sensing.fit import fit_sensor as fit_sensor
 from .eval.sensing.realism import Realism as Realism
 from .eval.sensing.realism import compare_realism as compare_realism
 from .mapping import CheckReport as CheckReport
-from .mapping import check as check
 from .mapping import map_window as map_window
 from .mapping import map_windows as map_windows
 from .mapping import methods as methods
-from .mapping import read_map as read_map
 from .mapping import register_method as register_method
 from .odometry import track as track
 from .scoring import METRICS as METRICS
 from .scoring import confidence_interval as confidence_interval
 from .scoring import rank_methods as rank_methods
-from .scoring import read_results as read_results
 from .scoring import score as score
 from .scoring import score_trajectory as score_trajectory
-from .scoring import write_results as write_results
 from .sim.config import ModelConfig as ModelConfig
 from .sim.config import PixelConfig as PixelConfig
 from .sim.config import SimConfig as SimConfig

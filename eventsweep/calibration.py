@@ -6,9 +6,9 @@ from pathlib import Path
 
 from eventsweep.emvs.calibrate.refine import RefineConfig, Refinement, refine
 from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.datasets import opened
 from eventsweep.emvs.errors import check_path
 from eventsweep.emvs.utils.runtime import Progress, silent
-from eventsweep.mapping import opened
 
 
 def calibrate(

@@ -46,7 +46,7 @@ from check_spent import SPENT
 from check_tried import TRIED
 from check_unseen import UNSEEN
 from eventsweep.emvs.check.findings import Report
-from eventsweep.emvs.check.recording import check, check_path
+from eventsweep.emvs.check.recording import check
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.utils.files import atomic_path
 from markdown_blocks import into_page
@@ -184,7 +184,7 @@ def _of_file(case: Case, path: Path, out: Path) -> Report:
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(shutil.copytree(made, Path(folder) / "recording"))
         fault.edit(copy)
-        return check_path(copy)
+        return check(copy)
 
 
 def code_version() -> str:
