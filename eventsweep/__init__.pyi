@@ -4,8 +4,8 @@ from . import scenery as scenery
 from ._names import __version__ as __version__
 from ._names import load_scene as load_scene
 from ._names import scene_names as scene_names
-from .calibration import calibrate as calibrate
 from .emvs.baselines import BaselineEstimator as BaselineEstimator
+from .emvs.calibrate.folder import calibrate as calibrate
 from .emvs.calibrate.refine import RefineConfig as RefineConfig
 from .emvs.calibrate.refine import Refinement as Refinement
 from .emvs.check.findings import Finding as Finding

@@ -87,10 +87,6 @@ def refine(left: Image, right: Image, lines: Lines, rho: Float64s, settings: Ref
     return Refined(out[:, 0], out[:, 1], out[:, 2])
 
 
-Float64s = NDArray[np.float64]
-Image = NDArray[np.float32]
-
-
 def estimate(
     recording: Recording, window: Window, view: ReferenceView, config: MapperConfig
 ) -> DepthMap:

@@ -224,11 +224,11 @@ def _eventnerf(job: RecordingExport, folder: Path) -> None:
         radiance.write_views(split, job.recording, k, views, job.shift_us)
     # One recording, on the clock that the scenes came from.
     cameras = tuple(camera.undistorted() for camera in job.rig.cameras)
-    events = [
+    files = [
         {"file": f"cam{k}/train/events/events.npz", "time_offset_us": first_us}
         for k, (first_us, _) in enumerate(spans_us)
     ]
-    _describe(job, folder, replace(job.on_first_camera(), cameras=cameras), events=events)
+    _describe(job, folder, replace(job.on_first_camera(), cameras=cameras), events=files)
 
 
 def _covered(job: RecordingExport, camera: int, span_us: tuple[int, int]) -> tuple[int, int]:

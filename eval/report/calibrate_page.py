@@ -29,6 +29,7 @@ from eventsweep.eval.report.html import (
     Grid,
     GridCell,
     Head,
+    command_grid,
     files_in,
     plural,
     render,
@@ -61,7 +62,7 @@ def page_text(
         curves=Markup(svg(_curves, refinement)) if refinement.curves else "",
         residuals=Markup(svg(_residuals, sides)) if len(sides[0].residuals_px) else "",
         windows=windows_grid(refinement),
-        provenance=Grid((Head("command", text=True),), ((GridCell(command or "Python"),),)),
+        provenance=command_grid(command),
         versions=versions_grid(["this page"], [libraries]), version=libraries["eventsweep"],
         files=files_in(folder, files),
     )  # fmt: skip

@@ -173,6 +173,11 @@ def versions_grid(names: Sequence[str], versions: Sequence[Mapping[str, str]]) -
     return Grid((Head("version of"), *(Head(name) for name in names)), tuple(lines))
 
 
+def command_grid(command: str) -> Grid:
+    """The command that made a page."""
+    return Grid((Head("command", text=True),), ((GridCell(command or "Python"),),))
+
+
 def files_in(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
     """Those of the names that are files in a folder: what a page beside them can link to."""
     return tuple(name for name in names if (folder / name).is_file())

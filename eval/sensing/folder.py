@@ -25,6 +25,7 @@ from eventsweep.eval.report.html import (
     Page,
     Picture,
     Section,
+    command_grid,
     page_text,
     svg_uri,
 )
@@ -124,7 +125,7 @@ def _page(
     title: str, findings: list[str], section: Section, command: str, files: tuple[str, ...]
 ) -> str:
     libraries = versions()
-    provenance = Grid((Head("command", text=True),), ((GridCell(command or "Python"),),))
+    provenance = command_grid(command)
     return page_text(
         Page(title, "", (section,), provenance, findings=tuple(findings),
              version=libraries["eventsweep"], files=files)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from eventsweep.sim.motion.curves import HeadSway, Vector3, look_at
 
 Head = Callable[[float, int], Motion]
 Pose = NDArray[np.float64]
+Sway = tuple[Vector3, Vector3, Sequence[float]]
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,10 @@ def _centred(head: Head, T_world_middle: Pose, duration_s: float, seed: int) -> 
     return Centred(made, T_world_middle @ np.linalg.inv(made.T_world_body(duration_s / 2)))
 
 
-def swaying(eye_m: Vector3, target_m: Vector3, *sway: Any) -> Callable[[float, int], HeadSway]:
+def swaying(eye_m: Vector3, target_m: Vector3, *sway: *Sway) -> Callable[[float, int], HeadSway]:
     """A head that looks from a place at another and sways, as `HeadSway.seeded` says."""
     return partial(_swaying, look_at(eye_m, target_m), sway)
 
 
-def _swaying(T_world_rest: Pose, sway: tuple[Any, ...], _duration_s: float, seed: int) -> HeadSway:
+def _swaying(T_world_rest: Pose, sway: Sway, _duration_s: float, seed: int) -> HeadSway:
     return HeadSway.seeded(T_world_rest, *sway, seed)
