@@ -17,7 +17,7 @@ from eventsweep.emvs.check.parallax import check_parallax
 from eventsweep.emvs.check.poses import check_poses
 from eventsweep.emvs.check.streams import pieces, read_streams
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.datasets import NoRecordingError, opened
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.runtime import Progress, silent
@@ -78,7 +78,9 @@ def _checked(
     wrong = {finding.name for finding in findings if finding.verdict == "wrong"}
     readable, posed = not wrong & {"reading", "events", "events-sensor"}, has_poses(recording)
     if posed:
-        findings += _try("poses", lambda: check_poses(recording, _span_us(recording)), unchecked)
+        findings += _try(
+            "poses", lambda: check_poses(recording, events_span_us(recording)), unchecked
+        )
         findings += _try("parallax", lambda: check_parallax(recording, config), unchecked)
     else:
         unchecked += [(name, "there are no poses") for name in ("poses", "parallax", "mapping")]
@@ -126,13 +128,8 @@ def _try(name: str, checks: Callable[[], list[Finding]], unchecked: Unchecked) -
         return []
 
 
-def _span_us(recording: Recording) -> tuple[int, int]:
-    spans = [recording.event_span_us(camera) for camera in range(len(recording.rig))]
-    return min(first for first, _ in spans), max(last for _, last in spans)
-
-
 def _rectification(recording: Recording) -> Finding:
-    first_us, last_us = _span_us(recording)
+    first_us, last_us = events_span_us(recording)
     middle_us = (first_us + last_us) // 2
     t0_us = max(middle_us - _RECTIFIED_US // 2, first_us)
     return check_rectification(recording, t0_us, min(t0_us + _RECTIFIED_US, last_us + 1))

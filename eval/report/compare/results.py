@@ -162,11 +162,7 @@ def of_suite(result: SuiteResult, name: str, folder: Path) -> ComparedResult:
             cases[sample.case, sample.seed] = _of_sample(result, sample)
     made = [("simulation", sample.facts.versions) for sample in result.samples]
     versions = _with_stages(result.versions, made)
-    stages: dict[str, dict[str, None]] = {}
-    for job in result.jobs:
-        if job.code:
-            stages.setdefault(job.name.partition("/")[0], {})[job.code[:12]] = None
-    versions |= {f"code of {stage}": ", ".join(codes) for stage, codes in stages.items()}
+    versions |= {f"code of {stage}": code for stage, code in result.code.items()}
     failures = {job.name: job.failure for job in result.failures}
     archive = result.archive.version if result.archive else ""
     return ComparedResult(name, folder, True, cases, versions, result.platform, failures, archive)
