@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eventsweep.scenes.parts.heads import swaying
 from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
@@ -72,14 +72,17 @@ def _edit(spec: mujoco.MjSpec) -> None:
     bake(spec, floor="floor")
 
 
+def _motion(_duration_s: float, seed: int) -> HeadSway:
+    rest = look_at((0, -0.2, 1.4), (0.1, 3.2, 0.85))
+    return HeadSway.seeded(rest, (0.10, 0.05, 0.05), (1.5, 3.0, 2.0), (1.4, 0.7), seed)
+
+
 SCENE = Scene(
     name="low-texture",
     summary="hard: a freshly painted, almost empty room, 0.8 to 6 m",
     mjcf=Path(__file__).with_name("bare.xml"),
     textures=_textures,
-    motion=swaying(
-        (0, -0.2, 1.4), (0.1, 3.2, 0.85), (0.10, 0.05, 0.05), (1.5, 3.0, 2.0), (1.4, 0.7)
-    ),
+    motion=_motion,
     depth_range_m=(0.8, 6.0),
     edit=_edit,
 )

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eventsweep.scenes.parts.bodies import Bodies, make_solid
-from eventsweep.scenes.parts.heads import swaying
 from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
@@ -141,12 +141,17 @@ def _free(
     body.add_geom(name=name, type=kind, size=size_m, material=material, mass=mass_kg)
 
 
+def _motion(_duration_s: float, seed: int) -> HeadSway:
+    rest = look_at((0, 0, 1.5), (0.1, 4.0, 1.1))
+    return HeadSway.seeded(rest, (0.08, 0.04, 0.03), (1.5, 2.5, 1.5), (1.5, 0.75), seed)
+
+
 SCENE = Scene(
     name="moving-objects",
     summary="hard: balls, a tyre, a box and a swinging bag cross a gymnasium, 1.5 to 8 m",
     mjcf=_MJCF,
     textures=_textures,
-    motion=swaying((0, 0, 1.5), (0.1, 4.0, 1.1), (0.08, 0.04, 0.03), (1.5, 2.5, 1.5), (1.5, 0.75)),
+    motion=_motion,
     depth_range_m=(1.5, 8.0),
     edit=_edit,
     animate=Bodies(

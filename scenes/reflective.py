@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eventsweep.scenes.parts.heads import swaying
 from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
@@ -118,14 +118,17 @@ def _on_walls(spec: mujoco.MjSpec) -> None:
     at.ball((0.17, 0.17, 0.1), (0.2, 2.2, 1.9), "enamel")
 
 
+def _motion(_duration_s: float, seed: int) -> HeadSway:
+    rest = look_at((0, -0.15, 1.5), (0.25, 3.2, 0.95))
+    return HeadSway.seeded(rest, (0.11, 0.05, 0.05), (1.5, 3.0, 2.0), (1.4, 0.7), seed)
+
+
 SCENE = Scene(
     name="reflective",
     summary="hard: a kitchen with a polished floor, glass, steel and enamel, 1 to 6 m",
     mjcf=Path(__file__).with_name("kitchen.xml"),
     textures=_textures,
-    motion=swaying(
-        (0, -0.15, 1.5), (0.25, 3.2, 0.95), (0.11, 0.05, 0.05), (1.5, 3.0, 2.0), (1.4, 0.7)
-    ),
+    motion=_motion,
     depth_range_m=(1.0, 6.0),
     edit=_edit,
 )

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from numpy.random import default_rng
 
-from eventsweep.scenes.parts.heads import swaying
 from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
@@ -119,14 +119,17 @@ def _rows(spec: mujoco.MjSpec) -> None:
             at.box((0.05, 0.05, 1.3), (x, y, 1.3), "plank")
 
 
+def _motion(_duration_s: float, seed: int) -> HeadSway:
+    rest = look_at((0, 0, 1.45), (0.05, 3.6, 0.95))
+    return HeadSway.seeded(rest, (0.11, 0.04, 0.04), (1.5, 2.5, 2.0), (1.4, 0.7), seed)
+
+
 SCENE = Scene(
     name="repetitive",
     summary="hard: a garden of picket fences, checker and bricks, 1.5 to 8 m",
     mjcf=Path(__file__).with_name("patio.xml"),
     textures=_textures,
-    motion=swaying(
-        (0, 0, 1.45), (0.05, 3.6, 0.95), (0.11, 0.04, 0.04), (1.5, 2.5, 2.0), (1.4, 0.7)
-    ),
+    motion=_motion,
     depth_range_m=(1.5, 8.0),
     edit=_edit,
 )

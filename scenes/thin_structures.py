@@ -10,8 +10,8 @@ import numpy as np
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
-from eventsweep.scenes.parts.heads import swaying
 from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
@@ -194,12 +194,17 @@ def _overhead(spec: mujoco.MjSpec) -> None:
         props.box((0.008, 0.012, 0.035), (x, 2.33, 1.68), "yellow")
 
 
+def _motion(_duration_s: float, seed: int) -> HeadSway:
+    rest = look_at((0, 0, 1.5), (0.1, 3.6, 1.1))
+    return HeadSway.seeded(rest, (0.10, 0.05, 0.04), (1.5, 2.5, 2.0), (1.4, 0.7), seed)
+
+
 SCENE = Scene(
     name="thin-structures",
     summary="hard: wire mesh, railings, cables, twigs and leaves in a yard, 1 to 9 m",
     mjcf=Path(__file__).with_name("yard.xml"),
     textures=_textures,
-    motion=swaying((0, 0, 1.5), (0.1, 3.6, 1.1), (0.10, 0.05, 0.04), (1.5, 2.5, 2.0), (1.4, 0.7)),
+    motion=_motion,
     depth_range_m=(1.0, 9.0),
     edit=_edit,
 )

@@ -141,17 +141,18 @@ def shelf(
     size_m: Point,
     boards: int,
     rng: Generator,
-    fill: float,
+    fill: float = 0.7,
+    material: str = "oak",
 ) -> None:
     """Stands a bookshelf of width, depth and height, unturned, filled with books to `fill`."""
     half_x, half_y, height = size_m[0] / 2, size_m[1] / 2, size_m[2]
     group = BodyBuilder(spec, name, at_m)
     for x in (-half_x, half_x):
-        group.box((0.012, half_y, height / 2), (x, 0, height / 2), "oak")
+        group.box((0.012, half_y, height / 2), (x, 0, height / 2), material)
     pitch = (height - 0.1) / boards
     for board in range(boards + 1):
         z = 0.08 + board * pitch
-        group.box((half_x, half_y, 0.012), (0, 0, z), "oak")
+        group.box((half_x, half_y, 0.012), (0, 0, z), material)
         if board < boards and rng.random() < 0.9:
             width = fill * size_m[0] * float(rng.uniform(0.5, 1.0))
             left = at_m[0] - half_x + 0.02 + float(rng.uniform(0, size_m[0] - width - 0.06))
@@ -176,13 +177,13 @@ def tripod(
     group.drum(0.045, 0.012, (0, -0.068, height_m + 0.034), "metal", (75, 0, 0))
 
 
-def bin_(spec: mujoco.MjSpec, name: str, at_m: Point) -> None:
+def bin_(spec: mujoco.MjSpec, name: str, at_m: Point, material: str = "plastic") -> None:
     """Stands a waste-paper bin of twelve staves, with crumpled paper in it."""
     group = BodyBuilder(spec, name, at_m)
     for k, turn in enumerate(np.radians(np.arange(12) * 30.0)):
         at_m = (0.145 * float(np.cos(turn)), 0.145 * float(np.sin(turn)), 0.16)
-        group.box((0.004, 0.043, 0.16), at_m, "plastic", (0, 7.0, 30.0 * k))
-    group.drum(0.125, 0.004, (0, 0, 0.01), "plastic")
+        group.box((0.004, 0.043, 0.16), at_m, material, (0, 7.0, 30.0 * k))
+    group.drum(0.125, 0.004, (0, 0, 0.01), material)
     for k in range(5):
         turn = 2.4 * k
         where = (0.06 * np.cos(turn), 0.06 * np.sin(turn), 0.24 + 0.016 * k)

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.sim.motion import Motion
-from eventsweep.sim.motion.curves import HeadSway, Vector3, look_at
-
-Head = Callable[[float, int], Motion]
-Pose = NDArray[np.float64]
-Sway = tuple[Vector3, Vector3, Sequence[float]]
 
 
 @dataclass(frozen=True)
@@ -26,27 +19,14 @@ class Centred:
     """
 
     motion: Motion
-    T_world_start: Pose
+    T_world_start: NDArray[np.float64]
 
-    def T_world_body(self, t_s: float) -> Pose:
+    def T_world_body(self, t_s: float) -> NDArray[np.float64]:
         """Pose (4, 4) at `t_s`."""
         return np.asarray(self.T_world_start @ self.motion.T_world_body(t_s), np.float64)
 
 
-def centred(head: Head, eye_m: Vector3, target_m: Vector3) -> Callable[[float, int], Centred]:
-    """Moves all of a head's motion so that at half its time it looks from a place at another."""
-    return partial(_centred, head, look_at(eye_m, target_m))
-
-
-def _centred(head: Head, T_world_middle: Pose, duration_s: float, seed: int) -> Centred:
-    made = head(duration_s, seed)
-    return Centred(made, T_world_middle @ np.linalg.inv(made.T_world_body(duration_s / 2)))
-
-
-def swaying(eye_m: Vector3, target_m: Vector3, *sway: *Sway) -> Callable[[float, int], HeadSway]:
-    """A head that looks from a place at another and sways, as `HeadSway.seeded` says."""
-    return partial(_swaying, look_at(eye_m, target_m), sway)
-
-
-def _swaying(T_world_rest: Pose, sway: Sway, _duration_s: float, seed: int) -> HeadSway:
-    return HeadSway.seeded(T_world_rest, *sway, seed)
+def centred(motion: Motion, duration_s: float, T_world_middle: NDArray[np.float64]) -> Centred:
+    """Moves all of `motion` so that it passes through `T_world_middle` (4, 4) at half its time."""
+    middle = motion.T_world_body(duration_s / 2)
+    return Centred(motion, T_world_middle @ np.linalg.inv(middle))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.random import default_rng
 
 from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion import Motion
 from eventsweep.sim.motion.curves import HeadSway, Vector3, Wave, look_at
 from eventsweep.sim.scene import Scene
 
@@ -22,12 +22,20 @@ if TYPE_CHECKING:
 
 def case(name: str, summary: str, eye_m: Vector3, target_m: Vector3) -> Scene:
     """Returns a case in this room: a rig held by hand at `eye_m` that looks at `target_m`."""
+
+    def motion(_duration_s: float, seed: int) -> Motion:
+        return _by_hand(eye_m, target_m, seed)
+
+    return _scene(name, summary, motion)
+
+
+def _scene(name: str, summary: str, motion: Callable[[float, int], Motion]) -> Scene:
     return Scene(
         name=name,
         summary=summary,
         mjcf=Path(__file__).parents[1] / "office.xml",
         textures=_textures,
-        motion=partial(_by_hand, eye_m, target_m),
+        motion=motion,
         depth_range_m=(0.5, 6.0),
         rig="rpg",
         duration_s=1.0,
@@ -35,7 +43,7 @@ def case(name: str, summary: str, eye_m: Vector3, target_m: Vector3) -> Scene:
     )
 
 
-def _by_hand(eye_m: Vector3, target_m: Vector3, _duration_s: float, seed: int) -> HeadSway:
+def _by_hand(eye_m: Vector3, target_m: Vector3, seed: int) -> HeadSway:
     """A rig waved by hand: about 25 cm to and fro at 0.45 m/s, with 20 to 30 degrees a second."""
     rng = default_rng(seed)
     side = float(rng.choice((-1.0, 1.0)))

@@ -85,9 +85,10 @@ def shade(
     at_m: tuple[float, float],
     half_m: tuple[float, float],
     material: str = "shade",
+    level_m: float = 0.0,
 ) -> None:
     """Lays the round shadow of a crown on the ground: a disc of the ground's darker twin."""
-    spot = BodyBuilder(spec, name, (*at_m, 0))
+    spot = BodyBuilder(spec, name, (*at_m, level_m))
     spot.ball((*half_m, 0.008), (0, 0, 0), material)
 
 
@@ -122,7 +123,8 @@ def house(
     half_m: Point,
     front: str,
     *,
-    yaw_deg: float,
+    yaw_deg: float = 0.0,
+    roof: str = "roof",
 ) -> None:
     """Builds a house with a saddle roof, its ridge along x, its front towards -y."""
     width, depth, height = half_m
@@ -133,7 +135,7 @@ def house(
     half = 0.5 * float(np.hypot(rise, depth)) + 0.25
     for side in (-1, 1):
         middle = (0.0, side * (0.5 * depth + 0.1), 2 * height + 0.5 * rise)
-        walls.box((width + 0.3, half, 0.08), middle, "roof", (-side * slope, 0, 0))
+        walls.box((width + 0.3, half, 0.08), middle, roof, (-side * slope, 0, 0))
     walls.box((0.35, 0.3, 0.9), (0.5 * width, 0.25 * depth, 2 * height + rise), "chimney")
 
 
@@ -146,6 +148,7 @@ def fence(
     every_m: float = 2.4,
     height_m: float = 1.1,
     rails: Sequence[float] = (0.35, 0.7, 1.0),
+    material: str = "plank",
 ) -> None:
     """Puts up posts with rails at shares `rails` of their height."""
     a, b = np.asarray(start_m), np.asarray(end_m)
@@ -153,9 +156,9 @@ def fence(
     yaw = float(np.degrees(np.arctan2(b[1] - a[1], b[0] - a[0])))
     run = BodyBuilder(spec, name, (a[0], a[1], 0), yaw)
     for k in range(int(length / every_m) + 1):
-        run.box((0.05, 0.05, height_m / 2), (k * every_m, 0, height_m / 2), "plank")
+        run.box((0.05, 0.05, height_m / 2), (k * every_m, 0, height_m / 2), material)
     for share in rails:
-        run.box((length / 2, 0.02, 0.05), (length / 2, -0.06, share * height_m), "plank")
+        run.box((length / 2, 0.02, 0.05), (length / 2, -0.06, share * height_m), material)
 
 
 def lamp_post(
