@@ -109,10 +109,9 @@ def _stretched(r: Recording, rng: Rng) -> Recording:
 
 def _smoothed(r: Recording, rng: Rng) -> Recording:
     """Poses that a tracker smoothed over 0.25 to 0.4 s."""
-    p = r.trajectory
-    width = round(rng.uniform(250e3, 400e3) / float(np.median(np.diff(p.t_us))))
+    width = round(rng.uniform(250e3, 400e3) / pl.period_us(r))
     since = uniform_filter1d(pl.rotvec(r), width, axis=0, mode="nearest")
-    smooth = uniform_filter1d(p.positions_m, width, axis=0, mode="nearest")
+    smooth = uniform_filter1d(r.trajectory.positions_m, width, axis=0, mode="nearest")
     return with_poses(pl.since_start(r, since), positions_m=smooth)
 
 

@@ -71,11 +71,10 @@ def _backwards(r: Recording, rng: Rng) -> Recording:
 
 def _another_take(r: Recording, rng: Rng) -> Recording:
     """Poses of another motion: as far and as fast, and elsewhere."""
-    first_m = r.trajectory.positions_m[0]
-    waves = rng.uniform(3, 7, (1, 6)) * (pl.since_us(r) / 1e6) + rng.uniform(0, 2 * np.pi, 6)
-    waves = np.sin(waves)
+    t_s = pl.since_us(r) / 1e6
+    waves = np.sin(rng.uniform(3, 7, (1, 6)) * t_s + rng.uniform(0, 2 * np.pi, 6))
     moved = pl.since_start(r, np.radians(4) * (waves[:, 3:] - waves[0, 3:]))
-    return with_poses(moved, positions_m=first_m + 0.12 * waves[:, :3])
+    return with_poses(moved, positions_m=r.trajectory.positions_m[0] + 0.12 * waves[:, :3])
 
 
 def _jittering_times(r: Recording, rng: Rng) -> Recording:
