@@ -104,6 +104,17 @@ def located(where: object) -> Iterator[None]:
         raise InputError(f"{where}: {error}") from error
 
 
+@contextmanager
+def refused(what: str, *faults: type[Exception], cure: str = "") -> Iterator[None]:
+    """Makes one line of what a library raises within: what is wrong, its own words, the cure."""
+    try:
+        yield
+    except InputError:
+        raise
+    except faults as error:
+        raise InputError(f"{what} ({said(error)}){cure}") from error
+
+
 def repeated(names: Iterable[str]) -> str | None:
     """The first name that is there twice; None where each is there once."""
     return next((name for name, count in Counter(names).items() if count > 1), None)

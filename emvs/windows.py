@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.runtime import Progress, silent
@@ -44,7 +44,7 @@ def choose_window(recording: Recording, config: MapperConfig) -> Window:
         InputError: a window or reference time that events or poses do not cover, or poses
             missing in it; says by how much.
     """
-    events, poses = _event_span(recording), _Span(*recording.trajectory.span_us)
+    events, poses = _Span(*events_span_us(recording)), _Span(*recording.trajectory.span_us)
     covered = _covered(events, poses)
     t0_us, t1_us = covered.first_us, covered.last_us + 1
     if config.start_s is not None:
@@ -64,11 +64,6 @@ def choose_window(recording: Recording, config: MapperConfig) -> Window:
 class _Span:
     first_us: int
     last_us: int
-
-
-def _event_span(recording: Recording) -> _Span:
-    spans = [recording.event_span_us(camera) for camera in range(len(recording.rig))]
-    return _Span(min(first for first, _ in spans), max(last for _, last in spans))
 
 
 def _covered(events: _Span, poses: _Span) -> _Span:

@@ -185,16 +185,14 @@ def _images(figure: Figure, row: Any, name: str, count: StreamCount) -> None:
         lit = image[image > 0]
         top = max(float(np.percentile(lit, 99)) if lit.size else 1.0, 1.0)
         drawn = axis.imshow(image[k], cmap="gray_r", vmin=0, vmax=top, interpolation="nearest")
-        axis.set_xlabel("column, px")
-        axis.set_ylabel("row, px")
+        axis.set(xlabel="column, px", ylabel="row, px")
         if k == 0:
             figure.colorbar(drawn, ax=axis, label="events per pixel", extend="max")
 
 
 def _rates(axis: Any, count: StreamCount) -> None:
     starts_us, per_bin = count.rates()
-    axis.set_xlabel("time since the first event, s")
-    axis.set_ylabel("rate, kev/s")
+    axis.set(xlabel="time since the first event, s", ylabel="rate, kev/s")
     if not len(starts_us):
         return
     edges_s = np.append(starts_us, starts_us[-1] + count.bin_us) - (count.first_us or 0)

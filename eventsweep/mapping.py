@@ -5,15 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from eventsweep.emvs import mapper
-from eventsweep.emvs.check import recording as checks
 from eventsweep.emvs.check.findings import Report as CheckReport
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.datasets import open_recording
-from eventsweep.emvs.errors import InputError, check_path, shown
+from eventsweep.emvs.datasets import opened
+from eventsweep.emvs.errors import InputError, check_path
 from eventsweep.emvs.maps import sliding
-from eventsweep.emvs.maps.folder import RecordingInfo, StoredMap
-from eventsweep.emvs.maps.folder import read_map as map_in
+from eventsweep.emvs.maps.folder import RecordingInfo, StoredMap, read_map
 from eventsweep.emvs.methods import overview as methods
 from eventsweep.emvs.methods import register as register_method
 from eventsweep.emvs.preflight import check_window_fits
@@ -23,46 +21,11 @@ from eventsweep.emvs.windows import choose_window
 
 __all__ = [
     "CheckReport",
-    "check",
     "map_window",
     "map_windows",
     "methods",
-    "opened",
-    "read_map",
     "register_method",
 ]
-
-# Of `Recording`, all that a mapper needs.
-_MEMBERS = ("name", "rig", "trajectory", "depth_range_m", "event_span_us", "events")
-
-
-def check(
-    recording: Recording | str | Path,
-    config: MapperConfig | None = None,
-    *,
-    mapping: bool = True,
-    progress: Progress = silent,
-) -> CheckReport:
-    """Finds faults in a recording's events, poses, calibration and conventions.
-
-    Args:
-        recording: what `open_recording` gave, a recording of your own, or the path of one.
-        config: depth range, window and threads count; by default as for mapping.
-        mapping: whether to map it with other settings, too: cameras swapped, poses inverted, clocks
-            shifted, other axes, and so on.
-        progress: called with the name of the stage, how much is done and how much there is.
-
-    Returns:
-        Findings with verdicts, evidence and cures. What opening or reading a path refuses is a
-        finding, too.
-
-    Raises:
-        InputError: no recording at the path, or neither a path nor a recording.
-    """
-    config = MapperConfig.or_default(config)
-    if isinstance(recording, str | Path):
-        return checks.check_path(recording, config, mapping=mapping, progress=progress)
-    return checks.check(opened(recording), config, mapping=mapping, progress=progress)
 
 
 def map_window(
@@ -133,34 +96,4 @@ def map_windows(
     path = getattr(recording, "path", recording.name)
     about = RecordingInfo.of(recording, Path(path), out)
     sliding.map_windows(recording, out, config, about, progress, force=force, clouds=clouds)
-    return map_in(out)
-
-
-def read_map(folder: str | Path) -> StoredMap:
-    """Opens the folder of a map (`map.json`); arrays are read when they are asked for.
-
-    Returns:
-        The map: `windows`, each with its reference time `t_ref_us` and `depth_map(method)`.
-
-    Raises:
-        InputError: no map there, or a damaged one.
-    """
-    check_path("folder", folder)
-    return map_in(Path(folder))
-
-
-def opened(recording: Recording | str | Path) -> Recording:
-    """A recording, or the one at a path.
-
-    Raises:
-        InputError: nothing known at the path, or neither a path nor a recording.
-    """
-    if isinstance(recording, str | Path):
-        return open_recording(recording)
-    lacks = [name for name in _MEMBERS if not hasattr(recording, name)]
-    if lacks:
-        raise InputError(
-            f"recording is {shown(recording)}: needs a path, what open_recording returned, or a "
-            f"class of your own with {', '.join(lacks)}"
-        )
-    return recording
+    return read_map(out)

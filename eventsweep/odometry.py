@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.datasets import opened
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.odometry import recorded
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.online import OnlineMap
 from eventsweep.emvs.odometry.recorded import Tracked
 from eventsweep.emvs.utils.runtime import Progress, silent
-from eventsweep.mapping import opened
 
 
 def track(

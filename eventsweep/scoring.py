@@ -6,14 +6,15 @@ from pathlib import Path
 
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.emvs.errors import InputError, check_path, check_type, located, shown
+from eventsweep.emvs.datasets import opened
+from eventsweep.emvs.errors import InputError, check_type, located, shown
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.maps.folder import StoredMap
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.eval import pipeline
 from eventsweep.eval.config import EvalConfig, TrajectoryConfig
 from eventsweep.eval.ranking.standings import standings as rank_methods
-from eventsweep.eval.scoring import results, run_folder
+from eventsweep.eval.scoring import run_folder
 from eventsweep.eval.scoring.metric_versions import metric_versions
 from eventsweep.eval.scoring.pairing import REFERENCE
 from eventsweep.eval.scoring.results import Results, together
@@ -22,16 +23,13 @@ from eventsweep.eval.scoring.significance import interval as confidence_interval
 from eventsweep.eval.scoring.trajectories.metrics import KNOWN_METRICS as METRICS
 from eventsweep.eval.scoring.trajectories.score import TrajectoryScore, score_poses
 from eventsweep.eval.scoring.trajectories.sources import read_estimate, read_truth
-from eventsweep.mapping import opened
 
 __all__ = [
     "METRICS",
     "confidence_interval",
     "rank_methods",
-    "read_results",
     "score",
     "score_trajectory",
-    "write_results",
 ]
 
 _WINDOW = "w000"
@@ -103,22 +101,6 @@ def score_trajectory(
     found = read_estimate(Path(estimate), config)
     with located(found.path):
         return score_poses(true, found.trajectory, config)
-
-
-def read_results(path: str | Path) -> Results:
-    """Reads the numbers of a run: `results.json`, or the folder that holds it.
-
-    Raises:
-        InputError: no such file, or one that is damaged or of another version.
-    """
-    check_path("path", path)
-    return results.read_results(Path(path))
-
-
-def write_results(folder: str | Path, numbers: Results) -> None:
-    """Writes `results.json` and `results.csv` into a folder; older ones are replaced."""
-    check_path("folder", folder)
-    results.write_results(Path(folder), numbers)
 
 
 def _score_window(result: WindowResult, recording: Recording, config: EvalConfig) -> Results:

@@ -18,15 +18,15 @@ from typing import Any
 
 import tomli_w
 
-from eventsweep.emvs.calibrate.refine import Estimate, Refinement
+from eventsweep.emvs.calibrate.refine import Estimate, RefineConfig, Refinement, refine
 from eventsweep.emvs.data.poses import write_tum
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.emvs.datasets import dsec
+from eventsweep.emvs.datasets import dsec, opened
 from eventsweep.emvs.datasets.custom import FILE_NAME, read_descriptor
 from eventsweep.emvs.datasets.ecd import EventCameraDataset
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, check_path
 from eventsweep.emvs.formats.calibration_values import parsed
 from eventsweep.emvs.formats.calibration_writers import (
     write_basalt,
@@ -36,11 +36,48 @@ from eventsweep.emvs.formats.calibration_writers import (
 )
 from eventsweep.emvs.formats.opencv_calibration import is_opencv
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.emvs.utils.runtime import versions
+from eventsweep.emvs.utils.outputs import atomic_dir, check_output
+from eventsweep.emvs.utils.runtime import Progress, silent, versions
 
 RIG_FILE, POSES_FILE, INFO_FILE = "rig.json", "poses.txt", "refinement.json"
 SCHEMA_VERSION = 1
 _HASHED_BYTES = 1 << 20
+
+
+def calibrate(
+    recording: Recording | str | Path,
+    config: RefineConfig | None = None,
+    *,
+    out: str | Path | None = None,
+    force: bool = False,
+    progress: Progress = silent,
+) -> Refinement:
+    """Refines a recording's calibration from its events and poses.
+
+    Args:
+        recording: what `open_recording` gave, a recording of your own, or the path of one.
+        config: what to refine, and from how many windows; by default stereo rotation and clock.
+        out: a folder for the calibration and a `recording.toml` that uses it; by default none.
+        force: whether to replace what an earlier call wrote there.
+        progress: called with the name of the stage, how much is done and how much there is.
+
+    Returns:
+        Corrections with their uncertainties; `applied(recording)` is the refined recording.
+
+    Raises:
+        InputError: no poses, nothing to refine, a rig of one camera where two are needed, too short
+            a recording, or an output that exists.
+    """
+    given = opened(recording)
+    inputs = (recording,) if isinstance(recording, str | Path) else ()
+    if out is not None:
+        check_path("out", out)
+        check_output(Path(out), force=force, inputs=inputs)
+    refinement = refine(given, config, progress)
+    if out is not None:
+        with atomic_dir(Path(out), force=force, inputs=inputs) as folder:
+            write_refined(folder, Path(out), given, refinement)
+    return refinement
 
 
 def write_refined(

@@ -17,8 +17,8 @@ from eventsweep.emvs.check.parallax import check_parallax
 from eventsweep.emvs.check.poses import check_poses
 from eventsweep.emvs.check.streams import pieces, read_streams
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.datasets import NoRecordingError, open_recording
+from eventsweep.emvs.data.recording import Recording, events_span_us
+from eventsweep.emvs.datasets import NoRecordingError, opened
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.runtime import Progress, silent
 
@@ -27,24 +27,38 @@ Unchecked = list[tuple[str, str]]
 
 
 def check(
-    recording: Recording,
+    recording: Recording | str | Path,
     config: MapperConfig | None = None,
     *,
     mapping: bool = True,
     progress: Progress = silent,
 ) -> Report:
-    """Runs all checks.
+    """Finds faults in a recording's events, poses, calibration and conventions.
 
     Args:
-        recording: any; without poses it is checked as far as possible.
-        config: depth range and windows, as for mapping.
-        mapping: whether to try alternatives by mapping.
-        progress: called with the stages `events` and `alternatives`, the steps done, their number.
+        recording: what `open_recording` gave, a recording of your own, or the path of one; without
+            poses it is checked as far as possible.
+        config: depth range, window and threads count; by default as for mapping.
+        mapping: whether to map it with other settings, too: cameras swapped, poses inverted, clocks
+            shifted, other axes, and so on.
+        progress: called with the stages `events` and `alternatives`, how much is done and how much
+            there is.
 
     Returns:
-        The findings. What the recording refuses to read is a finding, not an error.
+        Findings with verdicts, evidence and cures. What opening or reading a path refuses is a
+        finding, too.
+
+    Raises:
+        InputError: no recording at the path, or neither a path nor a recording.
     """
-    return _checked(recording, config or MapperConfig(), True, mapping, progress)
+    config = MapperConfig.or_default(config)
+    try:
+        given = opened(recording)
+    except InputError as error:
+        if isinstance(error, NoRecordingError) or not isinstance(recording, str | Path):
+            raise
+        return Report(Path(recording).resolve().name, (_refused("opening", error),))
+    return _checked(given, config, True, mapping, progress)
 
 
 def quick_check(recording: Recording, config: MapperConfig) -> list[Finding]:
@@ -56,27 +70,6 @@ def quick_check(recording: Recording, config: MapperConfig) -> list[Finding]:
     return [f for f in findings if f.verdict != "good" and f.name != "reading"]
 
 
-def check_path(
-    path: str | Path,
-    config: MapperConfig | None = None,
-    *,
-    mapping: bool = True,
-    progress: Progress = silent,
-) -> Report:
-    """Opens and checks a recording; a refusal to open it is a finding.
-
-    Raises:
-        NoRecordingError: nothing there, or nothing known.
-    """
-    try:
-        recording = open_recording(path)
-    except NoRecordingError:
-        raise
-    except InputError as error:
-        return Report(Path(path).resolve().name, (_refused("opening", error),))
-    return check(recording, config, mapping=mapping, progress=progress)
-
-
 def _checked(
     recording: Recording, config: MapperConfig, thorough: bool, mapping: bool, progress: Progress
 ) -> Report:
@@ -85,7 +78,9 @@ def _checked(
     wrong = {finding.name for finding in findings if finding.verdict == "wrong"}
     readable, posed = not wrong & {"reading", "events", "events-sensor"}, has_poses(recording)
     if posed:
-        findings += _try("poses", lambda: check_poses(recording, _span_us(recording)), unchecked)
+        findings += _try(
+            "poses", lambda: check_poses(recording, events_span_us(recording)), unchecked
+        )
         findings += _try("parallax", lambda: check_parallax(recording, config), unchecked)
     else:
         unchecked += [(name, "there are no poses") for name in ("poses", "parallax", "mapping")]
@@ -133,13 +128,8 @@ def _try(name: str, checks: Callable[[], list[Finding]], unchecked: Unchecked) -
         return []
 
 
-def _span_us(recording: Recording) -> tuple[int, int]:
-    spans = [recording.event_span_us(camera) for camera in range(len(recording.rig))]
-    return min(first for first, _ in spans), max(last for _, last in spans)
-
-
 def _rectification(recording: Recording) -> Finding:
-    first_us, last_us = _span_us(recording)
+    first_us, last_us = events_span_us(recording)
     middle_us = (first_us + last_us) // 2
     t0_us = max(middle_us - _RECTIFIED_US // 2, first_us)
     return check_rectification(recording, t0_us, min(t0_us + _RECTIFIED_US, last_us + 1))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.emvs.windows import time_steps
 
@@ -71,8 +71,8 @@ def pieces(recording: Recording, *, thorough: bool) -> list[Piece]:
         recording: any.
         thorough: whether to read everything.
     """
-    spans = [recording.event_span_us(camera) for camera in range(len(recording.rig))]
-    first_us, last_us = min(a for a, _ in spans), max(b for _, b in spans) + 1
+    first_us, last_us = events_span_us(recording)
+    last_us += 1
     if thorough or last_us - first_us <= _QUICK_PIECES * _QUICK_US:
         return list(time_steps(first_us, last_us))
     begins = np.linspace(first_us, last_us - _QUICK_US, _QUICK_PIECES).astype(np.int64)

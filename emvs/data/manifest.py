@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from os.path import realpath
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -12,7 +11,7 @@ from pydantic import ValidationError
 from eventsweep.emvs.errors import InputError, quoted
 from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, read_text
-from eventsweep.emvs.utils.output_manifest import facts_of, hashed
+from eventsweep.emvs.utils.output_manifest import digest_of, files_below, hashed
 
 SCHEMA_VERSION = 1
 FILE_NAME = "manifest.json"
@@ -41,15 +40,14 @@ class Manifest(FrozenModel):
 
     def digest(self) -> str:
         """sha256 over the hashes of all files: equal where the data are equal."""
-        lines = "".join(f"{name} {entry.sha256}\n" for name, entry in sorted(self.files.items()))
-        return hashlib.sha256(lines.encode()).hexdigest()
+        return digest_of({name: entry.sha256 for name, entry in self.files.items()})
 
 
 def entries(folder: Path) -> dict[str, FileEntry]:
     """Hashes every file below a folder, the manifest excepted."""
-    paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != FILE_NAME)
-    facts = {path.relative_to(folder).as_posix(): facts_of(path) for path in paths}
-    return {name: FileEntry(sha256=file.sha256, bytes=file.bytes) for name, file in facts.items()}
+    facts = files_below(folder)
+    names = (name for name in facts if Path(name).name != FILE_NAME)
+    return {name: FileEntry(**facts[name]._asdict()) for name in names}
 
 
 def write(folder: Path, manifest: Manifest) -> None:

@@ -50,6 +50,12 @@ def summary(recording: Recording) -> str:
     )
 
 
+def events_span_us(recording: Recording) -> tuple[int, int]:
+    """First and last instant of the events of all cameras, µs."""
+    spans = [recording.event_span_us(camera) for camera in range(len(recording.rig))]
+    return min(first for first, _ in spans), max(last for _, last in spans)
+
+
 class DerivedRecording:
     """A recording made from another: all is as it is there, but for what a subclass changes."""
 

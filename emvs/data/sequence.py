@@ -16,7 +16,7 @@ from eventsweep.emvs.data.image_stores import FRAMES_FILE, FrameReader, Photo, T
 from eventsweep.emvs.data.poses import POSES_FILE, read_poses
 from eventsweep.emvs.data.recording import summary
 from eventsweep.emvs.data.tables import IMU_FILE, Geom, ImuSamples, read_geoms, read_imu
-from eventsweep.emvs.errors import InputError, check_path, located
+from eventsweep.emvs.errors import InputError, check_path, located, refused
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -198,12 +198,9 @@ class Sequence:
             InputError: not stored: the sensor was ideal.
         """
         path = self.path / "sensor.json"
-        try:
+        faults, cure = (OSError, ValueError, IndexError, TypeError), "a sensor that is not ideal"
+        with refused(f"{path}: cannot be read", *faults, cure=f"; simulate with {cure}"):
             return dict(parse_json(read_text(path, TABLE_BYTES))[camera])
-        except (OSError, ValueError, IndexError, TypeError) as error:
-            raise InputError(
-                f"{path}: cannot be read ({error}); simulate with a sensor that is not ideal"
-            ) from error
 
     def event_depth_m(self, camera: int, t0_us: int, t1_us: int) -> NDArray[np.float32]:
         """(N,) z-depth of the surface that made each of `events(camera, t0_us, t1_us)`, m."""
@@ -251,9 +248,7 @@ class Sequence:
 
 
 def _read_rig(path: Path) -> Rig:
-    try:
+    with refused(f"{path}: cannot be read as a rig's calibration", OSError, ValueError):
         values = parse_json(read_text(path, SETTINGS_BYTES))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as a rig's calibration ({error})") from error
     with located(path):
         return Rig.from_json(values)

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from eventsweep.emvs.data.manifest import FILE_NAME
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets.ecd import FILES, EventCameraDataset
-from eventsweep.emvs.errors import InputError, check_path
+from eventsweep.emvs.errors import InputError, check_path, shown
 
 DESCRIPTOR = "recording.toml"
+
+
+# Of `Recording`, all that a mapper needs.
+_MEMBERS = ("name", "rig", "trajectory", "depth_range_m", "event_span_us", "events")
 
 
 class NoRecordingError(InputError):
@@ -50,6 +55,26 @@ def open_recording(path: str | Path) -> Recording:
         "*-events_left.h5 (TUM-VIE), *_data.hdf5 (MVSEC), *_data.h5 (M3ED), *.left_event.hdf5 "
         f"(VECtor), dataset_events_t.npy (EVIMO2), events.h5 (EDS), a ROS bag, or a {DESCRIPTOR}"
     )
+
+
+def opened(recording: Recording | str | Path) -> Recording:
+    """A recording, or the one at a path.
+
+    Raises:
+        InputError: nothing known at the path, or neither a path nor a recording.
+    """
+    if isinstance(recording, str | Path):
+        return open_recording(recording)
+    lacks = []
+    for name in _MEMBERS:
+        with suppress(InputError):  # a member is there, even where its data are not
+            lacks += [] if hasattr(recording, name) else [name]
+    if lacks:
+        raise InputError(
+            f"recording is {shown(recording)}: needs a path, what open_recording returned, or a "
+            f"class of your own with {', '.join(lacks)}"
+        )
+    return recording
 
 
 def _file(path: Path) -> Recording:

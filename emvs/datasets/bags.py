@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError, quoted, said
+from eventsweep.emvs.errors import InputError, located, quoted, said
 from eventsweep.emvs.formats.calibration_values import camera_of
 from eventsweep.emvs.formats.rosbag import is_ros2, opened_bag
 from eventsweep.emvs.geometry import se3
@@ -234,7 +234,5 @@ def read_bag_poses(path: Path, topic: str = "", shift_us: int = 0) -> Trajectory
         raise InputError(f"{path}, topic {topic}: no poses; record it again")
     t_us_all = np.array([row[0] for row in rows], np.int64)
     values = np.array([row[1:] for row in rows], np.float64)
-    try:
+    with located(f"{path}, topic {topic}"):
         return Trajectory(t_us_all, values[:, :3].copy(), values[:, 3:].copy())
-    except InputError as error:
-        raise InputError(f"{path}, topic {topic}: {error}") from error

@@ -23,7 +23,13 @@ from eventsweep.emvs.datasets.custom import (
 )
 from eventsweep.emvs.datasets.posed import PosedRecording, find_one, find_optional
 from eventsweep.emvs.errors import InputError, located
-from eventsweep.emvs.formats.calibration_values import camera_of, entry_of, numbers_of, parsed
+from eventsweep.emvs.formats.calibration_values import (
+    camera_of,
+    entry_of,
+    numbers_in,
+    numbers_of,
+    parsed,
+)
 from eventsweep.emvs.formats.calibration_writers import kalibr_camera
 from eventsweep.emvs.formats.depth import read_png, write_image
 from eventsweep.emvs.formats.tables.hdf5_layouts import opened_hdf5
@@ -176,10 +182,7 @@ def read_disparity(path: Path, focal_baseline_px_m: float) -> NDArray[np.float32
 
 
 def _rows(values: Any, shape: tuple[int, int], key: str) -> NDArray[np.float64]:
-    try:
-        array = np.array(values, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{key} contains a value that is not a number: correct it") from error
+    array = numbers_in(values, key, f"{shape} numbers")
     if array.shape != shape or not np.isfinite(array).all():
         raise InputError(f"{key} has shape {array.shape}: needs {shape} finite numbers")
     return array

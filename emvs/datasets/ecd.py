@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.recording import summary
-from eventsweep.emvs.errors import InputError, located, said
+from eventsweep.emvs.errors import InputError, located, refused
 from eventsweep.emvs.formats.depth import read_grey
 from eventsweep.emvs.formats.prophesee import STREAM
 from eventsweep.emvs.formats.tables.text import TextLayout, TextReader
@@ -83,11 +83,9 @@ class EventCameraDataset:
         path = self.path / "images.txt"
         if not path.exists():
             return []
-        try:
+        with refused(f"{path}: needs lines `t_s file`", OSError, ValueError, OverflowError):
             words = [line.split() for line in read_text(path, TABLE_BYTES, "ascii").splitlines()]
             frames = [(round(float(t_s) * 1e6), name) for t_s, name in filter(None, words)]
-        except (OSError, ValueError, OverflowError) as error:
-            raise InputError(f"{path}: needs lines `t_s file` ({said(error)})") from error
         for _, name in frames:
             if not name.isprintable() or name.startswith("/") or ".." in name:
                 raise InputError(f"{path}: {name[:60]!a} is not a file in this folder; correct it")
@@ -139,10 +137,8 @@ def _sensor_size(folder: Path) -> tuple[int, int]:
 
 
 def _read_calibration(path: Path, size_px: tuple[int, int]) -> Camera:
-    try:
+    with refused(f"{path}: cannot be read as a calibration", OSError, ValueError):
         values = [float(word) for word in read_text(path, SETTINGS_BYTES, "ascii").split()]
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as a calibration ({said(error)})") from error
     if len(values) != 9:
         raise InputError(f"{path}: {len(values)} numbers; expected fx fy cx cy k1 k2 p1 p2 k3")
     fx, fy, cx, cy, *terms = values

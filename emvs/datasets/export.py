@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +57,10 @@ class RecordingExport:
         """Where each camera sits in the first one's frame."""
         first = np.linalg.inv(self.rig.T_body_cam[0])
         return tuple(first @ T for T in self.rig.T_body_cam)
+
+    def on_first_camera(self) -> Rig:
+        """The rig, whose body is the first camera."""
+        return replace(self.rig, T_body_cam=self.T_cam0_cam())
 
     def packets(self, camera: int) -> Iterator[Events]:
         """A camera's events on the shifted clock."""
@@ -114,17 +118,22 @@ def _described(job: RecordingExport, folder: Path, kind: str) -> None:
     files = [f"cam{k}{FORMATS[kind].suffix}" for k in range(len(job.rig))]
     for k, name in enumerate(files):
         job.write_camera(folder / name, kind, k)
-    rig = Rig(job.rig.name, job.rig.cameras, job.T_cam0_cam(), job.rig.camera_names)
+    more: dict[str, Any] = {"events": [{"file": name} for name in files]}
+    if job.recording.depth_range_m is not None:
+        more["depth_range_m"] = [float(v) for v in job.recording.depth_range_m]
+    _describe(job, folder, job.on_first_camera(), **more)
+
+
+def _describe(job: RecordingExport, folder: Path, rig: Rig, **more: Any) -> None:
+    """Calibration, poses, and a descriptor of them and of the events."""
     write_rig_json(folder / "rig.json", rig)
     write_tum(folder / "poses.txt", job.poses())
-    what: dict[str, Any] = {
+    what = {
         "name": job.recording.name,
         "calibration": {"file": "rig.json"},
         "poses": {"file": "poses.txt"},
-        "events": [{"file": name} for name in files],
+        **more,
     }
-    if job.recording.depth_range_m is not None:
-        what["depth_range_m"] = [float(v) for v in job.recording.depth_range_m]
     (folder / "recording.toml").write_text(tomli_w.dumps(what), encoding="utf-8")
 
 
@@ -213,7 +222,13 @@ def _eventnerf(job: RecordingExport, folder: Path) -> None:
         times_us = radiance.view_times_us(poses, (first_us, last_us))
         views = Trajectory.from_matrices(times_us, T_world_cam.at(times_us))
         radiance.write_views(split, job.recording, k, views, job.shift_us)
-    _describe_scenes(job, folder, poses, spans_us)
+    # One recording, on the clock that the scenes came from.
+    cameras = tuple(camera.undistorted() for camera in job.rig.cameras)
+    files = [
+        {"file": f"cam{k}/train/events/events.npz", "time_offset_us": first_us}
+        for k, (first_us, _) in enumerate(spans_us)
+    ]
+    _describe(job, folder, replace(job.on_first_camera(), cameras=cameras), events=files)
 
 
 def _covered(job: RecordingExport, camera: int, span_us: tuple[int, int]) -> tuple[int, int]:
@@ -231,34 +246,16 @@ def _covered(job: RecordingExport, camera: int, span_us: tuple[int, int]) -> tup
     return first_us, last_us
 
 
-def _describe_scenes(
-    job: RecordingExport, folder: Path, poses: Trajectory, spans_us: list[tuple[int, int]]
-) -> None:
-    """A descriptor of the scenes as one recording, on the clock that they came from."""
-    cameras = tuple(camera.undistorted() for camera in job.rig.cameras)
-    rig = Rig(job.rig.name, cameras, job.T_cam0_cam(), job.rig.camera_names)
-    write_rig_json(folder / "rig.json", rig)
-    write_tum(folder / "poses.txt", poses)
-    events = [
-        {"file": f"cam{k}/train/events/events.npz", "time_offset_us": first_us}
-        for k, (first_us, _) in enumerate(spans_us)
-    ]
-    what = {"name": job.recording.name, "calibration": {"file": "rig.json"},
-            "poses": {"file": "poses.txt"}, "events": events}  # fmt: skip
-    (folder / "recording.toml").write_text(tomli_w.dumps(what), encoding="utf-8")
-
-
 def _sequence(
     job: RecordingExport, folder: Path, *, force: bool = False, inputs: Collection[Path] = ()
 ) -> None:
     from eventsweep.emvs.data.writer import SequenceWriter
 
-    moved = Rig(job.rig.name, job.rig.cameras, job.T_cam0_cam(), job.rig.camera_names)
     done = 0
     with SequenceWriter(
         folder,
         name=job.recording.name,
-        rig=moved,
+        rig=job.on_first_camera(),
         trajectory=job.poses(),
         config={"converted_from": job.recording.name},
         depth_range_m=job.recording.depth_range_m,

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth.depth_map import DepthMap, without_border
 from eventsweep.emvs.dsi.method import MethodName
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, refused
 from eventsweep.emvs.utils.inputs import parse_json
 
 Float32s = NDArray[np.float32]
@@ -67,11 +67,10 @@ class Precision:
         Raises:
             InputError: no such table.
         """
-        try:
+        faults = KeyError, TypeError, ValueError
+        with refused("invalid precision table", *faults, cure="; calibrate again"):
             lists = [np.array(table[name], np.float64) for name in _LISTS]
             most_step_px = float(table["most_step_px"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"invalid precision table ({error}); calibrate again") from error
         known = all(column.ndim == 1 and column.shape == lists[0].shape for column in lists)
         if not known or not lists[0].size or not all(np.isfinite(column).all() for column in lists):
             raise InputError("invalid precision table: needs three finite lists of the same length")

@@ -16,7 +16,7 @@ import lz4.frame
 import numpy as np
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.errors import InputError, quoted, said
+from eventsweep.emvs.errors import InputError, quoted, refused
 from eventsweep.emvs.formats.base import FileWriter
 from eventsweep.emvs.formats.blocks import MOST_BYTES, BlockReader, to_events, unpacked
 from eventsweep.emvs.formats.prophesee import opened
@@ -111,12 +111,9 @@ def _header(path: Path, file: BinaryIO) -> tuple[int, int, ElementTree.Element]:
         raise InputError(
             f"{path}, header: XML with declarations, which no recorder writes; damaged"
         )
-    try:
+    faults = ElementTree.ParseError, ValueError, LookupError
+    with refused(f"{path}, header: damaged XML", *faults, cure="; download it again"):
         tree = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise InputError(
-            f"{path}, header: damaged XML ({said(error)}); download it again"
-        ) from error
     return compression, table.number(1, "q", -1), tree
 
 

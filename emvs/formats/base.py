@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Self
 
 from eventsweep.emvs.data.events import Events, check_sorted
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, located
 
 # Packets of events per stream name, each stream in the order in which it is to be written
 Streams = Mapping[str, Iterable[Events]]
@@ -64,12 +64,10 @@ class Checker:
         """Returns the packet itself."""
         if not len(events):
             return events
-        try:
+        with located(f"{self._path}, stream {stream!r}"):
             events._check_inside(*self._size_px)
             if not self._limits.keeps_order:
                 check_sorted(events.t_us, self._rows.get(stream, 0))
-        except InputError as error:
-            raise InputError(f"{self._path}, stream {stream!r}: {error}") from error
         self._check_times(stream, events)
         self._rows[stream] = self._rows.get(stream, 0) + len(events)
         self.count += len(events)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.errors import InputError, quoted, said
+from eventsweep.emvs.errors import InputError, quoted, refused
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -158,16 +158,13 @@ def unpacked(data: bytes | memoryview, compression: str, where: str) -> bytes:
     """
     frame: Any = _DECOMPRESSORS[compression]()
     parts: list[bytes] = []
-    try:
+    cure = "; damaged, download it again"
+    with refused(f"{where}: cannot be decompressed", *_FAULTS, cure=cure):
         # LZ4 reserves the whole length that it is allowed, so that is a guess, not the bound.
         guess = min(8 * len(data) + 1024, MOST_BYTES)
         parts.append(frame.decompress(data, max_length=guess))
         while not (frame.eof or frame.needs_input or sum(map(len, parts)) >= MOST_BYTES):
             parts.append(frame.decompress(b"", max_length=_STEP))
-    except _FAULTS as error:
-        raise InputError(
-            f"{where}: cannot be decompressed ({said(error)}); damaged, download it again"
-        ) from error
     if not frame.eof:
         raise InputError(
             f"{where}: its compressed frame has no end, or unpacks to more than {MOST_BYTES} "

@@ -116,14 +116,17 @@ def camera_of(
         return Camera(int(width), int(height), fx, fy, cx, cy, model, tuple(terms))
 
 
+def numbers_in(values: Any, key: str, needs: str) -> NDArray[np.float64]:
+    """Lists of numbers as an array; a fault names `key`."""
+    try:
+        return np.array(values, np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{key} contains a value that is not a number: needs {needs}") from error
+
+
 def matrix(rows: Any, key: str) -> NDArray[np.float64]:
     """A rigid motion (4, 4) from four rows of four; a fault names `key`."""
-    try:
-        T = np.array(rows, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"{key} contains a value that is not a number: needs 4x4 numbers"
-        ) from error
+    T = numbers_in(rows, key, "4x4 numbers")
     if T.shape != (4, 4) or not se3.is_rigid(T):
         raise InputError(f"{key} is not a rigid motion: needs a 4x4 matrix with a rotation")
     return T
@@ -135,12 +138,7 @@ def near_rigid(values: Any, key: str) -> NDArray[np.float64]:
     The rotation nearest to theirs is taken; one that is off by more than 0.001 is a fault, which
     names `key`.
     """
-    try:
-        T = np.array(values, np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(
-            f"{key} contains a value that is not a number: needs 4x4 numbers"
-        ) from error
+    T = numbers_in(values, key, "4x4 numbers")
     T = T.reshape(4, 4) if T.shape == (16,) else T
     if T.shape != (4, 4) or not (np.abs(T) < _LARGEST_M).all() or not se3.is_rigid(T, 1e-3):
         raise InputError(f"{key} is not a rigid motion: needs a 4x4 matrix with a rotation")

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError, said
+from eventsweep.emvs.errors import InputError, refused, said
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, opened_npz
 from eventsweep.emvs.utils.plugins import extra_module
@@ -170,15 +170,9 @@ def check_png(path: Path, data: bytes) -> None:
 
 @contextmanager
 def _names_damage(path: Path) -> Iterator[None]:
-    try:
-        with warnings.catch_warnings(action="error", category=UserWarning):
-            yield
-    except InputError:
-        raise
-    except _DAMAGE as error:
-        raise InputError(
-            f"{path}: not a complete PNG image ({said(error)}); download it again"
-        ) from error
+    what = refused(f"{path}: not a complete PNG image", *_DAMAGE, cure="; download it again")
+    with what, warnings.catch_warnings(action="error", category=UserWarning):
+        yield
 
 
 def _check_chunks(path: Path, data: bytes) -> None:

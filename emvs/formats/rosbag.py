@@ -14,7 +14,7 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.errors import InputError, quoted, said
+from eventsweep.emvs.errors import InputError, quoted, refused
 from eventsweep.emvs.formats import event_packets
 from eventsweep.emvs.formats.base import StreamWriter
 from eventsweep.emvs.formats.blocks import BlockReader, BoundedPath, BoundedZstd, unpacked, within
@@ -163,7 +163,9 @@ def opened_bag(path: Path) -> Iterator[Any]:
     from rosbags.rosbag2 import reader as ros2_reader
     from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
-    try:
+    # Damaged bags end in asserts, struct errors, decoders' own, ...
+    cure = "; it is cut off or damaged, reindex or record it again"
+    with refused(f"{path}: cannot be read as a ROS bag", Exception, cure=cure):
         ros2 = is_ros2(path)
         own = _McapPath(path) if ros2 and not path.is_dir() else BoundedPath(path)
         DECOMPRESSORS.update({name: partial(_bounded_part, name) for name in ("lz4", "zstd")})
@@ -174,13 +176,6 @@ def opened_bag(path: Path) -> Iterator[Any]:
             if not all(isinstance(n, str) for c in bag.connections for n in (c.topic, c.msgtype)):
                 raise ValueError("topics and types without names")
             yield bag
-    except InputError:
-        raise
-    except Exception as error:  # damaged bags end in asserts, struct errors, decoders' own, ...
-        raise InputError(
-            f"{path}: cannot be read as a ROS bag ({said(error)}); it is cut off or damaged, "
-            "reindex or record it again"
-        ) from error
 
 
 def _bounded(path: Path, at: int, chunk: Any) -> Any:

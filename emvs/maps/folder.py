@@ -20,7 +20,7 @@ from eventsweep.emvs.depth.inpainting import Dense, inpaint, write_dense
 from eventsweep.emvs.depth.point_cloud import back_project_map, without_outliers, write_ply
 from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.dsi.slices import Slices
-from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError, check_path, quoted
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.parameters import FrozenModel, first_fault
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, opened_npz, parse_json, read_text
@@ -183,13 +183,17 @@ def text_of(info: BaseModel) -> str:
     return json.dumps(info.model_dump(mode="json"), indent=2, ensure_ascii=False) + "\n"
 
 
-def read_map(path: Path) -> StoredMap:
-    """Opens a map folder; the arrays are read when asked for.
+def read_map(folder: str | Path) -> StoredMap:
+    """Opens the folder of a map (`map.json`); arrays are read when they are asked for.
+
+    Returns:
+        The map: `windows`, each with its reference time `t_ref_us` and `depth_map(method)`.
 
     Raises:
-        InputError: no map there, or a `map.json` that is damaged or of another version.
+        InputError: no map there, or a damaged one, or one of another version.
     """
-    return StoredMap(Path(path), read_info(Path(path)))
+    check_path("folder", folder)
+    return StoredMap(Path(folder), read_info(Path(folder)))
 
 
 class StoredMap:

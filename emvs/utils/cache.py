@@ -20,7 +20,7 @@ from typing import Any
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, inside, parse_json, read_text
-from eventsweep.emvs.utils.output_manifest import facts_of
+from eventsweep.emvs.utils.output_manifest import digest_of, files_below
 from eventsweep.emvs.utils.outputs import atomic_dir, check_parent, claimed
 
 _FORMAT = 1
@@ -198,12 +198,8 @@ def _remove(path: Path) -> None:
 
 
 def _files(data: Path) -> dict[str, dict[str, Any]]:
-    """Size and hash of every file."""
-    paths = sorted(path for path in data.rglob("*") if path.is_file())
-    facts = {path.relative_to(data).as_posix(): facts_of(path) for path in paths}
-    return {name: {"sha256": file.sha256, "bytes": file.bytes} for name, file in facts.items()}
+    return {name: facts._asdict() for name, facts in files_below(data).items()}
 
 
 def _digest(files: dict[str, Any]) -> str:
-    lines = "".join(f"{name} {entry['sha256']}\n" for name, entry in sorted(files.items()))
-    return hashlib.sha256(lines.encode()).hexdigest()
+    return digest_of({name: entry["sha256"] for name, entry in files.items()})

@@ -201,6 +201,18 @@ def _settled_facts(path: Path, _stamp: tuple[int, ...]) -> FileFacts:
     return hashed(path)
 
 
+def files_below(folder: Path) -> dict[str, FileFacts]:
+    """Size and hash of every file below a folder, by its name there."""
+    paths = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): facts_of(path) for path in paths}
+
+
+def digest_of(hashes: Mapping[str, str]) -> str:
+    """sha256 over the hashes of files by name: equal where all of them are equal."""
+    lines = "".join(f"{name} {sha256}\n" for name, sha256 in sorted(hashes.items()))
+    return hashlib.sha256(lines.encode()).hexdigest()
+
+
 def hashed(path: Path) -> FileFacts:
     """Size and hash of a file, read anew."""
     with path.open("rb") as file:

@@ -117,6 +117,11 @@ QUIET, COMMON, CONFIGURED = Quiet(), Common(), Configured()
 SIM, MAP, SCORE, TRAJECTORY = SimConfig(), MapperConfig(), EvalConfig(), TrajectoryConfig()
 
 
+def command_line() -> str:
+    """The command that runs, as pages show it."""
+    return " ".join(["eventsweep", *sys.argv[1:]])
+
+
 def with_values(group: Any, **values: Any) -> Any:
     """Returns a group with some values set, where they are not None."""
     set_values = {name: value for name, value in values.items() if value is not None}

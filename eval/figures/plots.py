@@ -105,8 +105,7 @@ def _draw_curves(
         )  # fmt: skip
         line.set_gid(f"{prefix}-{name}-curve-{position}")
     axes.set_title({"f1": "F1"}.get(name, name), fontsize=10, loc="left")
-    axes.set_xlabel("tolerated error [cm]")
-    axes.set_ylabel("share [%]")
+    axes.set(xlabel="tolerated error [cm]", ylabel="share [%]")
     axes.set_xlim(1, 15)
     axes.set_ylim(bottom=0)
     axes.set_xticks([1, 5, 10, 15])
@@ -192,8 +191,7 @@ def _draw_votes(axes: Axes, dsi_slice: DsiSlice) -> None:
     marks += [((1 / z - low) / (high - low), f"{z:g}") for z in nice_between(1 / high, 1 / low)]
     ticks = spaced(marks, gap=0.09)
     axes.set_yticks([low + share * (high - low) for share, _ in ticks], [name for _, name in ticks])
-    axes.set_ylabel("depth [m], even in 1/depth")
-    axes.set_xlabel(f"x [px], image row {dsi_slice.row_px}")
+    axes.set(xlabel=f"x [px], image row {dsi_slice.row_px}", ylabel="depth [m], even in 1/depth")
 
 
 def outlier_causes(

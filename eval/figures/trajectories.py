@@ -39,8 +39,7 @@ def path_figure(truth: Trajectory, scored: Scored) -> Figure:
             line.set_gid(f"path-{name}-{position}")
         axes.set_title({"above": "from above", "side": "from the side"}[name], loc="left",
                        fontsize=10)  # fmt: skip
-        axes.set_xlabel("x [m]")
-        axes.set_ylabel(f"{'xyz'[up]} [m]")
+        axes.set(xlabel="x [m]", ylabel=f"{'xyz'[up]} [m]")
         axes.set_aspect("equal", adjustable="datalim")
         axes.grid(linewidth=0.4, alpha=0.35)
     _legend(figure, scored, with_truth=True)
@@ -78,8 +77,7 @@ def boxes_figure(scored: Scored) -> Figure:
         strict=True,
     ):  # fmt: skip
         _draw_boxes(axes, scored, steps, column)
-        axes.set_ylabel(label)
-        axes.set_xlabel("way between two poses [m]")
+        axes.set(xlabel="way between two poses [m]", ylabel=label)
         axes.set_ylim(bottom=0)
         axes.grid(axis="y", linewidth=0.4, alpha=0.35)
     _legend(figure, scored)

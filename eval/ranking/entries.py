@@ -220,7 +220,7 @@ def of_suite(result: SuiteResult, label: str) -> RankingEntry:
             for name in dict.fromkeys(rows["method"])
             if shown_name(name, mappers) in values and name not in result.predictions
         },
-        code=_code(result),
+        code=result.code,
         versions=result.versions,
         platform=result.platform,
         failures={job.name: job.failure for job in result.failures},
@@ -281,14 +281,6 @@ def _rendered_from(facts: SampleFacts) -> str:
 def _metric_versions(result: SuiteResult) -> dict[str, str]:
     known = result.samples[0].facts.metrics if result.samples else {}
     return {name: version for name, version in known.items() if name in (*METRICS, *POSE_METRICS)}
-
-
-def _code(result: SuiteResult) -> dict[str, str]:
-    found: dict[str, dict[str, None]] = {}
-    for job in result.jobs:
-        if job.code:
-            found.setdefault(job.name.partition("/")[0], {})[job.code[:12]] = None
-    return {stage: ", ".join(codes) for stage, codes in found.items()}
 
 
 class Source(NamedTuple):

@@ -29,6 +29,7 @@ from eventsweep.eval.report.html import (
     Grid,
     GridCell,
     Head,
+    command_grid,
     files_in,
     plural,
     render,
@@ -61,7 +62,7 @@ def page_text(
         curves=Markup(svg(_curves, refinement)) if refinement.curves else "",
         residuals=Markup(svg(_residuals, sides)) if len(sides[0].residuals_px) else "",
         windows=windows_grid(refinement),
-        provenance=Grid((Head("command", text=True),), ((GridCell(command or "Python"),),)),
+        provenance=command_grid(command),
         versions=versions_grid(["this page"], [libraries]), version=libraries["eventsweep"],
         files=files_in(folder, files),
     )  # fmt: skip
@@ -167,8 +168,7 @@ def _draw_curve(axes: Any, estimate: Estimate, at: Any, relative: Any) -> None:
     axes.axvspan(value - uncertainty, value + uncertainty, color=ESTIMATE_COLOUR, alpha=0.2, lw=0)
     axes.axvline(value, color=ESTIMATE_COLOUR, lw=1)
     axes.set_title(estimate.parameter.name, fontsize=9, loc="left")
-    axes.set_xlabel(f"correction [{estimate.parameter.unit}]")
-    axes.set_ylabel("sharpness [%]")
+    axes.set(xlabel=f"correction [{estimate.parameter.unit}]", ylabel="sharpness [%]")
     axes.grid(linewidth=0.4, alpha=0.35)
 
 

@@ -99,8 +99,7 @@ def _curve(series: Series, finding: Finding, position: int) -> Figure:
         # A limit far beyond all values would press them into a line.
         if abs(limit) <= 3 * top:
             axes.axhline(limit, linewidth=0.8, linestyle=(0, (4, 2)), color="#777777")
-    axes.set_xlabel(x_label)
-    axes.set_ylabel(series.y_label)
+    axes.set(xlabel=x_label, ylabel=series.y_label)
     axes.yaxis.set_major_formatter(lambda value, _: significant(value).replace("-", "−"))
     axes.grid(linewidth=0.4, alpha=0.35)
     return figure

@@ -20,7 +20,7 @@ from eventsweep.eval.figures.images import data_uri
 Kind = Literal["", "better", "worse", "other", "best"]
 REPORT_NAME = "report.html"
 # The colours of `report.css`, which does not reach into an image.
-_INK = (
+INK_STYLE = (
     "<style>svg { color: #1d2328 } "
     "@media (prefers-color-scheme: dark) { svg { color: #e4e7e9 } }</style>"
 )
@@ -173,6 +173,11 @@ def versions_grid(names: Sequence[str], versions: Sequence[Mapping[str, str]]) -
     return Grid((Head("version of"), *(Head(name) for name in names)), tuple(lines))
 
 
+def command_grid(command: str) -> Grid:
+    """The command that made a page."""
+    return Grid((Head("command", text=True),), ((GridCell(command or "Python"),),))
+
+
 def files_in(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
     """Those of the names that are files in a folder: what a page beside them can link to."""
     return tuple(name for name in names if (folder / name).is_file())
@@ -186,7 +191,7 @@ def plural(count: int, noun: str) -> str:
 def svg_uri(drawing: str) -> str:
     """A drawing of `svg` as an address that holds it; its text follows light and dark."""
     opening, rest = drawing.split(">", 1)
-    return data_uri("image/svg+xml", f"{opening}>{_INK}{rest}".encode())
+    return data_uri("image/svg+xml", f"{opening}>{INK_STYLE}{rest}".encode())
 
 
 @cache

@@ -15,6 +15,7 @@ from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
+    INK_STYLE,
     REPORT_NAME,
     Grid,
     GridCell,
@@ -31,11 +32,8 @@ from eventsweep.eval.report.ranking import column, definition
 from eventsweep.eval.scoring.results import Value, read_json
 from eventsweep.eval.studies.curves import BREAKS_AT, METRICS
 
-# The colours of `report.css`, which does not reach into an image; the first patch is its ground.
-_GROUND = (
-    "<style>svg { color: #1d2328 } #patch_1 path { fill: none !important } "
-    "@media (prefers-color-scheme: dark) { svg { color: #e4e7e9 } }</style>"
-)
+# The first patch is the ground of a study's figure.
+_GROUND = f"<style>#patch_1 path {{ fill: none !important }}</style>{INK_STYLE}"
 
 
 class StudyCurve(BaseModel):

@@ -114,8 +114,7 @@ def _draw_path(
     axes.plot(*places[0, [across, up]], "o", ms=4, color=ESTIMATE_COLOUR)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title(title, fontsize=10, loc="left")
-    axes.set_xlabel(f"{'xyz'[across]} [m]")
-    axes.set_ylabel(f"{'xyz'[up]} [m]")
+    axes.set(xlabel=f"{'xyz'[across]} [m]", ylabel=f"{'xyz'[up]} [m]")
     axes.grid(linewidth=0.4, alpha=0.35)
 
 
@@ -125,8 +124,7 @@ def _draw_over_time(axes: Axes, tracked: Tracked) -> None:
     for k, (name, dash) in enumerate((("x", "-"), ("y", "--"), ("z", ":"))):
         axes.plot(t_s, tracked.trajectory.positions_m[:, k], dash, lw=1.3, label=name)
     _shade(axes, tracked, (last_us - first_us) / 1e6)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("position [m]")
+    axes.set(xlabel="time [s]", ylabel="position [m]")
     axes.grid(linewidth=0.4, alpha=0.35)
 
 

@@ -27,6 +27,7 @@ from eventsweep.eval.report.html import (
     Grid,
     GridCell,
     Head,
+    command_grid,
     files_in,
     render,
     versions_grid,
@@ -120,7 +121,7 @@ def page_text(case: str, truth: Trajectory, scored: Scored, command: str, folder
         path=Markup(svg(path_figure, truth, scored)),
         errors=Markup(svg(errors_figure, truth, scored)),
         boxes=Markup(svg(boxes_figure, scored)),
-        provenance=Grid((Head("command", text=True),), ((GridCell(command or "Python"),),)),
+        provenance=command_grid(command),
         versions=versions_grid(["this page"], [libraries]), version=libraries["eventsweep"],
         files=files_in(folder, ("results.json", "results.csv")),
     )  # fmt: skip

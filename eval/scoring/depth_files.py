@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import DAMAGED_NPY, InputError
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError, refused
 from eventsweep.emvs.formats.depth import read_exr
 from eventsweep.emvs.utils.inputs import opened_npz
 
@@ -47,11 +48,8 @@ def read_confidence(path: Path, height_px: int, width_px: int) -> Image | None:
     """Reads the array `confidence` of an npz; None where there is none, and of other formats."""
     if path.suffix.lower() != ".npz":
         return None
-    try:
-        with opened_npz(path) as file:
-            found: NDArray[Any] | None = file.get("confidence")
-    except DAMAGED_NPY as error:
-        raise _damaged(path, error) from error
+    with _damaged(path, *DAMAGED_NPY), opened_npz(path) as file:
+        found: NDArray[Any] | None = file.get("confidence")
     if found is None:
         return None
     if found.shape != (height_px, width_px) or found.dtype.kind not in "fui":
@@ -73,11 +71,8 @@ def is_integral(path: Path) -> bool:
 
 
 def _npz(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
-    try:
-        with opened_npz(path) as file:
-            arrays = {key: file[key] for key in ("depth_m", "mask") if key in file}
-    except DAMAGED_NPY as error:
-        raise _damaged(path, error) from error
+    with _damaged(path, *DAMAGED_NPY), opened_npz(path) as file:
+        arrays = {key: file[key] for key in ("depth_m", "mask") if key in file}
     if "depth_m" not in arrays:
         raise InputError(f"{path}: contains no array depth_m: name it so, in metres")
     numbers = _plain(path, arrays["depth_m"])
@@ -92,10 +87,8 @@ def _npz(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
 
 
 def _npy(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
-    try:
+    with _damaged(path, *DAMAGED_NPY):
         return _plain(path, np.load(path, allow_pickle=False))
-    except DAMAGED_NPY as error:
-        raise _damaged(path, error) from error
 
 
 def _png(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
@@ -125,13 +118,11 @@ def _exr(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
 
 def _points(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
     """Rows of `column row number`, as the method authors' program writes them."""
-    try:
+    with _damaged(path, OSError, ValueError):
         lines = path.read_text(encoding="ascii").splitlines()
         if not any(lines):
             return np.full(shape, np.nan)
         table = np.loadtxt(lines, dtype=np.float64, ndmin=2, comments=None)
-    except (OSError, ValueError) as error:
-        raise _damaged(path, error) from error
     if table.shape[1] != 3:
         raise InputError(
             f"{path}: has {table.shape[1]} numbers per line, needs 3: column row depth"
@@ -153,10 +144,8 @@ def _points(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
 def _decoded(path: Path) -> NDArray[Any]:
     import cv2
 
-    try:
+    with _damaged(path, OSError, cv2.error):
         image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
-    except (OSError, cv2.error) as error:
-        raise _damaged(path, error) from error
     if image is None:
         raise InputError(f"{path}: cannot be decoded as {path.suffix[1:].upper()}: export it again")
     return _plain(path, image)
@@ -168,9 +157,8 @@ def _plain(path: Path, array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-def _damaged(path: Path, error: Exception) -> InputError:
-    reason = " ".join(str(error).split()) or type(error).__name__
-    return InputError(f"{path}: cannot be read ({reason}): export it again")
+def _damaged(path: Path, *faults: type[Exception]) -> AbstractContextManager[None]:
+    return refused(f"{path}: cannot be read", *faults, cure=": export it again")
 
 
 SUFFIXES: Mapping[str, Callable[[Path, tuple[int, int]], NDArray[Any]]] = {

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args
 
 from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, ValidationError
 
-from eventsweep.emvs.errors import InputError, quoted, said
+from eventsweep.emvs.errors import InputError, check_path, quoted, said
 from eventsweep.emvs.parameters import first_fault
 from eventsweep.emvs.utils.files import atomic_path, write_text
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, file_in, parse_json, read_text
@@ -251,10 +251,11 @@ class Results:
 _RESULTS = TypeAdapter(Results)
 
 
-def write_results(out_dir: Path, results: Results) -> None:
-    """Writes `results.json` and `results.csv` into `out_dir`, each atomically."""
-    write_text(out_dir / JSON_NAME, to_json(results))
-    write_csv(out_dir / CSV_NAME, results.rows)
+def write_results(folder: str | Path, numbers: Results) -> None:
+    """Writes `results.json` and `results.csv` into a folder; older ones are replaced atomically."""
+    check_path("folder", folder)
+    write_text(Path(folder) / JSON_NAME, to_json(numbers))
+    write_csv(Path(folder) / CSV_NAME, numbers.rows)
 
 
 def write_csv(path: Path, rows: pd.DataFrame) -> None:
@@ -264,13 +265,14 @@ def write_csv(path: Path, rows: pd.DataFrame) -> None:
         finite.to_csv(partial, index=False, lineterminator="\n", encoding="utf-8")
 
 
-def read_results(path: Path) -> Results:
-    """Reads `results.json`, given the file or its folder.
+def read_results(path: str | Path) -> Results:
+    """Reads the numbers of a run: `results.json`, or the folder that holds it.
 
     Raises:
-        InputError: the file is missing, truncated, of another schema version or malformed.
+        InputError: no such file, or one that is damaged or of another version.
     """
-    file = file_in(path, JSON_NAME)
+    check_path("path", path)
+    file = file_in(Path(path), JSON_NAME)
     if not file.is_file():
         raise InputError(f"{file}: no such file; `eventsweep run` and `eventsweep score` write it")
     return read_json(file, _validated, (1, SCHEMA_VERSION), "score the run again")

@@ -162,6 +162,15 @@ class SuiteResult:
         """The jobs that failed."""
         return tuple(job for job in self.jobs if job.failure)
 
+    @property
+    def code(self) -> dict[str, str]:
+        """Short hashes of the code that made it, by stage."""
+        found: dict[str, dict[str, None]] = {}
+        for job in self.jobs:
+            if job.code:
+                found.setdefault(job.name.partition("/")[0], {})[job.code[:12]] = None
+        return {stage: ", ".join(codes) for stage, codes in found.items()}
+
 
 _SAMPLE = TypeAdapter(Sample)
 _RESULT = TypeAdapter(SuiteResult)

@@ -20,7 +20,7 @@ import numpy as np
 import tomli_w
 from pydantic import Field, FiniteFloat, ValidationError
 
-from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted, repeated
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted, refused, repeated
 from eventsweep.emvs.parameters import FrozenModel, first_fault
 from eventsweep.emvs.utils.cache import Cache, key_of
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, inside, parse_toml, read_text
@@ -322,11 +322,9 @@ def _most_bytes(view: TargetView) -> int:
 
 def _check_arrays(path: Path, file: Path, name: str, view: TargetView) -> None:
     """Refuses an npz that would unpack to more than its view has pixels, before it is read."""
-    try:
-        with zipfile.ZipFile(file) as arrays:
-            members = arrays.infolist()
-    except DAMAGED_NPY as error:
-        raise InputError(f"{path}: {name} is damaged ({error}): create it again") from error
+    what = f"{path}: {name} is damaged"
+    with refused(what, *DAMAGED_NPY, cure=": create it again"), zipfile.ZipFile(file) as arrays:
+        members = arrays.infolist()
     most = _most_bytes(view)
     names = [member.filename for member in members]
     if not set(names) <= _ARRAYS or len(set(names)) < len(names):

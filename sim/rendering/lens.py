@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.rendering.sub_views import LensMap, sub_views
@@ -131,10 +131,8 @@ def lens_of(rig: Rig, k: int, supersample: int, border_px: int = 0) -> LensMap |
     """
     if rig.cameras[k].model == "pinhole":
         return None
-    try:
+    with located(f"camera {rig.camera_names[k]} of rig {rig.name}"):
         return lens_map(widened_camera(rig.cameras[k], border_px), supersample, border_px)
-    except InputError as error:
-        raise InputError(f"camera {rig.camera_names[k]} of rig {rig.name}: {error}") from error
 
 
 def widened(rig: Rig, border_px: int) -> Rig:

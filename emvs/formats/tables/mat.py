@@ -16,7 +16,7 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 
-from eventsweep.emvs.errors import InputError, said
+from eventsweep.emvs.errors import refused
 from eventsweep.emvs.formats.prophesee import opened
 from eventsweep.emvs.formats.tables.npz import Array, NpzReader, Run, check_size
 
@@ -83,25 +83,20 @@ class MatReader(NpzReader):
     @contextmanager
     def _element(self, at: int) -> Iterator[tuple[IO[bytes], int]]:
         """The content of the element at a byte, unpacked as it is read, and where the next is."""
-        try:
-            with opened(self.path) as file:
-                file.seek(at)
-                kind, size = struct.unpack(f"{self._order}II", file.read(8))
-                if kind not in (_MATRIX, _COMPRESSED):
-                    raise ValueError(f"an element of type {kind} at byte {at}")
-                if kind == _MATRIX:
-                    yield file, at + 8 + size
-                else:
-                    inside = io.BufferedReader(_Inflated(file, size))
-                    if self._tag(inside).kind != _MATRIX:
-                        raise ValueError("no array in a compressed element")
-                    yield inside, at + 8 + size
-        except InputError:
-            raise
-        except (struct.error, ValueError, zlib.error, OSError) as error:
-            raise InputError(
-                f"{self.path}: not a complete MATLAB file ({said(error)}); save it again"
-            ) from error
+        what, faults = "not a complete MATLAB file", (struct.error, ValueError, zlib.error, OSError)
+        damage = refused(f"{self.path}: {what}", *faults, cure="; save it again")
+        with damage, opened(self.path) as file:
+            file.seek(at)
+            kind, size = struct.unpack(f"{self._order}II", file.read(8))
+            if kind not in (_MATRIX, _COMPRESSED):
+                raise ValueError(f"an element of type {kind} at byte {at}")
+            if kind == _MATRIX:
+                yield file, at + 8 + size
+            else:
+                inside = io.BufferedReader(_Inflated(file, size))
+                if self._tag(inside).kind != _MATRIX:
+                    raise ValueError("no array in a compressed element")
+                yield inside, at + 8 + size
 
     @contextmanager
     def _run_at(self, run: Run, at: int, *, whole: bool = False) -> Iterator[IO[bytes]]:

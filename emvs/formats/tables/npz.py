@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted, said, shown
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted, refused, said, shown
 from eventsweep.emvs.formats.base import StreamWriter
 from eventsweep.emvs.formats.blocks import BlockReader, Numbers, to_events
 from eventsweep.emvs.formats.prophesee import STREAM, opened
@@ -374,15 +374,12 @@ def _content_at(path: Path, header_at: int) -> int:
 
 @contextmanager
 def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            yield archive
-    except InputError:
-        raise
-    except Exception as error:  # of zipfile, of four decompressors, and of damaged names
-        raise InputError(
-            f"{path}: not a complete npz archive ({said(error)}); save it again"
-        ) from error
+    # Of zipfile, of four decompressors, and of damaged names comes any exception.
+    with (
+        refused(f"{path}: not a complete npz archive", Exception, cure="; save it again"),
+        zipfile.ZipFile(path) as archive,
+    ):
+        yield archive
 
 
 def _header(

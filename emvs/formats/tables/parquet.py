@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.errors import InputError, quoted, said, shown
+from eventsweep.emvs.errors import InputError, quoted, refused, shown
 from eventsweep.emvs.formats.blocks import BlockReader, Numbers, to_events
 from eventsweep.emvs.formats.prophesee import STREAM, opened
 from eventsweep.emvs.formats.tables.columns import UNITS_S, ColumnMap, by_names
@@ -118,15 +118,10 @@ class ParquetReader(BlockReader):
     @contextmanager
     def _opened(self) -> Iterator[Any]:
         """The table; what the library says of damage becomes one line."""
-        try:
-            with opened(self.path) as file:
-                yield self._parquet.ParquetFile(file, page_checksum_verification=True)
-        except InputError:
-            raise
-        except Exception as error:  # of the library, of its codecs, and of damaged names
-            raise InputError(
-                f"{self.path}: not a complete Parquet file ({said(error)}); save it again"
-            ) from error
+        what = f"{self.path}: not a complete Parquet file"
+        # The library, its codecs and damaged names raise any exception.
+        with refused(what, Exception, cure="; save it again"), opened(self.path) as file:
+            yield self._parquet.ParquetFile(file, page_checksum_verification=True)
 
 
 _NUMBERS = {

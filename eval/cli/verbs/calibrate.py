@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from eventsweep.eval.cli.app import COMMON, Common, Force, app
+from eventsweep.eval.cli.app import COMMON, Common, Force, app, command_line
 from eventsweep.eval.cli.help import RARE
 
 if TYPE_CHECKING:
@@ -60,7 +59,7 @@ def calibrate(
     console = common.console()
     refinement, notes = calibrate_recording(
         open_recording(recording), recording, out, config, console.progress, force=force,
-        command=" ".join(["eventsweep", *sys.argv[1:]]),
+        command=command_line(),
     )  # fmt: skip
     console.result(facts_of(refinement, notes), _estimates(refinement))
     for note in notes:

@@ -40,7 +40,7 @@ def check(
         mapping: Also map it with other settings: cameras swapped, poses inverted, clocks shifted,
             other axes.
     """
-    from eventsweep.emvs.check.recording import check_path
+    from eventsweep.emvs.check import recording as checks
     from eventsweep.emvs.errors import InputError
     from eventsweep.emvs.utils.outputs import atomic_dir
     from eventsweep.eval.progress import checking
@@ -53,7 +53,7 @@ def check(
         common.check(out, recording, force=force)
     console = common.console()
     with console.progress.stage("check", 1.0) as update:
-        report = check_path(recording, settings.map, mapping=mapping, progress=checking(update))
+        report = checks.check(recording, settings.map, mapping=mapping, progress=checking(update))
     if out is not None:
         with atomic_dir(out, force=force, inputs=(recording,)) as folder:
             write_check_page(folder, report)

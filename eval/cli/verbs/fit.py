@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eventsweep.emvs.errors import InputError, significant
-from eventsweep.eval.cli.app import COMMON, Common, Force, app
+from eventsweep.eval.cli.app import COMMON, Common, Force, app, command_line
 
 if TYPE_CHECKING:
     from eventsweep.eval.cli.console import Part
@@ -68,10 +67,9 @@ def fit(
             stream, source = readable.streams[camera]
             part = part_of_span(stream, source.span_us(), start_s, duration_s)
             fitted = fit_stream(source, readable.sizes_px[camera], part)
-        command = " ".join(["eventsweep", *sys.argv[1:]])
         with atomic_dir(out, force=force, inputs=(recording,)) as folder:
             name = recording.resolve().name if opened is None else opened.name
-            write_fit(folder, fitted, name, command)
+            write_fit(folder, fitted, name, command_line())
         update(1.0, f"{len(fitted.pixels):,} events")
     console.result({"estimates": [e.facts() for e in fitted.estimates]}, _summary(fitted))
     console.wrote(out / SENSOR_NAME)

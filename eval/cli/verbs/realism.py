@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eventsweep.eval.cli.app import COMMON, Common, Force, app
+from eventsweep.eval.cli.app import COMMON, Common, Force, app, command_line
 
 if TYPE_CHECKING:
     from eventsweep.eval.cli.console import Part
@@ -44,9 +43,8 @@ def realism(
     check_output(out, force=force, inputs=(real, simulated))
     console = common.console()
     found = compare_realism(open_recording(real), open_recording(simulated), camera)
-    command = " ".join(["eventsweep", *sys.argv[1:]])
     with atomic_dir(out, force=force, inputs=(real, simulated)) as folder:
-        write_realism(folder, found, command)
+        write_realism(folder, found, command_line())
     console.result(found.facts(), _summary(found))
     console.wrote(out / "report.html")
 

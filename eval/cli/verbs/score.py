@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,6 +18,7 @@ from eventsweep.eval.cli.app import (
     ScoreFlags,
     TrajectoryFlags,
     app,
+    command_line,
 )
 from eventsweep.eval.cli.exit_codes import with_flags
 from eventsweep.eval.config import EvalConfig, TrajectoryConfig
@@ -106,8 +106,9 @@ def _score_trajectories(
         raise InputError("scores of trajectories need a folder: add --out")
     common.settings()
     console = common.console()
-    command = " ".join(["eventsweep", *sys.argv[1:]])
-    written = write_scores(estimates, truth, out, config, case=case, force=force, command=command)
+    written = write_scores(
+        estimates, truth, out, config, case=case, force=force, command=command_line()
+    )
     console.result(to_json(written.results), _trajectories(written))
     for note in written.notes:
         console.warn(with_flags(note))

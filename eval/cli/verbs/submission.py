@@ -38,11 +38,9 @@ def make(
         out: File to write, such as mine.tar.zst.
         archive: Folder of the archive whose sequences were read: its cases and seeds.
     """
-    from eventsweep.eval.archives.manifest import read
-    from eventsweep.eval.suite.definition import load
-    from eventsweep.eval.suite.submission import Asked, make_submission
+    from eventsweep.eval.suite.submission import make_submission
 
-    asked = Asked.of(*load(suite), read(archive) if archive else None)
+    asked = _asked(suite, archive)
     manifest = make_submission(folder, asked, out, force=force)
     _show(common, manifest.facts, asked)
     common.console().wrote(out)
@@ -67,12 +65,9 @@ def enter(
         out: Folder to write, such as submissions/mine: entry.toml and maps.tar.zst.
         archive: Folder of the archive whose sequences were read: its cases and seeds.
     """
-    from eventsweep.eval.archives.manifest import read
-    from eventsweep.eval.suite.definition import load
     from eventsweep.eval.suite.entry import make_entry
-    from eventsweep.eval.suite.submission import Asked
 
-    asked = Asked.of(*load(suite), read(archive) if archive else None)
+    asked = _asked(suite, archive)
     facts = make_entry(folder, asked, out, force=force)
     _show(common, facts, asked)
     common.console().wrote(out)
@@ -108,11 +103,17 @@ def check(
     check_apart(entries)
 
 
-def _checked(path: Path, suite: str | None, archive: Path | None) -> tuple[SubmissionFacts, Asked]:
-    from eventsweep.emvs.errors import InputError
+def _asked(suite: str, archive: Path | None) -> Asked:
     from eventsweep.eval.archives.manifest import read
     from eventsweep.eval.suite.definition import load
-    from eventsweep.eval.suite.submission import Asked, check_submission
+    from eventsweep.eval.suite.submission import Asked
+
+    return Asked.of(*load(suite), read(archive) if archive else None)
+
+
+def _checked(path: Path, suite: str | None, archive: Path | None) -> tuple[SubmissionFacts, Asked]:
+    from eventsweep.emvs.errors import InputError
+    from eventsweep.eval.suite.submission import check_submission
 
     if not path.exists():
         raise InputError(
@@ -120,7 +121,7 @@ def _checked(path: Path, suite: str | None, archive: Path | None) -> tuple[Submi
         )
     if suite is None:
         raise InputError(f"{path}: is not an entry (no entry.toml): give its --suite")
-    asked = Asked.of(*load(suite), read(archive) if archive else None)
+    asked = _asked(suite, archive)
     return check_submission(path, asked), asked
 
 

@@ -14,7 +14,7 @@ from eventsweep import scenes
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data import manifest as manifests
 from eventsweep.emvs.data.manifest import Manifest
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, refused
 from eventsweep.emvs.maps.folder import MapInfo, StoredMap
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.report.ranking import RANKING_COLUMNS
@@ -156,20 +156,13 @@ def of_run(results: Results, name: str, folder: Path) -> ComparedResult:
 def of_suite(result: SuiteResult, name: str, folder: Path) -> ComparedResult:
     """The numbers of a suite's run, of all its seeds."""
     cases: dict[tuple[str, int | None], CaseResult] = {}
-    try:
+    what = f"{folder}: the suite's definition is damaged"
+    with refused(what, KeyError, TypeError, cure="; run it again"):
         for sample in result.samples:
             cases[sample.case, sample.seed] = _of_sample(result, sample)
-    except (KeyError, TypeError) as error:
-        raise InputError(
-            f"{folder}: the suite's definition is damaged ({error}); run it again"
-        ) from error
     made = [("simulation", sample.facts.versions) for sample in result.samples]
     versions = _with_stages(result.versions, made)
-    stages: dict[str, dict[str, None]] = {}
-    for job in result.jobs:
-        if job.code:
-            stages.setdefault(job.name.partition("/")[0], {})[job.code[:12]] = None
-    versions |= {f"code of {stage}": ", ".join(codes) for stage, codes in stages.items()}
+    versions |= {f"code of {stage}": code for stage, code in result.code.items()}
     failures = {job.name: job.failure for job in result.failures}
     archive = result.archive.version if result.archive else ""
     return ComparedResult(name, folder, True, cases, versions, result.platform, failures, archive)

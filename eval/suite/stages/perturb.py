@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.data.writer import SequenceWriter
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.eval.jobs.job import SEQUENCE
@@ -26,8 +26,7 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
 
 def write_perturbed(recording: Recording, number: int, out: Path) -> None:
     """Writes events, calibration and poses of a recording as a sequence, and nothing else."""
-    spans = [recording.event_span_us(camera) for camera in range(len(recording.rig))]
-    first_us, last_us = min(first for first, _ in spans), max(last for _, last in spans)
+    first_us, last_us = events_span_us(recording)
     with SequenceWriter(
         out,
         name=recording.name,

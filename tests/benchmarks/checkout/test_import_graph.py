@@ -1,6 +1,5 @@
 """The graph of imports, on checkouts and graphs that one can see through."""
 
-import call_trace
 from import_graph import (
     circles,
     components,
@@ -86,7 +85,3 @@ def test_product_tests_and_tools_are_counted_apart(tmp_path):
         path.write_text("x = 1\ny = 2\n", encoding="utf-8")
     counts = {kind: len(files) for kind, files in files_by_kind(tmp_path).items()}
     assert counts == {"product": 1, "tests": 3, "tests of tools": 1, "tools": 2}
-
-
-def test_what_the_trace_follows_is_where_it_looks_for_it():
-    assert all(call_trace.find(name) for name in call_trace.PLACES)

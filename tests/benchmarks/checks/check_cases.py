@@ -4,27 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import permutations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+import planting as pl
 from eventsweep.emvs.check.alternatives import CONVENTIONS, Chosen, MirroredRecording
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.data.recording import DerivedRecording, Recording
+from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets.export import RecordingExport, write_recording
 from eventsweep.emvs.datasets.raw_streams import open_readable
 from eventsweep.emvs.geometry import se3
-from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
-
-Rng = np.random.Generator
-Matrix = NDArray[np.float64]
-Planter = Callable[[Recording, Rng], Recording]
+from planting import Fault, Matrix, Planter, Rng, with_poses
 
 
 @dataclass(frozen=True)
@@ -127,16 +121,14 @@ def _one_camera(recording: Recording, rng: Rng) -> Recording:
 
 def hand_eye(rng: Rng) -> Matrix:
     """A tracked body on a camera: turned by 20 to 120 deg, up to 10 cm away."""
-    axis = rng.normal(size=3)
-    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * rng.uniform(20, 120), degrees=True)
+    turn = Rotation.from_rotvec(pl.direction(rng) * rng.uniform(20, 120), degrees=True)
     return se3.from_rotation(turn, rng.uniform(-0.1, 0.1, 3))
 
 
 def tracked(recording: Recording, T_tracked_body: Matrix) -> Recording:
     """The same recording, with the poses of another body that the cameras sit on."""
-    poses = recording.trajectory.times(se3.inverse(T_tracked_body))
-    T = tuple(T_tracked_body @ one for one in recording.rig.T_body_cam)
-    return AlteredRecording(recording, rig=replace(recording.rig, T_body_cam=T), trajectory=poses)
+    posed = pl.posed_from(recording, se3.inverse(T_tracked_body))
+    return pl.placed(posed, *(T_tracked_body @ T for T in recording.rig.T_body_cam))
 
 
 def _tracked(recording: Recording, rng: Rng) -> Recording:
@@ -144,7 +136,7 @@ def _tracked(recording: Recording, rng: Rng) -> Recording:
 
 
 def _rarer(recording: Recording, rng: Rng) -> Recording:
-    return with_poses(recording, every=int(rng.integers(5, 20)))
+    return with_poses(recording, at=slice(None, None, int(rng.integers(5, 20))))
 
 
 def _exchanged_order(recording: Recording, rng: Rng) -> Recording:
@@ -162,55 +154,6 @@ UNSPOILT: dict[str, Planter] = {
 }
 
 
-@dataclass(frozen=True)
-class Fault:
-    """One thing told wrongly.
-
-    Attributes:
-        kind: what is wrong, in the table.
-        plant: makes the recording wrong.
-        named: what `check` may call it.
-    """
-
-    kind: str
-    plant: Planter
-    named: tuple[str, ...]
-
-
-class EditedRecording(DerivedRecording):
-    """A recording whose events pass through a function, camera by camera."""
-
-    def __init__(
-        self, recording: Recording, edit: Callable[[int, Events], Events], stretch: int = 1
-    ) -> None:
-        super().__init__(recording)
-        self._edit, self._stretch = edit, stretch
-
-    def event_span_us(self, camera: int) -> tuple[int, int]:
-        """First and last instant, on a clock that runs so many times as fast, µs."""
-        first_us, last_us = self.recording.event_span_us(camera)
-        return first_us * self._stretch, last_us * self._stretch
-
-    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
-        """Edited events of a camera with `t0_us <= t < t1_us`."""
-        s = self._stretch
-        events = self.recording.events(camera, -(-t0_us // s), -(-t1_us // s))
-        return self._edit(camera, replace(events, t_us=events.t_us * s))
-
-
-def with_poses(
-    recording: Recording, *, t_us: NDArray[np.int64] | None = None,
-    positions_m: Matrix | None = None, quats_xyzw: Matrix | None = None, every: int = 1,
-) -> Recording:  # fmt: skip
-    p = recording.trajectory
-    poses = Trajectory(
-        (p.t_us if t_us is None else t_us)[::every],
-        (p.positions_m if positions_m is None else positions_m)[::every],
-        (p.quats_xyzw if quats_xyzw is None else quats_xyzw)[::every],
-    )
-    return AlteredRecording(recording, trajectory=poses)
-
-
 def _inverted(r: Recording, rng: Rng) -> Recording:
     del rng
     p = r.trajectory
@@ -220,8 +163,7 @@ def _inverted(r: Recording, rng: Rng) -> Recording:
 
 def _rotations_inverted(r: Recording, rng: Rng) -> Recording:
     del rng
-    turned = Rotation.from_quat(r.trajectory.quats_xyzw).inv().as_quat()
-    return with_poses(r, quats_xyzw=turned)
+    return pl.turned_by(r, pl.turns_of(r).inv())
 
 
 def _w_first(r: Recording, rng: Rng) -> Recording:
@@ -233,18 +175,16 @@ def _axes(name: str) -> Planter:
     def plant(r: Recording, rng: Rng) -> Recording:
         del rng
         R_cam_told = np.array(CONVENTIONS[name], np.float64).T
-        T = se3.from_rotation(Rotation.from_matrix(R_cam_told), np.zeros(3))
-        return AlteredRecording(r, trajectory=r.trajectory.times(T))
+        return pl.posed_from(r, pl.turned(Rotation.from_matrix(R_cam_told)))
 
     return plant
 
 
 def _on_body(r: Recording, change: Callable[[Matrix], Matrix]) -> Recording:
     """The hand-eye transformation changed, and what lies between cameras left as it is."""
-    rig = r.rig
-    inside = [se3.inverse(rig.T_body_cam[0]) @ T for T in rig.T_body_cam]
-    T = tuple(change(rig.T_body_cam[0]) @ one for one in inside)
-    return AlteredRecording(r, rig=replace(rig, T_body_cam=T))
+    T_body_0 = r.rig.T_body_cam[0]
+    inside = [se3.inverse(T_body_0) @ T for T in r.rig.T_body_cam]
+    return pl.placed(r, *(change(T_body_0) @ T for T in inside))
 
 
 def _hand_eye_inverted(r: Recording, rng: Rng) -> Recording:
@@ -252,8 +192,7 @@ def _hand_eye_inverted(r: Recording, rng: Rng) -> Recording:
 
 
 def _hand_eye_missing(r: Recording, rng: Rng) -> Recording:
-    axis = rng.normal(size=3)
-    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * rng.uniform(4, 25), degrees=True)
+    turn = Rotation.from_rotvec(pl.direction(rng) * rng.uniform(4, 25), degrees=True)
     T_tracked_cam = se3.from_rotation(turn, rng.uniform(-0.1, 0.1, 3))
     return _on_body(tracked(r, T_tracked_cam), lambda T: np.eye(4))
 
@@ -269,7 +208,7 @@ def _positions(factor: float) -> Planter:
 
 
 def _pose_clock(r: Recording, rng: Rng) -> Recording:
-    late_us = round(float(rng.uniform(40e3, 150e3)) * rng.choice([-1, 1]))
+    late_us = round(float(rng.uniform(40e3, 150e3)) * pl.sign(rng))
     return with_poses(r, t_us=r.trajectory.t_us + late_us)
 
 
@@ -282,14 +221,14 @@ def _pose_times(factor: int) -> Planter:
 
 
 def _event_times(factor: int) -> Planter:
-    return lambda r, rng: EditedRecording(r, lambda camera, e: e, factor)
+    return lambda r, rng: pl.EditedRecording(r, lambda camera, e: e, factor)
 
 
 def _frozen(r: Recording, rng: Rng) -> Recording:
-    p, n = r.trajectory, len(r.trajectory)
+    n = len(r.trajectory)
     first, last = round(n * rng.uniform(0.2, 0.3)), round(n * rng.uniform(0.7, 0.8))
     at = np.where((np.arange(n) > first) & (np.arange(n) < last), first, np.arange(n))
-    return with_poses(r, positions_m=p.positions_m[at], quats_xyzw=p.quats_xyzw[at])
+    return pl.repeated(r, at)
 
 
 def _jumping(r: Recording, rng: Rng) -> Recording:
@@ -301,8 +240,8 @@ def _jumping(r: Recording, rng: Rng) -> Recording:
 
 
 def _rare(r: Recording, rng: Rng) -> Recording:
-    step_us = int(np.median(np.diff(r.trajectory.t_us)))
-    return with_poses(r, every=round(rng.uniform(150e3, 250e3) / step_us))
+    step = round(rng.uniform(150e3, 250e3) / int(pl.period_us(r)))
+    return with_poses(r, at=slice(None, None, step))
 
 
 def _noisy(r: Recording, rng: Rng) -> Recording:
@@ -318,89 +257,62 @@ def _at_rest(r: Recording, rng: Rng) -> Recording:
     return with_poses(r, positions_m=still.copy())
 
 
-def _lenses(r: Recording, change: Callable[[Camera], Camera]) -> Recording:
-    rig = replace(r.rig, cameras=tuple(change(one) for one in r.rig.cameras))
-    return AlteredRecording(r, rig=rig)
-
-
 def _fx_in_mm(r: Recording, rng: Rng) -> Recording:
     del rng
-    return _lenses(r, lambda c: replace(c, fx_px=c.fx_px / 1000))
+    return pl.lenses(r, fx_px=lambda f: f / 1000)
 
 
 def _focal_in_mm(r: Recording, rng: Rng) -> Recording:
-    pixel_mm = float(rng.uniform(0.009, 0.02))
-    return _lenses(r, lambda c: replace(c, fx_px=c.fx_px * pixel_mm, fy_px=c.fy_px * pixel_mm))
+    return pl.focal(r, float(rng.uniform(0.009, 0.02)))
 
 
 def _half_resolution(r: Recording, rng: Rng) -> Recording:
     half = float(rng.choice([0.5, 0.25]))
-    return _lenses(
-        r,
-        lambda c: replace(
-            c, fx_px=c.fx_px * half, fy_px=c.fy_px * half, cx_px=c.cx_px * half,
-            cy_px=c.cy_px * half,
-        ),
-    )  # fmt: skip
+    return pl.lenses(pl.focal(r, half), cx_px=lambda c: c * half, cy_px=lambda c: c * half)
 
 
 def _centre_exchanged(r: Recording, rng: Rng) -> Recording:
     del rng
-    return _lenses(r, lambda c: replace(c, cx_px=c.cy_px, cy_px=c.cx_px))
+    return pl.cameras(r, lambda c: replace(c, cx_px=c.cy_px, cy_px=c.cx_px))
 
 
 def _folding(r: Recording, rng: Rng) -> Recording:
     k1 = float(rng.uniform(-4, -2.5))
-    return _lenses(r, lambda c: replace(c, model="radtan", distortion=(k1, 0.0, 0.0, 0.0)))
+    return pl.cameras(r, lambda c: replace(c, model="radtan", distortion=(k1, 0.0, 0.0, 0.0)))
 
 
 def _focal(r: Recording, rng: Rng) -> Recording:
-    times = float(rng.choice([rng.uniform(0.55, 0.75), rng.uniform(1.4, 1.8)]))
-    return _lenses(r, lambda c: replace(c, fx_px=c.fx_px * times, fy_px=c.fy_px * times))
+    return pl.focal(r, pl.one_of(rng, (0.55, 0.75), (1.4, 1.8)))
 
 
 def _another_sensor(r: Recording, rng: Rng) -> Recording:
     del rng
     w, h = 640, 480
-    return _lenses(r, lambda c: replace(c, width_px=w, height_px=h, cx_px=w / 2, cy_px=h / 2))
-
-
-def _between(r: Recording, change: Callable[[Matrix], Matrix]) -> Recording:
-    rig = r.rig
-    T_0_1 = se3.inverse(rig.T_body_cam[0]) @ rig.T_body_cam[1]
-    T = (rig.T_body_cam[0], rig.T_body_cam[0] @ change(T_0_1), *rig.T_body_cam[2:])
-    return AlteredRecording(r, rig=Rig(rig.name, rig.cameras, T, rig.camera_names))
+    return pl.cameras(r, lambda c: replace(c, width_px=w, height_px=h, cx_px=w / 2, cy_px=h / 2))
 
 
 def _baseline(low: float, high: float) -> Planter:
     def plant(r: Recording, rng: Rng) -> Recording:
         times = float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-        def change(T: Matrix) -> Matrix:
-            longer = T.copy()
-            longer[:3, 3] *= times
-            return longer
-
-        return _between(r, change)
+        return pl.second_moved(r, pl.with_translation(lambda t: t * times))
 
     return plant
 
 
 def _no_extrinsics(r: Recording, rng: Rng) -> Recording:
     del rng
-    return _between(r, lambda T: np.eye(4))
+    return pl.second_moved(r, lambda T: np.eye(4))
 
 
 def _extrinsics_inverted(r: Recording, rng: Rng) -> Recording:
     del rng
-    return _between(r, se3.inverse)
+    return pl.second_moved(r, se3.inverse)
 
 
 def _stereo(axis: int, low_deg: float, high_deg: float) -> Planter:
     def plant(r: Recording, rng: Rng) -> Recording:
-        angle = float(rng.uniform(low_deg, high_deg) * rng.choice([-1, 1]))
-        turn = Rotation.from_rotvec(np.eye(3)[axis] * angle, degrees=True)
-        return _between(r, lambda T: T @ se3.from_rotation(turn, np.zeros(3)))
+        angle = float(rng.uniform(low_deg, high_deg) * pl.sign(rng))
+        return pl.second_turned(r, np.eye(3)[axis] * angle)
 
     return plant
 
@@ -411,8 +323,7 @@ def _swapped(r: Recording, rng: Rng) -> Recording:
 
 
 def _camera_clock(r: Recording, rng: Rng) -> Recording:
-    late_us = round(float(rng.uniform(12e3, 80e3)) * rng.choice([-1, 1]))
-    return AlteredRecording(r, clock_us=(0, late_us, *[0] * (len(r.rig) - 2)))
+    return pl.second_late(r, round(float(rng.uniform(12e3, 80e3)) * pl.sign(rng)))
 
 
 def _mirrored(**which: bool) -> Planter:
@@ -421,12 +332,12 @@ def _mirrored(**which: bool) -> Planter:
 
 def _one_polarity(r: Recording, rng: Rng) -> Recording:
     del rng
-    return EditedRecording(r, lambda camera, e: replace(e, p=np.ones_like(e.p)))
+    return pl.EditedRecording(r, lambda camera, e: replace(e, p=np.ones_like(e.p)))
 
 
 def _coarse(r: Recording, rng: Rng) -> Recording:
     step_us = int(rng.choice([8_000, 10_000, 16_000]))
-    return EditedRecording(r, lambda camera, e: replace(e, t_us=e.t_us // step_us * step_us))
+    return pl.EditedRecording(r, lambda camera, e: replace(e, t_us=e.t_us // step_us * step_us))
 
 
 def _hot(r: Recording, rng: Rng) -> Recording:
@@ -441,12 +352,12 @@ def _hot(r: Recording, rng: Rng) -> Recording:
         which = np.arange(len(e)) // 5 % len(x)
         return replace(e, x=np.where(hit, x[which], e.x), y=np.where(hit, y[which], e.y))
 
-    return EditedRecording(r, edit)
+    return pl.EditedRecording(r, edit)
 
 
 def _silent(r: Recording, rng: Rng) -> Recording:
     lost = int(rng.integers(0, len(r.rig)))
-    return EditedRecording(r, lambda camera, e: e.slice(0, 0) if camera == lost else e)
+    return pl.EditedRecording(r, lambda camera, e: e.slice(0, 0) if camera == lost else e)
 
 
 def _gaps(r: Recording, rng: Rng) -> Recording:
@@ -458,20 +369,15 @@ def _gaps(r: Recording, rng: Rng) -> Recording:
         kept = e.t_us % period_us < on_us
         return Events(e.x[kept], e.y[kept], e.t_us[kept], e.p[kept])
 
-    return EditedRecording(r, edit)
-
-
-def turned_by(r: Recording, turns: Rotation) -> Recording:
-    return with_poses(r, quats_xyzw=turns.as_quat())
+    return pl.EditedRecording(r, edit)
 
 
 def _left_handed(r: Recording, rng: Rng) -> Recording:
     """The world and the body mirrored along y: z and x stay, as in Unity."""
     del rng
     mirror = np.diag([1.0, -1.0, 1.0])
-    R = mirror @ Rotation.from_quat(r.trajectory.quats_xyzw).as_matrix() @ mirror
-    positions_m = r.trajectory.positions_m @ mirror
-    return with_poses(r, positions_m=positions_m, quats_xyzw=Rotation.from_matrix(R).as_quat())
+    turned = pl.turned_by(r, Rotation.from_matrix(mirror @ pl.turns_of(r).as_matrix() @ mirror))
+    return with_poses(turned, positions_m=r.trajectory.positions_m @ mirror)
 
 
 def _negated(r: Recording, rng: Rng) -> Recording:
@@ -479,26 +385,6 @@ def _negated(r: Recording, rng: Rng) -> Recording:
     return with_poses(r, positions_m=r.trajectory.positions_m * signs)
 
 
-def reread(order: str, as_order: str, *, degrees: bool = False, factor: float = 1.0) -> Planter:
-    """Euler angles that were made into rotations in another order, or in another unit."""
-
-    def plant(r: Recording, rng: Rng) -> Recording:
-        del rng
-        angles = Rotation.from_quat(r.trajectory.quats_xyzw).as_euler(order) * factor
-        return turned_by(r, Rotation.from_euler(as_order, angles, degrees=degrees))
-
-    return plant
-
-
-def both(first: Planter, second: Planter) -> Planter:
-    return lambda r, rng: second(first(r, rng), rng)
-
-
-def two(first: str, second: str) -> tuple[str, ...]:
-    return (f"{first} and {second}", f"{second} and {first}")
-
-
-EULER = tuple("".join(order) for order in permutations("xyz"))
 FAULTS = (
     Fault(
         "left-handed poses",
@@ -510,30 +396,32 @@ FAULTS = (
         _negated,
         tuple(f"{axis} of the positions negated" for axis in "xyz"),
     ),
-    Fault("Euler angles in another order", reread("ZYX", "zyx"), ("Euler angles xyz read as zyx",)),
+    Fault(
+        "Euler angles in another order", pl.reread("ZYX", "zyx"), ("Euler angles xyz read as zyx",)
+    ),
     Fault(
         "radians read as degrees",
-        reread("ZYX", "ZYX", degrees=True),
-        tuple(f"Euler angles {order} in radians read as degrees" for order in EULER),
+        pl.reread("ZYX", "ZYX", degrees=True),
+        tuple(f"Euler angles {order} in radians read as degrees" for order in pl.EULER),
     ),
     Fault(
         "degrees read as radians",
-        reread("ZYX", "ZYX", factor=180 / np.pi),
+        pl.reread("ZYX", "ZYX", factor=180 / np.pi),
         (
             "impossible motion",
-            "no single cause found",
-            *(f"Euler angles {order} in degrees read as radians" for order in EULER),
+            *pl.UNKNOWN,
+            *(f"Euler angles {order} in degrees read as radians" for order in pl.EULER),
         ),
     ),
     Fault(
         "poses late, camera rolled",
-        both(_pose_clock, _stereo(2, 2.0, 6)),
-        two("pose clock", "stereo roll"),
+        pl.both(_pose_clock, _stereo(2, 2.0, 6)),
+        pl.two("pose clock", "stereo roll"),
     ),
     Fault(
         "poses inverted, cameras swapped",
-        both(_inverted, _swapped),
-        two("poses inverted", "cameras swapped"),
+        pl.both(_inverted, _swapped),
+        pl.two("poses inverted", "cameras swapped"),
     ),
     Fault("poses inverted", _inverted, ("poses inverted",)),
     Fault("rotations inverted", _rotations_inverted, ("rotations inverted",)),
@@ -595,6 +483,14 @@ FAULTS = (
     Fault("camera silent", _silent, ("camera silent",)),
     Fault("gaps in the events", _gaps, ("gaps in the events",)),
 )
+PLANTERS: dict[str, Planter] = {fault.kind: fault.plant for fault in FAULTS}
+_NAMES = {fault.kind: fault.named[0] for fault in FAULTS}
+
+
+def pair(first: str, second: str) -> Fault:
+    """Two faults at once, by their kinds; `check` names each as it does alone."""
+    plant = pl.both(PLANTERS[first], PLANTERS[second])
+    return Fault(f"{first}, {second}", plant, pl.two(_NAMES[first], _NAMES[second]))
 
 
 @dataclass(frozen=True)

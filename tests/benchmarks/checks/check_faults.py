@@ -37,20 +37,54 @@ from check_cases import (
     UNSPOILT,
     Base,
     FileFault,
-    Planter,
     exported,
 )
-from check_harm import harm
-from check_opened import OPENED, UNKNOWN
+from check_opened import OPENED
 from check_shown import SHOWN
 from check_spent import SPENT
 from check_tried import TRIED
 from check_unseen import UNSEEN
 from eventsweep.emvs.check.findings import Report
-from eventsweep.emvs.check.recording import check, check_path
+from eventsweep.emvs.check.recording import check
 from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.files import atomic_path
 from markdown_blocks import into_page
+from planting import UNKNOWN, Planter
+
+_METHOD, _STARTS_S, _WINDOW_S = "Alg1/H", (0.05, 0.2, 0.35), 0.2
+_HARMLESS = 0.1
+
+
+def harm(right: Recording, spoilt: Recording) -> dict[str, Any]:
+    """By how many times error and points change: `error`, `points` and whether `harmless`.
+
+    The rule was stated before any campaign was opened under it: a fault is harmless if, over three
+    windows, the mean relative error of the depth (`Alg1/H`) grows by less than a tenth and the
+    points fall by less than a tenth. The studies call a property harmful where the error doubles.
+
+    Args:
+        right: the recording as simulated, which knows the depth.
+        spoilt: the same with a fault.
+    """
+    before, after = (np.mean([_scores(one, right, s) for s in _STARTS_S], axis=0)
+                     for one in (right, spoilt))  # fmt: skip
+    error, points = map(float, after / before)
+    harmless = error < 1 + _HARMLESS and points > 1 - _HARMLESS
+    return {"error": error, "points": points, "harmless": harmless}
+
+
+def _scores(recording: Recording, right: Recording, start_s: float) -> tuple[float, float]:
+    """Relative error, %, and points of a window's map; a window that cannot be mapped is harmed."""
+    config = es.MapperConfig(methods=(_METHOD,), start_s=start_s, duration_s=_WINDOW_S)
+    try:
+        rows = es.score(es.map_window(recording, config), right).rows
+    except InputError:
+        return np.inf, 0.0
+    own = rows[(rows.method == _METHOD) & (rows.window == "w000") & (rows.region == "all")]
+    values = dict(zip(own.metric, own.value, strict=True))
+    return float(values["abs_rel"]), float(values["points"])
+
 
 SECONDS = 0.6
 
@@ -184,7 +218,7 @@ def _of_file(case: Case, path: Path, out: Path) -> Report:
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(shutil.copytree(made, Path(folder) / "recording"))
         fault.edit(copy)
-        return check_path(copy)
+        return check(copy)
 
 
 def code_version() -> str:
@@ -192,10 +226,8 @@ def code_version() -> str:
     folder = Path(str(eventsweep.emvs.check.__file__)).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py"))]
     here = Path(__file__)
-    files += [
-        here.with_name(f"check_{what}.py")
-        for what in ("cases", "opened", "shown", "spent", "tried", "unseen")
-    ]
+    planted = ("cases", "opened", "shown", "spent", "tried", "unseen")
+    files += [here.with_name("planting.py"), *(here.with_name(f"check_{w}.py") for w in planted)]
     code = "".join(ast.dump(_Bare().visit(ast.parse(file.read_text()))) for file in files)
     return hashlib.sha256(code.encode()).hexdigest()[:16]
 
@@ -224,7 +256,7 @@ def outcome(found: dict[str, Any]) -> str:
     causes that the check cannot tell apart; of two faults both must be, or one that is to be cured
     before the check goes on. It is unknown if no cause is named, or something else is called odd,
     without a cure. One that is not noticed is harmless if it changes the map by less than
-    `check_harm` says. Of a recording that is right,
+    `harm` says. Of a recording that is right,
     `named` is that nothing is called wrong, and `wrong cure` the rest.
     """
     if not found["suspects"]:

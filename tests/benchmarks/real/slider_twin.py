@@ -26,8 +26,8 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.sensing.fit import effective_thresholds, fit_pixels
+from eventsweep.eval.sensing.folder import realism_page
 from eventsweep.eval.sensing.frames import FrameStack, frames_of
-from eventsweep.eval.sensing.pages import realism_page
 from eventsweep.eval.sensing.pixel_events import PixelEvents
 from eventsweep.eval.sensing.realism import Portrait, Realism, compared, portrait
 from eventsweep.sim.config import PixelConfig

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 
 import naive_esvo
 from eventsweep.emvs.baselines import esvo
-from eventsweep.emvs.baselines.esvo import EsvoMap, match_blocks
+from eventsweep.emvs.baselines.esvo import EsvoMap, Lines, Refined, match_blocks, refine
 from eventsweep.emvs.baselines.esvo_filter import Estimates, fuse_into, propagate, regularised
 from eventsweep.emvs.baselines.esvo_kernels import compatible, fuse_two
-from eventsweep.emvs.baselines.esvo_refinement import Lines, Refined, refine
 from eventsweep.emvs.config import (
     CleanUp,
     EsvoParameters,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eventsweep.emvs.calibrate.epipolar import epipolar_residuals_px
+from eventsweep.emvs.calibrate.before_after import epipolar_residuals_px
 from eventsweep.emvs.calibrate.parameters import Correction, parameters_of
 from point_world import edge_points, pinhole, stereo_rig, swinging
 

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from check_cases import EditedRecording
 from eventsweep.emvs.check.alternatives import Chosen, of_poses
 from eventsweep.emvs.check.cameras import (
     check_cameras,
@@ -30,6 +29,7 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from head_world import CAMERA, DURATION_US, head_recording
+from planting import EditedRecording
 
 FACTORS = st.floats(0.05, 20.0)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from check_cases import FAULTS, UNSPOILT, Chosen
-from eventsweep.emvs.check.recording import check, check_path, quick_check
+from eventsweep.emvs.check.recording import check, quick_check
 from eventsweep.emvs.check.trial_windows import TrialWindows, WindowRecording
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.altered import AlteredRecording
@@ -34,7 +34,7 @@ def test_what_cannot_be_opened_is_the_finding(tmp_path):
     poses.write_text(poses.read_text().replace(" 1", " 2"))
     with pytest.raises(InputError) as refused:
         open_recording(folder)
-    report = check_path(folder)
+    report = check(folder)
     assert [one.name for one in report.findings] == ["opening"]
     assert report.findings[0].evidence == str(refused.value)
     assert report.verdict == "wrong"
@@ -45,7 +45,7 @@ def test_what_is_no_recording_is_refused(tmp_path, what):
     (tmp_path / "empty").mkdir()
     (tmp_path / "file.txt").write_text("no")
     with pytest.raises(NoRecordingError, match="needs"):
-        check_path(tmp_path / what)
+        check(tmp_path / what)
 
 
 def test_mapping_may_be_left_out_and_then_nothing_is_called_good():

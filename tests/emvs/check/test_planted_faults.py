@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from check_cases import FAULTS, FILE_FAULTS, UNSPOILT
-from check_opened import OPENED, UNKNOWN
+from check_opened import OPENED
 from check_tried import TRIED
 from dataset_world import rewritten
-from eventsweep.emvs.check.recording import check, check_path
+from eventsweep.emvs.check.recording import check
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.writer import SequenceWriter
 from head_world import head_recording
+from planting import UNKNOWN
 from tiers import often_named
 
 # Each takes seconds: one of each family is planted in every run, the others in slow ones.
@@ -80,6 +81,6 @@ def sequence(tmp_path_factory):
 )
 def test_a_fault_in_the_files_is_named_first(fault, sequence, tmp_path):
     folder = rewritten(sequence, tmp_path / "rewritten", fault.format)
-    assert check_path(folder, mapping=False).verdict != "wrong"
+    assert check(folder, mapping=False).verdict != "wrong"
     fault.edit(folder)
-    assert first_suspects(check_path(folder)) & set(fault.named)
+    assert first_suspects(check(folder)) & set(fault.named)
