@@ -285,7 +285,7 @@ class Tracker:
             expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
         motion, fit = self._registration(batch.events, expected)
         if _is_good(fit, _AGREES):
-            return self._go_on(motion, fit, Status.TRACKING, t_us)
+            return self._go_on(motion, fit, Status.TRACKING, t_us, filtered=True)
         return self._doubt(batch, fit, t_us)
 
     def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
@@ -317,15 +317,18 @@ class Tracker:
             return None
         return self._go_on(motion, fit, Status.TRACKING, t_us)
 
-    def _go_on(self, motion: Motion, fit: Fit, status: Status, t_us: int) -> Pose:
+    def _go_on(
+        self, motion: Motion, fit: Fit, status: Status, t_us: int, *, filtered: bool = False
+    ) -> Pose:
         if status is not Status.COASTING:
             self._change(status, "", motion.t_us)
-        pose = self._found(motion, fit, status)
+        pose = self._found(motion, fit, status, filtered=filtered)
         self._feed_mapper(t_us, trajectory_of([motion]))
         return pose
 
-    def _found(self, motion: Motion, fit: Fit, status: Status) -> Pose:
-        pose = Pose(motion.t_us, motion.T_world_body, motion.twist, status, fit)
+    def _found(self, motion: Motion, fit: Fit, status: Status, *, filtered: bool = False) -> Pose:
+        belief = motion if filtered else None
+        pose = Pose(motion.t_us, motion.T_world_body, motion.twist, status, fit, belief)
         self._poses.append(pose)
         self._motion = motion
         if self._on_pose is not None:
