@@ -112,6 +112,7 @@ class Tracker:
         self._until_us: int | None = None
         self._begin_us: int | None = None
         self._step_us = round(1e6 / self._config.rate_hz)
+        self._delay_us = round(1e6 * self._config.delay_s)
         self._next_us = self._fed_us = 0
         self.status, self.reason, self.since_us = Status.STARTING, "no events yet", 0
 
@@ -272,9 +273,8 @@ class Tracker:
 
     def _track(self, t_us: int) -> Pose | None:
         batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
-        last = self._poses[-1]
         assert self._motion is not None
-        if batch.t_us <= last.t_us:
+        if batch.t_us <= self._motion.t_us:
             return None
         if len(batch) < self._sizes.still:
             held = self._motion.held(batch.t_us)
@@ -328,7 +328,8 @@ class Tracker:
 
     def _found(self, motion: Motion, fit: Fit, status: Status, *, filtered: bool = False) -> Pose:
         belief = motion if filtered else None
-        pose = Pose(motion.t_us, motion.T_world_body, motion.twist, status, fit, belief)
+        t_us = motion.t_us - self._delay_us
+        pose = Pose(t_us, motion.T_world_body, motion.twist, status, fit, belief)
         self._poses.append(pose)
         self._motion = motion
         if self._on_pose is not None:
