@@ -59,11 +59,8 @@ class Motion:
 
     def at(self, t_us: int) -> Motion:
         """What is to be expected of another time, before or after."""
+        step, F = self._step(t_us)
         dt_s = (t_us - self.t_us) * 1e-6
-        step = se3.exp(self.twist * dt_s)
-        F = np.eye(12)
-        F[:6, :6] = se3.adjoint(se3.inverse(step))
-        F[:6, 6:] = -dt_s * np.eye(6)
         length_s = abs(dt_s)
         density = _DENSITY * np.repeat([self.reach**2, 1.0], 3)
         mixed = -density * dt_s * length_s / 2
@@ -71,6 +68,28 @@ class Motion:
         covariance = F @ self.covariance @ F.T + grown
         return replace(
             self, t_us=t_us, T_world_body=self.T_world_body @ step, covariance=covariance
+        )
+
+    def _step(self, t_us: int) -> tuple[Matrix, Matrix]:
+        """The way to another time (4, 4), and what that makes of errors (12, 12)."""
+        dt_s = (t_us - self.t_us) * 1e-6
+        step, F = se3.exp(self.twist * dt_s), np.eye(12)
+        F[:6, :6] = se3.adjoint(se3.inverse(step))
+        F[:6, 6:] = -dt_s * np.eye(6)
+        return step, F
+
+    def given(self, later: Motion) -> Motion:
+        """The motion once a later one is known, found from this one and all since.
+
+        A step of the smoother of Rauch, Tung and Striebel (1965). The covariance stays.
+        """
+        expected, (_, F) = self.at(later.t_us), self._step(later.t_us)
+        xi = se3.log(se3.inverse(later.T_world_body) @ expected.T_world_body)
+        off = np.concatenate([xi, later.twist - expected.twist])
+        change = self.covariance @ F.T @ np.linalg.solve(expected.covariance, off)
+        T_world_body = self.T_world_body @ se3.inverse(se3.exp(change[:6]))
+        return replace(
+            self, T_world_body=se3.nearest_rigid(T_world_body), twist=self.twist + change[6:]
         )
 
     def turning(self, rate_rad_s: Matrix, sigma_rad_s: float) -> Motion:

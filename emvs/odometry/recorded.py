@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,15 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.odometry.checkpoint import Checkpoints, State
 from eventsweep.emvs.odometry.config import TrackConfig
+from eventsweep.emvs.odometry.motion import Motion
 from eventsweep.emvs.odometry.online import OnlineMap
-from eventsweep.emvs.odometry.pose import Pose, Status
+from eventsweep.emvs.odometry.pose import Pose, Status, smoothed
 from eventsweep.emvs.odometry.registration.fit import Fit
 from eventsweep.emvs.odometry.tracker import Tracker
 from eventsweep.emvs.utils.runtime import Progress, silent
 
 _PACKET_US = 50_000
+_SMOOTHED_AT_ONCE = 50  # with as many after them: later ones change nothing
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,8 @@ class Tracked:
     """A tracked recording.
 
     Attributes:
-        trajectory: `T_world_body`; while the tracker was lost there are no poses.
+        trajectory: `T_world_body`, smoothed: a pose follows from later events, too; while the
+            tracker was lost there are no poses.
         statuses: what each pose comes from.
         changes: when the status changed, and why.
         span_us: first and last time that there are events of.
@@ -88,7 +91,7 @@ def track(
     done = _Done()
     tracker = Tracker(
         recording.rig, config, depth_range_m=recording.depth_range_m, first_map=first_map,
-        T_world_body=T_world_body, on_pose=done.poses.append, on_map=done.counting(on_map),
+        T_world_body=T_world_body, on_pose=done.add, on_map=done.counting(on_map),
     )  # fmt: skip
     cameras = range(len(recording.rig))
     spans = [recording.event_span_us(camera) for camera in cameras]
@@ -110,23 +113,38 @@ def track(
             if state is not None:
                 checkpoints.save({"tracker": state, **done.state()})
         progress("track", (end_us - first_us) // 1000, (last_us + 1 - first_us) // 1000)
-    if not done.poses:
+    poses = done.smooth_all()
+    if not poses:
         raise InputError(f"{recording.name}: tracking could not start: {tracker.reason}")
     return Tracked(
         Trajectory.from_matrices(
-            [pose.t_us for pose in done.poses], np.stack([p.T_world_body for p in done.poses])
+            [pose.t_us for pose in poses], np.stack([p.T_world_body for p in poses])
         ),
-        tuple(p.status for p in done.poses), tuple(done.changes), (first_us, last_us), done.maps,
+        tuple(p.status for p in poses), tuple(done.changes), (first_us, last_us), done.maps,
     )  # fmt: skip
 
 
 class _Done:
-    """What was found up to a time."""
+    """What was found up to a time; poses are smoothed once enough others came after them."""
 
     def __init__(self) -> None:
         self.poses: list[Pose] = []
         self.changes: list[Change] = []
         self.maps = self.until_us = 0
+        self._smooth = 0  # the first so many are
+
+    def add(self, pose: Pose) -> None:
+        """Takes the next pose."""
+        self.poses.append(pose)
+        if len(self.poses) - self._smooth >= 2 * _SMOOTHED_AT_ONCE:
+            first, last = self._smooth, self._smooth + _SMOOTHED_AT_ONCE
+            better = smoothed(self.poses[first:])[:_SMOOTHED_AT_ONCE]
+            self.poses[first:last] = [replace(pose, belief=None) for pose in better]
+            self._smooth = last
+
+    def smooth_all(self) -> list[Pose]:
+        """All poses, when no other comes."""
+        return self.poses[: self._smooth] + smoothed(self.poses[self._smooth :])
 
     def counting(self, on_map: Callable[[OnlineMap], None] | None) -> Callable[[OnlineMap], None]:
         """Counts every map before it is passed on."""
@@ -155,6 +173,8 @@ class _Done:
             "twist": np.array([pose.twist for pose in poses]).reshape(-1, 6),
             "status": [pose.status.value for pose in poses],
             "fit": [list(astuple(pose.fit)) for pose in poses],
+            "smooth": self._smooth,
+            "beliefs": [pose.belief and pose.belief.state() for pose in poses[self._smooth :]],
         }
 
     def restore(self, state: State) -> None:
@@ -166,6 +186,9 @@ class _Done:
             Pose(int(t_us), T_world_body, twist, Status(status), Fit(*fit))
             for t_us, T_world_body, twist, status, fit in zip(*columns, strict=True)
         ]
+        self._smooth = state["smooth"]
+        for k, belief in enumerate(state["beliefs"], self._smooth):
+            self.poses[k] = replace(self.poses[k], belief=belief and Motion(**belief))
 
 
 def _imu(recording: Recording) -> ImuSamples:

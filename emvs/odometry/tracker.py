@@ -112,6 +112,7 @@ class Tracker:
         self._until_us: int | None = None
         self._begin_us: int | None = None
         self._step_us = round(1e6 / self._config.rate_hz)
+        self._delay_us = round(1e6 * self._config.delay_s)
         self._next_us = self._fed_us = 0
         self.status, self.reason, self.since_us = Status.STARTING, "no events yet", 0
 
@@ -272,9 +273,8 @@ class Tracker:
 
     def _track(self, t_us: int) -> Pose | None:
         batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
-        last = self._poses[-1]
         assert self._motion is not None
-        if batch.t_us <= last.t_us:
+        if batch.t_us <= self._motion.t_us:
             return None
         if len(batch) < self._sizes.still:
             held = self._motion.held(batch.t_us)
@@ -285,7 +285,7 @@ class Tracker:
             expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
         motion, fit = self._registration(batch.events, expected)
         if _is_good(fit, _AGREES):
-            return self._go_on(motion, fit, Status.TRACKING, t_us)
+            return self._go_on(motion, fit, Status.TRACKING, t_us, filtered=True)
         return self._doubt(batch, fit, t_us)
 
     def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
@@ -317,15 +317,19 @@ class Tracker:
             return None
         return self._go_on(motion, fit, Status.TRACKING, t_us)
 
-    def _go_on(self, motion: Motion, fit: Fit, status: Status, t_us: int) -> Pose:
+    def _go_on(
+        self, motion: Motion, fit: Fit, status: Status, t_us: int, *, filtered: bool = False
+    ) -> Pose:
         if status is not Status.COASTING:
             self._change(status, "", motion.t_us)
-        pose = self._found(motion, fit, status)
+        pose = self._found(motion, fit, status, filtered=filtered)
         self._feed_mapper(t_us, trajectory_of([motion]))
         return pose
 
-    def _found(self, motion: Motion, fit: Fit, status: Status) -> Pose:
-        pose = Pose(motion.t_us, motion.T_world_body, motion.twist, status, fit)
+    def _found(self, motion: Motion, fit: Fit, status: Status, *, filtered: bool = False) -> Pose:
+        belief = motion if filtered else None
+        t_us = motion.t_us - self._delay_us
+        pose = Pose(t_us, motion.T_world_body, motion.twist, status, fit, belief)
         self._poses.append(pose)
         self._motion = motion
         if self._on_pose is not None:
