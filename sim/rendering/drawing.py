@@ -10,9 +10,6 @@ from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.scene import Scene
 
 MIRRORS = "a surface mirrors"
-# What `why_plain` looked at last: the renderer that is opened next needs the same, and to make it
-# takes up to half a second.
-_looked_at: list[tuple[Scene, Any]] = []
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +25,6 @@ class MujocoDrawing:
         """
         if self.model is None:
             spec = scene.spec()
-            _looked_at[:] = [(scene, spec)]
             mirrors, lamp = any(m.reflectance > 0 for m in spec.materials), spec.visual.headlight
         else:
             mirrors, lamp = bool((self.model.mat_reflectance > 0).any()), self.model.vis.headlight
@@ -42,17 +38,10 @@ class MujocoDrawing:
     ) -> StereoRenderer:
         """Opens a graphics context of the calling process and thread."""
         return StereoRenderer(
-            _spec_of(scene) if self.model is None else self.model, rig, supersample,
+            scene.spec() if self.model is None else self.model, rig, supersample,
             scene.depth_range_m, floats=floats, animate=scene.animate, border_px=border_px,
             clip_m=scene.clip_m, lamp_at=scene.lamp_at, carrier=scene.carrier,
         )  # fmt: skip
-
-
-def _spec_of(scene: Scene) -> Any:
-    """The specification that was looked at, which is not kept any longer, or a new one."""
-    known = [spec for looked_at, spec in _looked_at if looked_at is scene]
-    _looked_at.clear()
-    return known[0] if known else scene.spec()
 
 
 MUJOCO = MujocoDrawing()
