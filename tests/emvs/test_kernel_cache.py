@@ -392,7 +392,7 @@ def calls(function):
 def test_what_is_called_where_sums_may_be_reordered_says_whether_its_own_may():
     """Numba hands `fastmath` down to what it compiles for a caller, and keeps the outcome.
 
-    A session whose first simulation drew pictures had other events, in all later ones, than one
+    A machine whose first simulation drew pictures had other events, in all later ones, than one
     whose first followed pixels.
     """
     files = [file for file in kernel_files() if "cuda" not in file.parts]
