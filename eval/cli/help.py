@@ -30,6 +30,8 @@ _COMMON_SETTINGS = frozenset({
     "--map.min-depth-m", "--map.max-depth-m", "--map.planes", "--map.window-s",
     "--score.ranking-metric", "--align", "--associate", "--max-difference-s", "--offset-s",
 })  # fmt: skip
+# And of the few without a table's prefix, those that hardly anybody needs.
+_RARE_SETTINGS = frozenset({"--delay-s", "--map-events"})
 _CLOSE = 0.7
 _OURS = "eventsweep."
 
@@ -145,6 +147,9 @@ def _settle(argument: Argument, text_of: Callable[[Argument], str], *, shows_all
     wanted = argument.parameter.show
     if shows_all or argument.name in _COMMON_SETTINGS:
         wanted = True
+    elif argument.name in _RARE_SETTINGS:
+        argument.parameter = Parameter.combine(argument.parameter, RARE)
+        return
     if wanted is not False:
         own = Parameter(show=wanted, help=_sentence(text_of(argument)))
         argument.parameter = Parameter.combine(argument.parameter, own)
