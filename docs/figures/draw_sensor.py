@@ -20,7 +20,7 @@ from eventsweep.sim.sensor.labels import Label
 from eventsweep.sim.sensor.sensor import Sensor
 from eventsweep.sim.sensor_presets import SensorParameters
 
-# Okabe and Ito's colours, told apart by all.
+# Okabe and Ito's colours, distinguishable to everybody.
 _BLUE, _ORANGE, _GREEN, _PINK, _GREY = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#777777"
 
 

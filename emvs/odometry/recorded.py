@@ -8,7 +8,7 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
@@ -94,8 +94,7 @@ def track(
         T_world_body=T_world_body, on_pose=done.add, on_map=done.counting(on_map),
     )  # fmt: skip
     cameras = range(len(recording.rig))
-    spans = [recording.event_span_us(camera) for camera in cameras]
-    first_us, last_us = min(first for first, _ in spans), max(last for _, last in spans)
+    first_us, last_us = events_span_us(recording)
     done.changes, done.until_us = [Change(first_us, tracker.status, tracker.reason)], first_us
     kept = checkpoints.load() if checkpoints else None
     if kept is not None:

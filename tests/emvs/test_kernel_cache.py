@@ -14,6 +14,7 @@ import pytest
 
 from eventsweep.emvs.utils import kernel_cache
 from places import ROOT
+from tiers import often
 
 PACKAGES = ("emvs", "sim", "eval")
 
@@ -357,9 +358,7 @@ def test_old_versions_go_and_nothing_else(config, tmp_path, monkeypatch):
     assert not old.exists()
 
 
-@pytest.mark.parametrize(
-    "damage", ["flip", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("cut", "empty"))]
-)
+@pytest.mark.parametrize("damage", often(["flip"], ["flip", "cut", "empty"]))
 def test_a_damaged_kernel_is_compiled_anew(tmp_path, damage):
     expected = python(ALIGNED, ROOT, tmp_path / "cache")
     kernels = sorted((tmp_path / "cache").glob("*/*/*.nb[ci]"))

@@ -191,7 +191,7 @@ def test_a_mapper_called_track_would_be_mistaken_for_poses(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tracker", [pytest.param(perfect, marks=pytest.mark.slow), no_place])
+@pytest.mark.parametrize("tracker", [perfect, no_place])
 def test_a_suite_may_ask_for_poses_of_its_own(tmp_path, monkeypatch, jobs_in_this_process, tracker):
     monkeypatch.setattr("eventsweep.eval.suite.stages.track.track", tracker)
     mappers = {

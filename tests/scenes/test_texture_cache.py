@@ -16,10 +16,10 @@ from eventsweep.emvs.utils.cache import Cache
 from eventsweep.scenes.parts import texture_cache
 from eventsweep.scenes.parts.texture_cache import kept
 from places import ROOT
+from tiers import often
 
 QUICK = ("low-texture", "reflective", "repetitive", "thin-structures")
-SLOW = [name for name in scenes.names() if name not in QUICK]
-ALL = [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)]
+ALL = often(QUICK, scenes.names())
 SHAPES = {"wall": (6, 4, 3), "ball": (12, 2, 3)}
 
 

@@ -28,7 +28,7 @@ EULER = tuple("".join(order) for order in permutations("xyz"))
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing told wrongly.
+    """One wrong statement about a recording.
 
     Attributes:
         kind: what is wrong, in the table.

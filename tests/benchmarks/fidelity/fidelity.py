@@ -43,7 +43,7 @@ from panel_cases import PanelCase, panel_case
 from panel_scene import panel_rig, panel_scene, simulated_events
 from ray_events import PixelEvents, ray_events
 
-# Okabe and Ito's colours, told apart by all; lines differ as well.
+# Okabe and Ito's colours, distinguishable to everybody; line styles differ as well.
 _STYLES = (("#777777", ":"), ("#E69F00", "--"), ("#0072B2", "-"), ("#009E73", "-."))
 _NEAREST_US, _FURTHEST_US, _ACROSS = 10, 10_000, 4
 AT_US = np.geomspace(_NEAREST_US, _FURTHEST_US, 61)
