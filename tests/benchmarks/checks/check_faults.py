@@ -3,8 +3,8 @@
     python tests/benchmarks check_faults --out FOLDER [--page docs/check.md] [--campaign NAME]
 
 Sequences and verdicts are kept in the folder: the same command takes up what is done, and checks
-again what other code checked. Rules were chosen with the campaigns `development` and `shown`;
-`unseen`, which is opened once, plants each new kind and every other known one.
+again what other code checked. Rules were chosen with the campaigns `development`, `shown` and
+`last`; `unseen`, which is opened once, plants each new kind and every other known one.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from check_cases import (
     DEVELOPMENT,
     FAULTS,
     FILE_FAULTS,
+    LAST_BASES,
     NEW,
     SHOWN_BASES,
     UNSPOILT,
@@ -39,6 +40,7 @@ from check_cases import (
     FileFault,
     exported,
 )
+from check_last import LAST
 from check_opened import OPENED
 from check_shown import SHOWN
 from check_spent import SPENT
@@ -122,6 +124,7 @@ class Case:
 CAMPAIGNS = {
     "development": (DEVELOPMENT, (*FAULTS, *OPENED, *TRIED, *SPENT), FILE_FAULTS),
     "shown": (SHOWN_BASES, (*SHOWN, *SHOWN, *FAULTS), ()),
+    "last": (LAST_BASES, LAST, ()),
     "unseen": (NEW, (*UNSEEN, *FAULTS[::2]), ()),
 }
 
@@ -129,7 +132,7 @@ CAMPAIGNS = {
 def cases(campaign: str) -> list[Case]:
     """All recordings to check in a campaign, in an order that never changes."""
     bases, faults, file_faults = CAMPAIGNS[campaign]
-    every = list(_unspoilt(bases, 1 if campaign == "unseen" else 3))
+    every = list(_unspoilt(bases, 2 if campaign == "unseen" else 3))
     stereo = [one for one in bases if one.scene not in _HARD]
     for k, fault in enumerate(faults):
         every.append(Case(stereo[k % len(stereo)], fault.kind, fault.named, fault.plant))
@@ -145,11 +148,11 @@ _HARD = ("hdr-window", "low-texture", "moving-objects", "reflective", "tumvie-bi
 
 
 def _unspoilt(bases: Sequence[Base], ways: int) -> Iterator[Case]:
-    """Each base as simulated and in two other descriptions, or in one alone."""
+    """Each base, described in so many ways; the next one in those that follow."""
     kinds = list(UNSPOILT)
     for k, base in enumerate(bases):
-        three = (kinds[0], kinds[1 + k % 4], kinds[1 + (k + 2) % 4])
-        for kind in three if ways == 3 else (kinds[k % len(kinds)],):
+        for at in range(ways * k, ways * (k + 1)):
+            kind = kinds[at % len(kinds)]
             yield Case(base, kind, (), UNSPOILT[kind])
 
 
@@ -226,7 +229,7 @@ def code_version() -> str:
     folder = Path(str(eventsweep.emvs.check.__file__)).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py"))]
     here = Path(__file__)
-    planted = ("cases", "opened", "shown", "spent", "tried", "unseen")
+    planted = ("cases", "last", "opened", "shown", "spent", "tried", "unseen")
     files += [here.with_name("planting.py"), *(here.with_name(f"check_{w}.py") for w in planted)]
     code = "".join(ast.dump(_Bare().visit(ast.parse(file.read_text()))) for file in files)
     return hashlib.sha256(code.encode()).hexdigest()[:16]

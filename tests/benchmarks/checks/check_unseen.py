@@ -6,324 +6,191 @@ tries mends a fault, the right answer is that no single cause was found.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 import planting as pl
-from check_cases import PLANTERS, hand_eye, pair, tracked
-from eventsweep.emvs.data.altered import AlteredRecording
+from check_cases import hand_eye, on_body, pair, tracked
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.emvs.geometry.trajectory import Trajectory
-from planting import Matrix, Planter, Rng, unknown, with_poses
+from planting import Planter, Rng, unknown
 
-Floats = Matrix
-Bend = Callable[[Floats, Rng], Floats]
-EditOne = Callable[[Events, Camera, Rng], Events]
+_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 
 
-def _events(edit: EditOne, *only: int) -> Planter:
-    """Events of some cameras edited, by the same random numbers whenever they are read."""
-
-    def plant(r: Recording, rng: Rng) -> Recording:
-        seed = int(rng.integers(2**31))
-        return pl.edited(r, lambda e, c: edit(e, c, np.random.default_rng(seed)), *only)
-
-    return plant
-
-
-def _w_first_inverse(r: Recording, rng: Rng) -> Recording:
-    """Two conventions at once: w first, and of the inverse rotations."""
+def _rotations_in_ned(r: Recording, rng: Rng) -> Recording:
+    """Positions with east, north and up as axes of the world, rotations with north, east, down."""
     del rng
-    x, y, z, w = r.trajectory.quats_xyzw.T
-    return with_poses(r, quats_xyzw=np.stack([w, -x, -y, -z], axis=1))
+    return pl.turned_by(r, Rotation.from_matrix(_ENU_NED) * pl.turns_of(r))
 
 
-def _positions_in_body(r: Recording, rng: Rng) -> Recording:
-    """Positions seen from the turned body: R^T t."""
+def _other_heading(r: Recording, rng: Rng) -> Recording:
+    """Rotations whose heading counts from another direction, 15 to 60 deg beside: a compass."""
+    away = Rotation.from_euler("z", rng.uniform(15, 60) * pl.sign(rng), degrees=True)
+    return pl.turned_by(r, away * pl.turns_of(r))
+
+
+def _rotvec_as_euler(r: Recording, rng: Rng) -> Recording:
     del rng
-    return with_poses(r, positions_m=pl.turns_of(r).inv().apply(r.trajectory.positions_m))
+    return pl.turned_by(r, Rotation.from_euler("xyz", pl.turns_of(r).as_rotvec()))
 
 
-def _two_negated(r: Recording, rng: Rng) -> Recording:
-    signs = np.where(np.arange(3) == rng.integers(3), 1.0, -1.0)
-    return with_poses(r, positions_m=r.trajectory.positions_m * signs)
+def _hand_eye(change: Planter) -> Planter:
+    """Poses of a tracked body, whose hand-eye transformation is changed."""
+    return lambda r, rng: change(tracked(r, hand_eye(rng)), rng)
 
 
-def _pitch_negated(r: Recording, rng: Rng) -> Recording:
+def _in_mm(r: Recording, rng: Rng) -> Recording:
     del rng
-    angles = pl.turns_of(r).as_euler("YXZ") * (1, -1, 1)
-    return pl.turned_by(r, Rotation.from_euler("YXZ", angles))
+    return on_body(r, pl.with_translation(lambda t: 1000 * t))
 
 
-def _world_moves(by: Callable[[Recording, Rng], Rotation]) -> Planter:
-    """The tracker's world turns about its origin: positions and rotations go with it."""
+def _only_rotation_inverted(r: Recording, rng: Rng) -> Recording:
+    del rng
 
-    def plant(r: Recording, rng: Rng) -> Recording:
-        p = r.trajectory
-        T = se3.from_rotation(by(r, rng), np.zeros((len(p), 3)))
-        moved = Trajectory.from_matrices(p.t_us, T @ p.at(p.t_us))
-        return AlteredRecording(r, trajectory=moved)
+    def change(T: pl.Matrix) -> pl.Matrix:
+        T = T.copy()
+        T[:3, :3] = T[:3, :3].T
+        return T
 
-    return plant
+    return on_body(r, change)
 
 
-def _loop_closed(r: Recording, rng: Rng) -> Rotation:
-    """Corrected by 3 to 6 deg at once, in the middle."""
+def _second_from_body(r: Recording, rng: Rng) -> Recording:
+    """Where the second camera is on the body, taken for where it is beside the first one."""
+    del rng
+    T_0, T_1 = r.rig.T_body_cam[:2]
+    return pl.placed(r, T_0, T_0 @ T_1)
+
+
+def _two_decimals(r: Recording, rng: Rng) -> Recording:
+    """Quaternions written with two decimals."""
+    del rng
+    return pl.turned_by(r, Rotation.from_quat(np.round(r.trajectory.quats_xyzw, 2)))
+
+
+def _signs_flip(r: Recording, rng: Rng) -> Recording:
+    """Quaternions of 15 to 30 Hz with signs as they come, and each number filled in by itself."""
+    p = r.trajectory
+    knots = np.arange(0, len(p), max(1, round(1e6 / rng.uniform(15, 30) / pl.period_us(r))))
+    rare = p.quats_xyzw[knots] * rng.choice([-1, 1], (len(knots), 1))
+    filled = [np.interp(np.arange(len(p)), knots, column) for column in rare.T]
+    return pl.turned_by(r, Rotation.from_quat(np.stack(filled, axis=1) + 1e-6))
+
+
+def _markers_confused(r: Recording, rng: Rng) -> Recording:
+    """In a quarter of all stretches of 40 ms the body appears turned by 60 to 120 deg."""
     count = len(r.trajectory)
-    later = np.arange(count)[:, None] > count // 2
-    return Rotation.from_rotvec(later * pl.direction(rng) * np.radians(rng.uniform(3, 6)))
+    length = max(1, round(40e3 / pl.period_us(r)))
+    stretches = -(-count // length)
+    lost = np.repeat(rng.permutation(stretches) < max(1, stretches // 4), length)[:count]
+    turn = pl.direction(rng) * np.radians(rng.uniform(60, 120))
+    return pl.turned_by(r, pl.turns_of(r) * Rotation.from_rotvec(lost[:, None] * turn))
 
 
-def _world_drifts(r: Recording, rng: Rng) -> Rotation:
-    """At 6 to 12 deg/s."""
-    return Rotation.from_rotvec(
-        pl.since_us(r) / 1e6 * pl.direction(rng) * np.radians(rng.uniform(6, 12))
-    )
+def _single_precision(r: Recording, rng: Rng) -> Recording:
+    """Seconds since a start two days ago as numbers of 32 bits: steps of 15.6 ms."""
+    since_s = rng.uniform(140e3, 250e3)
+
+    def edit(e: Events, _sensor: Camera) -> Events:
+        t_s = (e.t_us / 1e6 + since_s).astype(np.float32).astype(np.float64) - since_s
+        return replace(e, t_us=np.maximum(np.rint(1e6 * t_s), 0).astype(np.int64))
+
+    return pl.edited(r, edit)
 
 
-def _filtered(r: Recording, rng: Rng) -> Recording:
-    """A causal low pass of 40 to 80 ms."""
-    share = 1 - np.exp(-pl.period_us(r) / rng.uniform(40e3, 80e3))
-    values = np.hstack([r.trajectory.positions_m, pl.rotvec(r)])
-    for k in range(1, len(values)):
-        values[k] = values[k - 1] + share * (values[k] - values[k - 1])
-    return with_poses(pl.since_start(r, values[:, 3:]), positions_m=values[:, :3])
+def _stamped_by_the_host(r: Recording, rng: Rng) -> Recording:
+    """Packets of as many events as 20 to 40 ms hold on average, stamped when they are full."""
+    usual_us = rng.uniform(20e3, 40e3)
+
+    def edit(e: Events, _sensor: Camera) -> Events:
+        if len(e) < 2:
+            return e
+        size = max(1, round(usual_us * len(e) / max(1, int(e.t_us[-1] - e.t_us[0]))))
+        last = np.minimum((np.arange(len(e)) // size + 1) * size, len(e)) - 1
+        return replace(e, t_us=e.t_us[last])
+
+    return pl.edited(r, edit)
 
 
-def _predicted(r: Recording, rng: Rng) -> Recording:
-    """Extrapolated by 40 to 70 ms from the motion just before, as a headset does."""
-    p, turns = r.trajectory, pl.turns_of(r)
-    ahead_s = rng.uniform(0.04, 0.07)
-    back = max(1, round(0.03 / (pl.period_us(r) / 1e6)))
-    before = np.maximum(np.arange(len(p)) - back, 0)
-    dt_s = np.maximum((p.t_us - p.t_us[before]) / 1e6, 1e-6)[:, None]
-    rate = (turns[before].inv() * turns).as_rotvec() / dt_s
-    speed = (p.positions_m - p.positions_m[before]) / dt_s
-    moved = pl.turned_by(r, turns * Rotation.from_rotvec(rate * ahead_s))
-    return with_poses(moved, positions_m=p.positions_m + speed * ahead_s)
-
-
-def _pairs_exchanged(r: Recording, rng: Rng) -> Recording:
-    """Neighbours in blocks of 20 to 40 ms exchanged: packets that overtook each other."""
-    block, at = (
-        max(1, round(rng.uniform(20e3, 40e3) / pl.period_us(r))),
-        np.arange(len(r.trajectory)),
-    )
-    return pl.repeated(r, np.minimum(at + np.where(at // block % 2 == 0, block, -block), at[-1]))
-
-
-def _of_the_middle(r: Recording, rng: Rng) -> Recording:
-    """Poses of a point 20 to 30 cm behind the camera's, turned with it, taken for the camera's."""
-    return pl.posed_from(r, pl.shifted(np.array([0, 0, -rng.uniform(0.2, 0.3)])))
-
-
-def _lever_arm_negated(r: Recording, rng: Rng) -> Recording:
-    """A tracked body 15 to 25 cm away, on the other side of the cameras."""
-    T_tracked_body = hand_eye(rng)
-    T_tracked_body[:3, 3] = rng.uniform(0.15, 0.25) * pl.direction(rng)
-    right = tracked(r, T_tracked_body)
-    other_side = pl.shifted(-2 * right.rig.T_body_cam[0][:3, 3])
-    return pl.placed(right, *(other_side @ T for T in right.rig.T_body_cam))
-
-
-def _turns_too_fast(r: Recording, rng: Rng) -> Recording:
-    """Turns about the vertical axis alone overstated by 25 to 50 %."""
-    return pl.since_start(r, pl.rotvec(r) * (1, rng.uniform(1.25, 1.5), 1))
-
-
-def _squeezed(e: Events, sensor: Camera, rng: Rng) -> Events:
-    """Rows read in pairs: the image is half as high."""
-    del sensor, rng
-    return replace(e, y=e.y // 2)
-
-
-def _bit_flipped(e: Events, sensor: Camera, rng: Rng) -> Events:
-    """The bit of 16 columns is read the other way round."""
+def _highest_bit_lost(r: Recording, rng: Rng) -> Recording:
+    """Columns that begin anew at the largest power of two on the sensor: a type too narrow."""
     del rng
-    x = e.x ^ 16
-    return replace(e, x=np.minimum(x, sensor.width_px - 1).astype(np.uint16))
+
+    def edit(e: Events, sensor: Camera) -> Events:
+        highest = 1 << ((sensor.width_px - 1).bit_length() - 1)
+        return replace(e, x=e.x % np.uint16(highest))
+
+    return pl.edited(r, edit)
 
 
-def _jittered(e: Events, sensor: Camera, rng: Rng) -> Events:
-    """Time stamps off by up to 15 ms, event by event."""
-    del sensor
-    off_us = rng.uniform(-15e3, 15e3, len(e)).astype(np.int64)
-    return replace(e, t_us=np.maximum(e.t_us + off_us, 0))
+def _zoomed(r: Recording, rng: Rng) -> Recording:
+    """The lenses are turned to 1.15 to 1.3 times the focal length in the middle."""
+    middle_us, times = sum(r.event_span_us(0)) // 2, rng.uniform(1.15, 1.3)
+
+    def edit(e: Events, c: Camera) -> Events:
+        by = np.where(e.t_us > middle_us, times, 1.0)
+        x = np.rint((e.x - c.cx_px) * by + c.cx_px)
+        y = np.rint((e.y - c.cy_px) * by + c.cy_px)
+        inside = (x >= 0) & (y >= 0) & (x < c.width_px) & (y < c.height_px)
+        x, y = x[inside].astype(np.uint16), y[inside].astype(np.uint16)
+        return Events(x, y, e.t_us[inside], e.p[inside])
+
+    return pl.edited(r, edit)
 
 
-def _half_dead(e: Events, sensor: Camera, rng: Rng) -> Events:
-    del rng
-    return e.take(e.x < sensor.width_px // 2)
+def _flicker(r: Recording, rng: Rng) -> Recording:
+    """Half of the events or more are of six lamps that flicker at 100 Hz."""
+    share, radius = rng.uniform(0.5, 0.7), rng.uniform(0.03, 0.06)
+    places, seed = rng.uniform(0.1, 0.9, (6, 2)), int(rng.integers(2**31))
+
+    def edit(e: Events, sensor: Camera) -> Events:
+        random, size = np.random.default_rng(seed), (sensor.width_px, sensor.height_px)
+        lamp = random.uniform(size=len(e)) < share
+        spot = places[random.integers(0, len(places), len(e))] * size
+        near = spot + random.uniform(-radius, radius, spot.shape) * size[0]
+        x, y = np.clip(near, 0, np.array(size) - 1).astype(np.uint16).T
+        at_us = e.t_us // 10_000 * 10_000 + random.integers(0, 1500, len(e))
+        t_us = np.where(lamp, at_us, e.t_us)
+        return Events(np.where(lamp, x, e.x), np.where(lamp, y, e.y), t_us, e.p)
+
+    return pl.edited(r, edit)
 
 
-def _noisy(e: Events, sensor: Camera, rng: Rng) -> Events:
-    """Six of ten events are noise, anywhere on the sensor."""
-    lost = rng.uniform(size=len(e)) < 0.6
-    x = np.where(lost, rng.integers(0, sensor.width_px, len(e)), e.x)
-    y = np.where(lost, rng.integers(0, sensor.height_px, len(e)), e.y)
-    return replace(e, x=x.astype(np.uint16), y=y.astype(np.uint16))
+def _second_stops(r: Recording, rng: Rng) -> Recording:
+    """The second camera's events end after 35 to 50 % of the time."""
+    first_us, last_us = r.event_span_us(1)
+    end_us = first_us + round(rng.uniform(0.35, 0.5) * (last_us - first_us))
+    return pl.edited(r, lambda e, _: e.take(e.t_us < end_us), 1)
 
 
-def _columns_mirrored(e: Events, sensor: Camera, rng: Rng) -> Events:
-    del rng
-    return pl.mirrored(e, sensor, rows=False)
-
-
-def _upside_down(e: Events, sensor: Camera, rng: Rng) -> Events:
-    del rng
-    return pl.mirrored(e, sensor)
-
-
-def _in_packets(e: Events, sensor: Camera, rng: Rng) -> Events:
-    """Stamped at the end of packets of 20 to 35 ms."""
-    del sensor
-    step_us = int(rng.integers(20_000, 35_000))
-    return replace(e, t_us=(e.t_us // step_us + 1) * step_us)
-
-
-def _rows_late(e: Events, sensor: Camera, rng: Rng) -> Events:
-    """The lower half of the sensor is stamped 20 to 40 ms late."""
-    by_us = round(rng.uniform(20e3, 40e3))
-    return replace(e, t_us=e.t_us + by_us * (e.y >= sensor.height_px // 2))
-
-
-def _bent(bend: Bend) -> EditOne:
-    """Images of a lens that is calibrated as a pinhole's: `bend` maps squared radii to factors."""
-
-    def edit(e: Events, sensor: Camera, rng: Rng) -> Events:
-        x, y = (e.x - sensor.cx_px) / sensor.fx_px, (e.y - sensor.cy_px) / sensor.fy_px
-        by = bend(x * x + y * y, rng)
-        x_px = np.rint(x * by * sensor.fx_px + sensor.cx_px)
-        y_px = np.rint(y * by * sensor.fy_px + sensor.cy_px)
-        inside = (x_px >= 0) & (y_px >= 0) & (x_px < sensor.width_px) & (y_px < sensor.height_px)
-        e = e.take(inside)
-        return replace(e, x=x_px[inside].astype(np.uint16), y=y_px[inside].astype(np.uint16))
-
-    return edit
-
-
-def _pincushion(r_squared: Floats, rng: Rng) -> Floats:
-    return np.asarray(1 + rng.uniform(0.2, 0.4) * r_squared)
-
-
-def _strong_barrel(r_squared: Floats, rng: Rng) -> Floats:
-    return np.asarray(1 - rng.uniform(0.25, 0.35) * r_squared + 0.05 * r_squared**2)
-
-
-def _fisheye(r_squared: Floats, rng: Rng) -> Floats:
-    del rng
-    radius = np.sqrt(np.maximum(r_squared, 1e-12))
-    return np.asarray(np.arctan(radius) / radius)
-
-
-class _Mixed(pl.EditedRecording):
-    """Every other event of each camera is one of the other camera, of the same instant."""
-
-    def __init__(self, recording: Recording) -> None:
-        super().__init__(recording, lambda camera, e: e)
-
-    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
-        halves = [
-            one.take(np.arange(k, len(one), 2))
-            for k, one in enumerate(self.recording.events(c, t0_us, t1_us) for c in (0, 1))
-        ]
-        columns = (np.concatenate([getattr(one, name) for one in halves])
-                  for name in ("x", "y", "t_us", "p"))  # fmt: skip
-        mixed = Events(*columns)
-        sensor = self.rig.cameras[camera]
-        mixed = mixed.take((mixed.x < sensor.width_px) & (mixed.y < sensor.height_px))
-        return mixed.take(np.argsort(mixed.t_us, kind="stable"))
-
-
-def _first_twice(r: Recording, rng: Rng) -> Recording:
-    """The first camera's file given for both."""
-    del rng
-    return AlteredRecording(r, streams=(0, 0, *range(2, len(r.rig))))
-
-
-def _second_fx(r: Recording, rng: Rng) -> Recording:
-    times = pl.one_of(rng, (0.75, 0.85), (1.18, 1.3))
-    return pl.lenses(r, 1, fx_px=lambda f: f * times)
-
-
-def _second_placed(axis: int) -> Planter:
-    """The second camera stands 4 to 8 cm off along an axis across the baseline."""
-
-    def plant(r: Recording, rng: Rng) -> Recording:
-        off_m = rng.uniform(0.04, 0.08) * pl.sign(rng) * np.eye(3)[axis]
-        return pl.second_moved(r, pl.with_translation(lambda t: t + off_m))
-
-    return plant
-
-
-def _both_rolled(r: Recording, rng: Rng) -> Recording:
-    """All sensors turned in their mounts by 8 to 15 deg: a turn on the body."""
-    angle = rng.uniform(8, 15) * pl.sign(rng)
-    return pl.posed_from(r, pl.turned(Rotation.from_euler("z", angle, degrees=True)))
-
-
-def _first_turned(r: Recording, rng: Rng) -> Recording:
-    """The first camera alone is turned on the rig by 2 to 4 deg about some axis."""
-    turn = Rotation.from_rotvec(pl.direction(rng) * np.radians(rng.uniform(2, 4)))
-    return pl.placed(r, r.rig.T_body_cam[0] @ pl.turned(turn))
-
-
-def _slightly_late_and_long(r: Recording, rng: Rng) -> Recording:
-    """Three amounts, each small: poses 30 ms late, baseline 15 % too long, lens 8 % too long."""
-    late = with_poses(r, t_us=r.trajectory.t_us + 30_000 * pl.sign(rng))
-    return pl.focal(pl.second_moved(late, pl.with_translation(lambda t: 1.15 * t)), 1.08)
-
-
+_ODD_TURNS = ("poses jump", "noisy poses", "impossible motion")
 UNSEEN = (
-    unknown("quaternions w first, of the inverse rotations", _w_first_inverse),
-    unknown("positions in the body's frame", _positions_in_body),
-    unknown("two axes of the positions negated", _two_negated),
-    unknown("pitch negated", _pitch_negated),
-    unknown("tracker's world turned at once", _world_moves(_loop_closed), "poses jump"),
-    unknown("tracker's world turns slowly", _world_moves(_world_drifts)),
-    unknown("poses through a causal filter", _filtered, "pose clock"),
-    unknown("poses extrapolated", _predicted, "pose clock"),
-    unknown("blocks of poses exchanged", _pairs_exchanged, "poses jump", "noisy poses"),
-    unknown("poses of a point behind the camera", _of_the_middle),
-    unknown("lever arm negated", _lever_arm_negated),
-    unknown("turns about one axis overstated", _turns_too_fast),
-    unknown("rows read in pairs", _events(_squeezed), "sensor not filled"),
-    unknown("second camera's rows read in pairs", _events(_squeezed, 1), "sensor not filled"),
-    unknown("a bit of the columns inverted", _events(_bit_flipped), "hot pixels"),
-    unknown("events' times scattered", _events(_jittered)),
-    unknown("half of the second sensor dead", _events(_half_dead, 1), "sensor not filled"),
-    unknown("more noise than signal", _events(_noisy)),
-    unknown("first camera's columns mirrored", _events(_columns_mirrored, 0)),
-    unknown("first camera upside down", _events(_upside_down, 0)),
-    unknown("second camera stamped in packets", _events(_in_packets, 1), "coarse time stamps"),
-    unknown("lower half of the sensors late", _events(_rows_late)),
-    unknown("pincushion distortion left out", _events(_bent(_pincushion)), "lens distortion"),
-    unknown("strong barrel distortion left out", _events(_bent(_strong_barrel)),
-            "lens distortion"),
-    unknown("fisheye calibrated as a pinhole", _events(_bent(_fisheye)), "lens distortion"),
-    unknown("second camera's pincushion distortion left out", _events(_bent(_pincushion), 1)),
-    unknown("cameras' events mixed", lambda r, rng: _Mixed(r)),
-    unknown("one camera's events given for both", _first_twice),
-    unknown("second camera's fx off", _second_fx, "focal lengths unequal"),
-    unknown("second camera too far ahead", _second_placed(2)),
-    unknown("second camera too high", _second_placed(1)),
-    unknown("sensors turned in their mounts", _both_rolled, "hand-eye rotation about z"),
-    unknown("first camera turned on the rig", _first_turned),
-    unknown("poses late, baseline and lens too long", _slightly_late_and_long),
-    unknown("second camera late, another scale of the positions",
-            pl.both(PLANTERS["camera late"],
-                 lambda r, rng: with_poses(r, positions_m=1.5 * r.trajectory.positions_m))),
-    pair("poses late", "stereo yaw"),
-    pair("baseline off", "stereo roll"),
-    pair("focal length off", "stereo pitch"),
-    pair("extrinsics inverted", "camera late"),
-    pair("quaternions w first", "stereo pitch"),
-    pair("NED axes", "poses late"),
-    pair("baseline off", "focal length off"),
+    unknown("positions in ENU, rotations in NED", _rotations_in_ned),
+    # Of a camera that keeps level this is a turn on the body.
+    unknown("heading of another zero", _other_heading, "hand-eye rotation about y"),
+    unknown("rotation vectors read as Euler angles", _rotvec_as_euler),
+    unknown("hand-eye translation in mm", _hand_eye(_in_mm)),
+    # Mapping sees the rotation far better than some centimetres of lever arm.
+    unknown("hand-eye rotation alone inverted", _hand_eye(_only_rotation_inverted),
+            "hand-eye inverted"),
+    unknown("second camera's place on the body taken for its extrinsics",
+            _hand_eye(_second_from_body), "cameras look apart", "impossible baseline"),
+    unknown("quaternions with two decimals", _two_decimals, *_ODD_TURNS, "poses frozen"),
+    unknown("signs of the quaternions flip", _signs_flip, *_ODD_TURNS),
+    unknown("markers confused now and then", _markers_confused, *_ODD_TURNS),
+    unknown("events' times in single precision", _single_precision, "coarse time stamps"),
+    unknown("events stamped by the host", _stamped_by_the_host, "coarse time stamps"),
+    unknown("highest bit of the columns lost", _highest_bit_lost, "sensor not filled"),
+    unknown("lenses zoomed in the middle", _zoomed),
+    unknown("lamps flicker", _flicker, "hot pixels"),
+    unknown("second camera stops", _second_stops, "gaps in the events"),
+    pair("OpenGL axes", "cameras swapped"),
+    pair("left-handed poses", "stereo pitch"),
+    pair("rotations inverted", "poses late"),
+    pair("columns mirrored", "baseline off"),
+    pair("hand-eye applied twice", "camera late"),
 )  # fmt: skip
