@@ -49,17 +49,18 @@ def axes_words(R_cam_given: Matrix) -> str:
 def rereadings(poses: Trajectory) -> Iterator[tuple[str, Reread, str]]:
     """Names, what the poses would be, and cures, of the misreadings that can give such poses."""
     for R_given_body in signed_axes(right_handed=False):
-        axes = R_given_body.astype(int).tolist()
+        columns = R_given_body.astype(int).tolist()
         yield (
             f"left-handed poses, axes {axes_words(R_given_body.T)}",
             partial(_right_handed, R_given_body),
             "the poses are left-handed, as Unity and Unreal have: write R as M R B and t as M t, "
-            f"with M = diag(-1, 1, 1) and B = {axes}",
+            f"with M = diag(-1, 1, 1) and B = {columns}",
         )  # fmt: skip
-    for k, axis in enumerate("xyz"):
+    for axes in ("x", "y", "z", "xy", "xz", "yz"):  # all three: a left-handed body
+        which = " and ".join(axes)
         yield (
-            f"{axis} of the positions negated", partial(_negated, k),
-            f"change the sign of {axis} in the positions: R and t refer to different worlds",
+            f"{which} of the positions negated", partial(_negated, axes),
+            f"change the sign of {which} in the positions: R and t refer to different worlds",
         )  # fmt: skip
     turns = Rotation.from_quat(poses.quats_xyzw)
     turned_rad = (turns[0].inv() * turns).magnitude().max()
@@ -92,8 +93,8 @@ def _right_handed(R_given_body: Matrix, poses: Trajectory) -> Trajectory:
     return _with(poses, Rotation.from_matrix(R), poses.positions_m @ _MIRROR)
 
 
-def _negated(axis: int, poses: Trajectory) -> Trajectory:
-    signs = np.where(np.arange(3) == axis, -1.0, 1.0)
+def _negated(axes: str, poses: Trajectory) -> Trajectory:
+    signs = [-1.0 if axis in axes else 1.0 for axis in "xyz"]
     return Trajectory(poses.t_us, poses.positions_m * signs, poses.quats_xyzw)
 
 

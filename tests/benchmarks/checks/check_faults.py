@@ -43,7 +43,6 @@ from check_cases import (
 from check_last import LAST
 from check_opened import OPENED
 from check_shown import SHOWN
-from check_spent import SPENT
 from check_tried import TRIED
 from check_unseen import UNSEEN
 from eventsweep.emvs.check.findings import Report
@@ -122,7 +121,7 @@ class Case:
 
 
 CAMPAIGNS = {
-    "development": (DEVELOPMENT, (*FAULTS, *OPENED, *TRIED, *SPENT), FILE_FAULTS),
+    "development": (DEVELOPMENT, (*FAULTS, *OPENED, *TRIED), FILE_FAULTS),
     "shown": (SHOWN_BASES, (*SHOWN, *SHOWN, *FAULTS), ()),
     "last": (LAST_BASES, LAST, ()),
     "unseen": (NEW, (*UNSEEN, *FAULTS[::2]), ()),
@@ -229,7 +228,7 @@ def code_version() -> str:
     folder = Path(str(eventsweep.emvs.check.__file__)).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py"))]
     here = Path(__file__)
-    planted = ("cases", "last", "opened", "shown", "spent", "tried", "unseen")
+    planted = ("cases", "last", "opened", "shown", "tried", "unseen")
     files += [here.with_name("planting.py"), *(here.with_name(f"check_{w}.py") for w in planted)]
     code = "".join(ast.dump(_Bare().visit(ast.parse(file.read_text()))) for file in files)
     return hashlib.sha256(code.encode()).hexdigest()[:16]

@@ -19,7 +19,7 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.trajectory import Trajectory
-from planting import Matrix, Planter, Rng, unknown, with_poses
+from planting import Fault, Matrix, Planter, Rng, unknown, with_poses
 
 Floats = Matrix
 Bend = Callable[[Floats, Rng], Floats]
@@ -282,7 +282,8 @@ def _slightly_late_and_long(r: Recording, rng: Rng) -> Recording:
 LAST = (
     unknown("quaternions w first, of the inverse rotations", _w_first_inverse),
     unknown("positions in the body's frame", _positions_in_body),
-    unknown("two axes of the positions negated", _two_negated),
+    Fault("two axes of the positions negated", _two_negated,
+          tuple(f"{axes} of the positions negated" for axes in ("x and y", "x and z", "y and z"))),
     unknown("pitch negated", _pitch_negated),
     unknown("tracker's world turned at once", _world_moves(_loop_closed), "poses jump"),
     unknown("tracker's world turns slowly", _world_moves(_world_drifts)),

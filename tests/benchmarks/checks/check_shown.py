@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import planting as pl
 from check_cases import pair
-from check_spent import scaled
+from check_opened import scaled
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording

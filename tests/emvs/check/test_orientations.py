@@ -1,5 +1,7 @@
 """Poses whose orientations were misread are what they were once they are read rightly."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -49,11 +51,11 @@ def test_left_handed_poses_of_any_body_axes(R_given_body):
     assert_same_motion(name, trajectory(Rotation.from_matrix(R), POSITIONS_M @ MIRROR))
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_negated_axis_of_the_positions(axis):
-    signs = np.where(np.arange(3) == axis, -1.0, 1.0)
+@pytest.mark.parametrize("signs", sorted({*permutations((-1, 1, 1)), *permutations((-1, -1, 1))}))
+def test_negated_axes_of_the_positions(signs):
     misread = Trajectory(TRUE.t_us, POSITIONS_M * signs, TRUE.quats_xyzw)
-    assert_same_motion(f"{'xyz'[axis]} of the positions negated", misread)
+    which = " and ".join(axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0)
+    assert_same_motion(f"{which} of the positions negated", misread)
 
 
 @pytest.mark.parametrize(("order", "other"), [("xyz", "zyx"), ("zxy", "xzy"), ("yxz", "xyz")])
