@@ -307,8 +307,8 @@ def table(every: Sequence[dict[str, Any]], planned: int) -> str:
     seconds = [one["cpu_s"] for one in every]
     lines += [
         "", "\\* of a new kind.", "",
-        f"A check took {np.median(seconds):.1f} s of CPU time in the median, "
-        f"{max(seconds):.0f} s at most.", "",
+        f"A check took {np.mean(seconds):.1f} s of CPU time on average, "
+        f"{np.median(seconds):.1f} s in the median, {max(seconds):.0f} s at most.", "",
     ]  # fmt: skip
     return "\n".join(lines)
 
