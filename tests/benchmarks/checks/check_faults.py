@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import beta
 
 import eventsweep as es
 import eventsweep.emvs.check
@@ -280,6 +281,7 @@ def table(every: Sequence[dict[str, Any]], planned: int) -> str:
     right = [one for one in every if not one["named"]]
     accused = sum(bool(one["suspects"]) for one in right)
     doubted = sum(bool(one["doubtful"]) and not one["suspects"] for one in right)
+    cured = sum(outcome(one) == "wrong cure" for one in faults)
     known = [one for one in faults if one["kind"] not in unseen]
     part = (
         f"Of {planned} planned recordings, in a mixed order, the first {len(every)} were checked."
@@ -290,6 +292,8 @@ def table(every: Sequence[dict[str, Any]], planned: int) -> str:
         _summary("new kinds", [o for o in faults if o["kind"] in unseen]),
         f"Of {len(right)} unspoilt ones {accused} ({accused / len(right):.1%}) are accused; "
         f"{doubted} more have a doubtful finding.",
+        f"With 95 % confidence, at most {_at_most(cured, len(faults)):.1%} of such faults get a "
+        f"wrong cure, and at most {_at_most(accused, len(right)):.1%} of unspoilt ones are accused.",
         "",
         f"| Planted | cases | {' | '.join(OUTCOMES)} | called instead |",
         "|---|--:|--:|--:|--:|--:|--:|---|",
@@ -311,6 +315,11 @@ def table(every: Sequence[dict[str, Any]], planned: int) -> str:
         f"{np.median(seconds):.1f} s in the median, {max(seconds):.0f} s at most.", "",
     ]  # fmt: skip
     return "\n".join(lines)
+
+
+def _at_most(count: int, of: int) -> float:
+    """The upper limit of a share, one-sided, 95 % (Clopper and Pearson, Biometrika 1934)."""
+    return float(beta.ppf(0.95, count + 1, of - count)) if count < of else 1.0
 
 
 def _summary(kinds: str, faults: Sequence[dict[str, Any]]) -> str:
