@@ -293,7 +293,8 @@ def table(every: Sequence[dict[str, Any]], planned: int) -> str:
         f"Of {len(right)} unspoilt ones {accused} ({accused / len(right):.1%}) are accused; "
         f"{doubted} more have a doubtful finding.",
         f"With 95 % confidence, at most {_at_most(cured, len(faults)):.1%} of such faults get a "
-        f"wrong cure, and at most {_at_most(accused, len(right)):.1%} of unspoilt ones are accused.",
+        f"wrong cure, and at most {_at_most(accused, len(right)):.1%} of unspoilt ones are "
+        "accused.",
         "",
         f"| Planted | cases | {' | '.join(OUTCOMES)} | called instead |",
         "|---|--:|--:|--:|--:|--:|--:|---|",

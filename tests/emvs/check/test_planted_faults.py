@@ -20,8 +20,9 @@ ALWAYS = {
 }  # fmt: skip
 # Here more than one number is wrong: turned about several axes, or two, which are not named.
 SEVERAL = {"hand-eye missing", "poses late, camera rolled"}
-# Through so narrow a lens the two look alike.
+# Through so narrow a lens the two look alike, and turns that are off look like another lens.
 TRADING_OFF = {"stereo yaw", "baseline off"}
+LIKE_A_LENS = {"turns off by 10 to 20 %"}
 ALWAYS_UNSPOILT = {"as simulated", "one camera", "poses of a tracked body"}
 ALWAYS_IN_FILES = {"events not sorted csv"}
 
@@ -46,7 +47,9 @@ def first_suspects(report):
 @pytest.mark.parametrize("fault", often_named((), {f.kind: f for f in (*OPENED, *TRIED)}))
 def test_two_faults_at_once_and_nameless_ones_get_no_wrong_cure(fault):
     report = check(fault.plant(head_recording(), np.random.default_rng(3)))
-    assert set(report.suspects[:1]) <= {*fault.named, *UNKNOWN}
+    cures = [one.suspect for one in report.of("wrong") if one.cure]
+    right = {*fault.named, *({"focal length"} if fault.kind in LIKE_A_LENS else ())}
+    assert not cures or set(cures[0].split(" or ")) & right
 
 
 @pytest.mark.slow
