@@ -25,6 +25,7 @@ from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, with_volume
 from eventsweep.emvs.reference_view import inverse_depth_planes
 from eventsweep.emvs.utils.runtime import use_threads
+from peak_memory import peak_mb
 
 SENSORS = {"346x260": (346, 260), "640x480": (640, 480), "1280x720": (1280, 720)}
 VOTE_LIMIT_NS = {"346x260": 2.6, "640x480": 3.0, "1280x720": 3.6}
@@ -194,15 +195,12 @@ def _whole(effort: LimitsEffort) -> list[Figure]:
     ]
 
 
-# Not `ru_maxrss`: that begins with what the parent process held when it forked.
-_PEAK = """
-import re, sys
-from pathlib import Path
+_MAP = """
+import sys
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.mapper import map_window
 map_window(open_recording(sys.argv[1]), MapperConfig(planes={planes}, methods={methods}))
-print(int(re.search(r"VmHWM:\\s*([0-9]+)", Path("/proc/self/status").read_text())[1]) / 1024)
 """
 
 _FIRST_EVENT = """
@@ -217,7 +215,9 @@ main(["map", sys.argv[1], "--out", sys.argv[1] + "-map", "--quiet"])
 """
 
 
-def peak_mb(methods: Sequence[str], size_px: tuple[int, int], events: int, planes: int) -> float:
+def peak_of_map(
+    methods: Sequence[str], size_px: tuple[int, int], events: int, planes: int
+) -> float:
     """Peak memory of a process that maps a recording of two cameras from disk, MB.
 
     Args:
@@ -226,19 +226,17 @@ def peak_mb(methods: Sequence[str], size_px: tuple[int, int], events: int, plane
         events: of each camera.
         planes: depth planes.
     """
-    code = _PEAK.format(planes=planes, methods=tuple(methods))
+    program = _MAP.format(planes=planes, methods=tuple(methods))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "edges"
         MovingEdges(size_px, events).write(path)
-        done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True,
-                              text=True, check=True)  # fmt: skip
-    return float(done.stdout)
+        return peak_mb(program, [str(path)])
 
 
 def _memory(effort: LimitsEffort) -> Figure:
     """Peak memory of a process that maps a recording from disk."""
     what = "peak memory of that run of eight, read from disk"
-    found = peak_mb(PAPER, SENSORS[_LARGE], effort.whole_events, effort.planes)
+    found = peak_of_map(PAPER, SENSORS[_LARGE], effort.whole_events, effort.planes)
     return Figure(what, found, "MB", 700)
 
 

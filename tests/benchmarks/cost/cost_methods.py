@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cost_limits import PAPER, peak_mb
+from cost_limits import PAPER, peak_of_map
 from cost_stream import MovingEdges
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.mapper import map_window
@@ -157,7 +157,7 @@ def _learned(found: Mapping[str, Seconds], names: Sequence[str], effort: Methods
     each_us = 1e6 * (seconds["`Learned/H`"] - seconds["`Focus/H`"]) / many
     share = seconds["`Learned/H`"] / seconds[EIGHT]
     focus = seconds[ALL] / seconds[EIGHT]
-    peaks = (f"`{name}` {peak_mb((name,), size_px, effort.events, effort.planes):.0f} MB"
+    peaks = (f"`{name}` {peak_of_map((name,), size_px, effort.events, effort.planes):.0f} MB"
              for name in (BASE, _FOCUS, _LEARNED))  # fmt: skip
     lines = (
         f"At {sensor}, against six fusions and two cameras: × {focus:.2f} with `Focus/H` too, "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -75,8 +76,8 @@ class MovingEdges:
         with SequenceWriter(
             path, name=self.name, rig=rig, trajectory=trajectory, config={}, depth_range_m=span_m
         ) as writer:
-            for camera, events in enumerate(self._streams):
-                writer.append_events(camera, events)
+            for window, camera in product(range(self.windows), range(len(rig))):
+                writer.append_events(camera, self._window(camera, window))
 
     @cached_property
     def _streams(self) -> tuple[Events, ...]:

@@ -9,7 +9,6 @@ compared at the end. With `--page PAGE` the table goes between that page's marke
 from __future__ import annotations
 
 import itertools
-import subprocess
 import sys
 import tempfile
 import time
@@ -20,6 +19,7 @@ import numpy as np
 import event_files
 from eventsweep.emvs.formats import FORMATS, open_events
 from markdown_blocks import into_page
+from peak_memory import VERB, peak_mb
 
 SIZE_PX = (1280, 720)
 STEP_US = 10
@@ -29,38 +29,11 @@ CHAIN = (
 )  # fmt: skip
 
 
-# Not `ru_maxrss`: that begins with what the parent process held when it forked.
-_PEAK = """
-import re
-import sys
-from pathlib import Path
-from eventsweep.eval.cli.main import main
-
-code = main(sys.argv[1:])
-print(int(re.search(r"VmHWM:\\s*([0-9]+)", Path("/proc/self/status").read_text())[1]) / 1024)
-sys.exit(code)
-"""
-
-
-def peak_mb(words):
-    """Runs a quiet verb; returns its peak memory, MB, with its libraries.
-
-    Raises:
-        SystemExit: the command failed.
-    """
-    done = subprocess.run(
-        [sys.executable, "-c", _PEAK, *words], stdout=subprocess.PIPE, text=True, check=False
-    )
-    if done.returncode:
-        raise SystemExit(f"eventsweep {' '.join(words)} ended with {done.returncode}")
-    return float(done.stdout)
-
-
 def convert(source, target, to):
     """One conversion; returns its peak, MB."""
     words = ["convert", str(source), str(target), "--to", to, "--quiet"]
     size = ["--width-px", str(SIZE_PX[0]), "--height-px", str(SIZE_PX[1])]
-    return peak_mb([*words, *size])
+    return peak_mb(VERB, [*words, *size])
 
 
 def run_chain(folder, count, chain=CHAIN):
