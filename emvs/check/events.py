@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +57,9 @@ def check_events(recording: Recording, streams: tuple[Stream, ...]) -> list[Find
         return [_silent(empty)]
     if any(stream.is_off_sensor for stream in streams):
         return [_off_sensor(names, streams)]
+    gaps = partial(_gaps, _busy(streams))
     checks = (
-        _order, _rate, _time_step, _polarity, _sensor, _hot_pixels, _gaps, _ceiling, _refractory,
+        _order, _rate, _time_step, _polarity, _sensor, _hot_pixels, gaps, _ceiling, _refractory,
     )  # fmt: skip
     return [worst_camera(list(map(check, streams)), names) for check in checks]
 
@@ -196,23 +198,30 @@ def _hot_pixels(stream: Stream) -> Finding:
     )  # fmt: skip
 
 
-def _gaps(stream: Stream) -> Finding:
-    """Silences of 20 ms and more."""
-    silent = sum(_silent_bins(rates) for rates in stream.rates)
+def _busy(streams: tuple[Stream, ...]) -> list[slice]:
+    """The bins of each stretch from the first to the last with an event of any camera."""
+    ends = [np.flatnonzero(sum(rates))[[0, -1]] if np.any(rates) else (0, -1)
+            for rates in zip(*(stream.rates for stream in streams), strict=True)]  # fmt: skip
+    return [slice(first, last + 1) for first, last in ends]
+
+
+def _gaps(busy: list[slice], stream: Stream) -> Finding:
+    """Silences of 20 ms and more, while any camera sends events or between two that it sends."""
+    silent = sum(_silent_bins(rates[bins]) for rates, bins in zip(stream.rates, busy, strict=True))
     share = silent / max(sum(map(len, stream.rates)), 1)
     return judged(
         "events-gaps", above(share, _SILENCE_DOUBTFUL, _SILENCE_WRONG), share, "",
         f"{silent} ms in gaps of {_SILENCE_BINS} ms or longer, {share:.1%} of the time",
-        meaning="packets were lost, or nothing moved: windows there hold fewer rays "
-        "(--map.start-s, --map.duration-s choose others)",
+        meaning="packets were lost, a camera began later or ended earlier, or nothing moved: "
+        "windows there hold fewer rays (--map.start-s, --map.duration-s choose others)",
         suspect="gaps in the events",
     )  # fmt: skip
 
 
 def _silent_bins(rates: NDArray[np.int64]) -> int:
-    """Bins in runs of at least `_SILENCE_BINS` empty ones; a stretch's own ends do not count."""
+    """Bins in runs of at least `_SILENCE_BINS` empty ones."""
     busy = np.flatnonzero(rates)
-    runs = np.diff(busy) - 1
+    runs = np.diff(busy, prepend=-1, append=len(rates)) - 1
     return int(runs[runs >= _SILENCE_BINS].sum())
 
 

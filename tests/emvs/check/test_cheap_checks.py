@@ -329,6 +329,29 @@ def test_events_off_the_sensor_that_fit_another_camera_are_swapped():
     assert not any(one.name.startswith("mapping") for one in report.findings)
 
 
+@pytest.mark.parametrize("camera", [0, 1])
+@pytest.mark.parametrize(("first", "last", "verdict"), [
+    (0.0, 0.4, "wrong"), (0.5, 1.0, "wrong"), (0.1, 1.0, "doubtful"), (0.0, 0.97, "good"),
+    (0.4, 0.6, "wrong"),
+])  # fmt: skip
+def test_a_camera_that_is_silent_while_another_is_not_is_seen(camera, first, last, verdict):
+    def part(which, events):
+        kept = (events.t_us >= first * DURATION_US) & (events.t_us <= last * DURATION_US)
+        return events.take(kept) if which == camera else events
+
+    found = _checked_events(EditedRecording(head_recording(), part))["events-gaps"]
+    assert found.verdict == verdict
+    assert found.value == pytest.approx(1 - (last - first), abs=0.03) or verdict == "good"
+
+
+def test_what_all_cameras_leave_out_at_the_ends_is_no_gap():
+    def part(_camera, events):
+        return events.take(np.abs(events.t_us - DURATION_US / 2) < DURATION_US / 8)
+
+    both = EditedRecording(head_recording(), part)
+    assert _checked_events(both)["events-gaps"].value == 0
+
+
 def test_time_that_runs_backwards_is_counted():
     def edit(_camera, e):
         t_us = e.t_us.copy()
