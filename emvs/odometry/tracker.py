@@ -210,7 +210,20 @@ class Tracker:
         return Trajectory.from_matrices([pose.t_us for pose in self._poses], poses)
 
     def finish(self) -> None:
-        """Waits for the maps under way, at the end of a recording."""
+        """Finds the last poses, at the end of a recording, and waits for the maps under way.
+
+        Their batches are the newest events of ever shorter times.
+        """
+        end_us = self._until_us or 0
+        for since_us in range(end_us - LONGEST_US, end_us, self._step_us):
+            batch = batch_before(self._arrived.streams, end_us, self._sizes.events, since_us)
+            if self.status is not Status.TRACKING or len(batch) < self._sizes.still:
+                break
+            if self._motion is None or batch.t_us <= self._motion.t_us:
+                continue
+            motion, fit = self._registered(batch, end_us)
+            if fit.is_good(AGREES):
+                self._found(motion, fit, Status.TRACKING, filtered=True)
         self._take_maps(END_US)
 
     def _step(self, t_us: int) -> Pose | None:
@@ -288,14 +301,19 @@ class Tracker:
         if len(batch) < self._sizes.still:
             held = self._motion.held(batch.t_us)
             return self._go_on(held, Fit(), Status.STILL, t_us)
+        motion, fit = self._registered(batch, t_us)
+        if fit.is_good(AGREES):
+            return self._go_on(motion, fit, Status.TRACKING, t_us, filtered=True)
+        return self._doubt(batch, fit, t_us)
+
+    def _registered(self, batch: Batch, t_us: int) -> tuple[Motion, Fit]:
+        """The motion that fits a batch, near that which the last one and the gyroscope say."""
+        assert self._motion is not None
         expected = self._motion.at(batch.t_us)
         rate_rad_s = self._gyroscope.rate_at(batch.t_us, t_us)
         if rate_rad_s is not None:
             expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
-        motion, fit = self._registration(batch.events, expected)
-        if fit.is_good(AGREES):
-            return self._go_on(motion, fit, Status.TRACKING, t_us, filtered=True)
-        return self._doubt(batch, fit, t_us)
+        return self._registration(batch.events, expected)
 
     def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
         """Goes on as it moved, for a moment; then it is lost."""
