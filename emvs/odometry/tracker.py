@@ -216,15 +216,19 @@ class Tracker:
         """
         end_us = self._until_us or 0
         for since_us in range(end_us - LONGEST_US, end_us, self._step_us):
-            batch = batch_before(self._arrived.streams, end_us, self._sizes.events, since_us)
-            if self.status is not Status.TRACKING or len(batch) < self._sizes.still:
-                break
-            if self._motion is None or batch.t_us <= self._motion.t_us:
-                continue
-            motion, fit = self._registered(batch, end_us)
-            if fit.is_good(AGREES):
-                self._found(motion, fit, Status.TRACKING, filtered=True)
+            if self.status is Status.TRACKING:
+                self._track_last(since_us, end_us)
         self._take_maps(END_US)
+
+    def _track_last(self, since_us: int, end_us: int) -> None:
+        """Finds the pose of the last events since a time, if it is later than the last one."""
+        batch = batch_before(self._arrived.streams, end_us, self._sizes.events, since_us)
+        assert self._motion is not None
+        if len(batch) < self._sizes.still or batch.t_us <= self._motion.t_us:
+            return
+        motion, fit = self._registered(batch, end_us)
+        if fit.is_good(AGREES):
+            self._found(motion, fit, Status.TRACKING, filtered=True)
 
     def _step(self, t_us: int) -> Pose | None:
         self._take_maps(t_us)
@@ -275,9 +279,9 @@ class Tracker:
 
     def _before(self, first: Motion, t_us: int) -> list[Found]:
         """Motions of the events before the `first` one's, on the map that registers now."""
-        if self._past is None:
-            return []
         assert self._begin_us is not None
+        if self._past is None or first.t_us < self._begin_us + self._step_us:
+            return []
         ends_us = range(t_us, self._begin_us, -self._step_us)
         return earlier(self._past, self._rig, self._registration, self._sizes, first, ends_us)
 

@@ -119,9 +119,10 @@ class DrawnEvents:
             self.counts[k] = -1
             if not drawn.counts[k] or not len(batch):
                 continue
-            lines, scratch = self.lines, np.empty((2, len(batch), 3))
+            lines, (placed, carried) = self.lines, np.empty((2, len(batch), 3))
             self.counts[k] = draw(
                 batch.x, batch.y, batch.t_us, t_mid_us, view.table, drawn.depth.image(k),
                 float(drawn.depth.places[k, 3]), view.adjoint @ twist, view.intrinsics, view.size,
-                lines.places[k, :levels], lines.drawing, lines.field, *scratch, self.events[k],
+                lines.places[k, :levels], lines.drawing, lines.field, placed, carried,
+                self.events[k],
             )  # fmt: skip
