@@ -6,11 +6,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.odometry.registration.events_kernels import NEVER_US, in_company
 from eventsweep.emvs.odometry.stream import Stream
 
 LONGEST_US = 40_000
+COMPANY_US = 20_000
 _EVENTS_PER_COLUMN = 30  # that make the edges of an image visible, for half of its pixels' height
 _STILL_PER_PIXEL = 0.005  # with fewer events no edge has moved by a pixel
 _POINTS_PER_COLUMN = 24
@@ -90,6 +96,18 @@ class Batch:
 
     def __len__(self) -> int:
         return sum(map(len, self.events))
+
+
+def never_fired(camera: Camera) -> NDArray[np.int64]:
+    """When each pixel fired last, before any has; for `without_lone`."""
+    return np.full((camera.height_px + 2, camera.width_px + 2), NEVER_US)
+
+
+def without_lone(packet: Events, fired_us: NDArray[np.int64]) -> Events:
+    """The events that have company, `in_company`; `fired_us` is kept up to date."""
+    kept = np.empty(len(packet), np.bool_)
+    in_company(packet.x, packet.y, packet.t_us, COMPANY_US, fired_us, kept)
+    return packet.take(kept)
 
 
 def batch_before(streams: Sequence[Stream], t_us: int, count: int, since_us: int) -> Batch:

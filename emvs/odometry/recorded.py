@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.depth.depth_map import DepthMap
@@ -17,12 +18,13 @@ from eventsweep.emvs.odometry.checkpoint import Checkpoints, State
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.motion import Motion
 from eventsweep.emvs.odometry.online import OnlineMap
+from eventsweep.emvs.odometry.past import Past
 from eventsweep.emvs.odometry.pose import Pose, Status, smoothed
 from eventsweep.emvs.odometry.registration.fit import Fit
 from eventsweep.emvs.odometry.tracker import Tracker
 from eventsweep.emvs.utils.runtime import Progress, silent
 
-_PACKET_US = 50_000
+_PACKET_US, _READ_US = 50_000, 200_000
 _SMOOTHED_AT_ONCE = 50  # with as many after them: later ones change nothing
 
 
@@ -89,11 +91,16 @@ def track(
     """
     imu = _imu(recording) if TrackConfig.or_default(config).gyroscope else None
     done = _Done()
+    cameras = range(len(recording.rig))
+
+    def events(t0_us: int, t1_us: int) -> list[Events]:
+        return [recording.events(camera, t0_us, t1_us) for camera in cameras]
+
+    ahead = _Ahead(events)
     tracker = Tracker(
         recording.rig, config, depth_range_m=recording.depth_range_m, first_map=first_map,
-        T_world_body=T_world_body, on_pose=done.add, on_map=done.counting(on_map),
+        T_world_body=T_world_body, past=events, on_pose=done.add, on_map=done.counting(on_map),
     )  # fmt: skip
-    cameras = range(len(recording.rig))
     first_us, last_us = events_span_us(recording)
     done.changes, done.until_us = [Change(first_us, tracker.status, tracker.reason)], first_us
     kept = checkpoints.load() if checkpoints else None
@@ -102,8 +109,8 @@ def track(
         tracker.restore(kept["tracker"], done.poses)
     for t_us in range(done.until_us, last_us + 1, _PACKET_US):
         done.until_us = end_us = min(t_us + _PACKET_US, last_us + 1)
-        packets = [recording.events(camera, t_us, end_us) for camera in cameras]
-        tracker.push(packets, end_us, None if imu is None else _between(imu, t_us, end_us))
+        turns = None if imu is None else _between(imu, t_us, end_us)
+        tracker.push(ahead(t_us, end_us), end_us, turns)
         if end_us > last_us:
             tracker.finish()
         done.note(tracker)
@@ -121,6 +128,21 @@ def track(
         ),
         tuple(p.status for p in poses), tuple(done.changes), (first_us, last_us), done.maps,
     )  # fmt: skip
+
+
+class _Ahead:
+    """Reads more than a packet at a time: a recording takes longer to open than to read."""
+
+    def __init__(self, events: Past) -> None:
+        self._events, self._until_us = events, 0
+        self._read: Sequence[Events] = ()
+
+    def __call__(self, t0_us: int, t1_us: int) -> list[Events]:
+        """The events of every camera with `t0_us <= t < t1_us`, later than those before."""
+        if t1_us > self._until_us:
+            self._until_us = t0_us + _READ_US
+            self._read = self._events(t0_us, self._until_us)
+        return [packet.between(t0_us, t1_us) for packet in self._read]
 
 
 class _Done:

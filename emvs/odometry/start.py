@@ -23,7 +23,7 @@ from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.odometry.batches import Batch, Sizes
 from eventsweep.emvs.odometry.cloud import points_of
 from eventsweep.emvs.odometry.motion import Motion
-from eventsweep.emvs.odometry.registration.fit import Fit, Registration
+from eventsweep.emvs.odometry.registration.fit import LEAST_INLIERS, Fit, Registration
 from eventsweep.emvs.odometry.stream import Arrived
 from eventsweep.emvs.windows import Window
 
@@ -33,7 +33,6 @@ LEAST_POINTS = 500
 _STEREO = "SGM/ts"
 _ROUNDS = 2  # of mapping the stretch and tracking it anew
 _SETTLING = 3  # registrations of the first batch, whose twist nothing predicts
-_LEAST_INLIERS = 100
 _LEAST_SHARE = 0.6  # of the batches, around the middle one
 
 
@@ -125,12 +124,12 @@ def _both_ways(
     motions, fits = [settled], [fit]
     for batch in batches[k + 1 :]:
         motion, fit = registration(batch.events, motions[-1].at(batch.t_us))
-        if fit.inliers < _LEAST_INLIERS:
+        if fit.inliers < LEAST_INLIERS:
             break
         motions, fits = [*motions, motion], [*fits, fit]
     for batch in reversed(batches[:k]):
         motion, fit = registration(batch.events, motions[0].at(batch.t_us))
-        if fit.inliers < _LEAST_INLIERS:
+        if fit.inliers < LEAST_INLIERS:
             break
         motions, fits = [motion, *motions], [fit, *fits]
     return motions, fits

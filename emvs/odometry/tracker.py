@@ -21,8 +21,10 @@ from eventsweep.emvs.odometry.batches import (
     Batch,
     Sizes,
     batch_before,
+    never_fired,
     planes_for,
     small_view,
+    without_lone,
 )
 from eventsweep.emvs.odometry.checkpoint import State
 from eventsweep.emvs.odometry.cloud import MapCloud, points_of
@@ -35,9 +37,9 @@ from eventsweep.emvs.odometry.online import (
     check_packet,
     window_us,
 )
+from eventsweep.emvs.odometry.past import Found, Past, earlier
 from eventsweep.emvs.odometry.pose import Pose, Status
-from eventsweep.emvs.odometry.registration.events_kernels import NEVER_US, in_company
-from eventsweep.emvs.odometry.registration.fit import Fit, Registration
+from eventsweep.emvs.odometry.registration.fit import AGREES, FOUND_AGAIN, Fit, Registration
 from eventsweep.emvs.odometry.registration.views import View
 from eventsweep.emvs.odometry.start import (
     LONGEST_START_US,
@@ -51,13 +53,9 @@ from eventsweep.emvs.reference_view import depth_range_m
 from eventsweep.emvs.utils.runtime import thread_count
 
 Matrix = NDArray[np.float64]
-_COMPANY_US = 20_000
 _KEPT_POSES = 1024
 _COAST_US = 100_000
 END_US = 1 << 62
-_LEAST_INLIERS = 100
-# Mean weight of residuals: 0.36 by chance. Once lost, more is needed to go on.
-_AGREES, _FOUND_AGAIN = 0.6, 0.65
 
 
 _PLAIN = (
@@ -76,6 +74,8 @@ class Tracker:
         depth_range_m: nearest and farthest depth where the configuration has none.
         first_map: a depth map of what is seen first, whose world is that of the poses.
         T_world_body: (4, 4) where the first pose lies; by default the origin. Not with `first_map`.
+        past: gives again what was pushed, one packet per camera of `t0_us <= t < t1_us`. With it
+            poses begin with the first events, and not with the stretch of the first map.
         on_pose: called with every pose.
         on_map: called with every map.
 
@@ -86,7 +86,8 @@ class Tracker:
     def __init__(
         self, rig: Rig, config: TrackConfig | None = None, *,
         depth_range_m: tuple[float, float] | None = None, first_map: DepthMap | None = None,
-        T_world_body: Matrix | None = None, on_pose: Callable[[Pose], None] | None = None,
+        T_world_body: Matrix | None = None, past: Past | None = None,
+        on_pose: Callable[[Pose], None] | None = None,
         on_map: Callable[[OnlineMap], None] | None = None,
     ) -> None:  # fmt: skip
         if len(rig) == 1 and first_map is None:
@@ -96,12 +97,12 @@ class Tracker:
         self._rig, self._config = rig, TrackConfig.or_default(config)
         self._sizes, self._first_map = Sizes.of(rig), first_map
         self._origin = np.eye(4) if T_world_body is None else np.asarray(T_world_body, np.float64)
-        self._on_pose, self._on_map = on_pose, on_map
+        self._past, self._on_pose, self._on_map = past, on_pose, on_map
         views = [View.of(c, T) for c, T in zip(rig.cameras, rig.T_body_cam, strict=True)]
         self._registration = Registration(views, self._sizes.levels, self._sizes.own_time)
         self._map_events = self._config.map_events or self._sizes.map
         self._arrived = Arrived(rig, depth_range_m, most_events=self._map_events)
-        self._fired_us = [np.full((c.height_px + 2, c.width_px + 2), NEVER_US) for c in rig.cameras]
+        self._fired_us = [never_fired(camera) for camera in rig.cameras]
         self._gyroscope = Gyroscope()
         self._cloud = MapCloud(self._config.maps)
         self._maps: BackgroundMaps | None = None
@@ -195,10 +196,7 @@ class Tracker:
         self._poses.extend(poses)
 
     def _take(self, camera: int, packet: Events) -> None:
-        kept = np.empty(len(packet), np.bool_)
-        columns = packet.x, packet.y, packet.t_us
-        in_company(*columns, _COMPANY_US, self._fired_us[camera], kept)
-        self._arrived.streams[camera].push(packet.take(kept))
+        self._arrived.streams[camera].push(without_lone(packet, self._fired_us[camera]))
 
     def known(self) -> Trajectory:
         """The newest poses.
@@ -212,8 +210,25 @@ class Tracker:
         return Trajectory.from_matrices([pose.t_us for pose in self._poses], poses)
 
     def finish(self) -> None:
-        """Waits for the maps under way, at the end of a recording."""
+        """Finds the last poses, at the end of a recording, and waits for the maps under way.
+
+        Their batches are the newest events of ever shorter times.
+        """
+        end_us = self._until_us or 0
+        for since_us in range(end_us - LONGEST_US, end_us, self._step_us):
+            if self.status is Status.TRACKING:
+                self._track_last(since_us, end_us)
         self._take_maps(END_US)
+
+    def _track_last(self, since_us: int, end_us: int) -> None:
+        """Finds the pose of the last events since a time, if it is later than the last one."""
+        batch = batch_before(self._arrived.streams, end_us, self._sizes.events, since_us)
+        assert self._motion is not None
+        if len(batch) < self._sizes.still or batch.t_us <= self._motion.t_us:
+            return
+        motion, fit = self._registered(batch, end_us)
+        if fit.is_good(AGREES):
+            self._found(motion, fit, Status.TRACKING, filtered=True)
 
     def _step(self, t_us: int) -> Pose | None:
         self._take_maps(t_us)
@@ -245,19 +260,30 @@ class Tracker:
             self._wait(begun)
             return None
         motions, fits, points = begun
+        before = self._before(motions[0], t_us)
+        found = [*before, *((m, f, Status.TRACKING) for m, f in zip(motions, fits, strict=True))]
         if self._first_map is None:
-            T_new_old = self._origin @ se3.inverse(motions[0].T_world_body)
-            motions = [motion.seen_from(T_new_old) for motion in motions]
+            T_new_old = self._origin @ se3.inverse(found[0][0].T_world_body)
+            found = [(motion.seen_from(T_new_old), fit, status) for motion, fit, status in found]
             points = se3.transform(T_new_old, points)
+        motions = [motion for motion, _, _ in found[len(before) :]]
         self._cloud.replace(points)
         self._use_points(self._cloud.chosen(self._sizes.lines))
         self._maps = self._background(motions[0].t_us)
         self._fed_us = begin_us
-        self._change(Status.TRACKING, "", motions[0].t_us)
-        for motion, fit in zip(motions, fits, strict=True):
-            self._found(motion, fit, Status.TRACKING)
+        self._change(Status.TRACKING, "", found[0][0].t_us)
+        for motion, fit, status in found:
+            self._found(motion, fit, status)
         self._feed_mapper(t_us, trajectory_of(motions))
         return self._poses[-1]
+
+    def _before(self, first: Motion, t_us: int) -> list[Found]:
+        """Motions of the events before the `first` one's, on the map that registers now."""
+        assert self._begin_us is not None
+        if self._past is None or first.t_us < self._begin_us + self._step_us:
+            return []
+        ends_us = range(t_us, self._begin_us, -self._step_us)
+        return earlier(self._past, self._rig, self._registration, self._sizes, first, ends_us)
 
     def _wait(self, reason: str) -> None:
         self.reason = reason
@@ -279,14 +305,19 @@ class Tracker:
         if len(batch) < self._sizes.still:
             held = self._motion.held(batch.t_us)
             return self._go_on(held, Fit(), Status.STILL, t_us)
+        motion, fit = self._registered(batch, t_us)
+        if fit.is_good(AGREES):
+            return self._go_on(motion, fit, Status.TRACKING, t_us, filtered=True)
+        return self._doubt(batch, fit, t_us)
+
+    def _registered(self, batch: Batch, t_us: int) -> tuple[Motion, Fit]:
+        """The motion that fits a batch, near that which the last one and the gyroscope say."""
+        assert self._motion is not None
         expected = self._motion.at(batch.t_us)
         rate_rad_s = self._gyroscope.rate_at(batch.t_us, t_us)
         if rate_rad_s is not None:
             expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
-        motion, fit = self._registration(batch.events, expected)
-        if _is_good(fit, _AGREES):
-            return self._go_on(motion, fit, Status.TRACKING, t_us, filtered=True)
-        return self._doubt(batch, fit, t_us)
+        return self._registration(batch.events, expected)
 
     def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
         """Goes on as it moved, for a moment; then it is lost."""
@@ -313,7 +344,7 @@ class Tracker:
         self._searched += 1
         near = Motion.near(batch.t_us, place, self._reach)
         motion, fit = self._registration(batch.events, near, wide=True)
-        if not _is_good(fit, _FOUND_AGAIN):
+        if not fit.is_good(FOUND_AGAIN):
             return None
         return self._go_on(motion, fit, Status.TRACKING, t_us)
 
@@ -385,10 +416,6 @@ class Tracker:
         )  # fmt: skip
         planes = config.planes or planes_for(self._rig, depth_range_m(self._arrived, settings))
         return settings.model_copy(update={"planes": planes, **small_view(self._rig)})
-
-
-def _is_good(fit: Fit, closeness: float) -> bool:
-    return fit.inliers >= _LEAST_INLIERS and fit.closeness >= closeness
 
 
 def _rising(batches: Sequence[Batch]) -> list[Batch]:

@@ -89,10 +89,10 @@ fields.fill(0, np.c_[np.arange(1, 8, 0.25), np.full(28, 3.2), np.ones(28)], 28, 
 lines = fields.places[0, 0], fields.drawing, fields.field
 scratch = np.eye(4), np.eye(4), np.zeros(6), np.zeros((12, 12)), np.zeros(12)
 H, g, fit = np.zeros((12, 12)), np.zeros(12), np.zeros(6)
-depth, lens_of = (np.ones(99), np.array([0, 9, 11, 1])), (eye, eye, np.eye(6), lens, size)
-across = np.array([[0.0, 1.0]])
-equations((np.array([[5.0, 3.0, 0.01, 0.0, 1.0]]), 1), np.array([[0.1, 0.0, 1.0]]), across, lines,
-          lines, 0, depth, lens_of, eye, eye, twist, scratch, H, g, fit)
+across, lens_of = np.array([[0.0, 1.0]]), (eye, eye, np.eye(6), lens, size)
+event = np.array([[5.0, 3.0, 0.01, 0.0, 1.0, 1 / 9, 0.0, 1.0]])
+equations((event, 1), np.array([[0.1, 0.0, 1.0]]), across, lines, lines, 0, lens_of, eye, eye,
+          twist, scratch, H, g, fit)
 print(fit.tolist(), g.tolist())
 """
 ALIGNED = """
@@ -127,6 +127,7 @@ CALLERS = {
     "sim/compensation/path_kernels.py": CARRIED,
 }
 EDITS = {
+    "add_points": ("np.float32(v - j)", "np.float32(v - j + 0.2)"),
     "later": ("x + dt_s * ax", "y + dt_s * ax"),
     "events_to_map": ("r = n_u * (u - (fx", "r = 0.5 + n_u * (u - (fx"),
     "line_at": ("- lines[cell, 3]", "- lines[cell, 3] + 0.1"),

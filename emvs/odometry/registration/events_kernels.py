@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.emvs.odometry.registration.lines_kernels import NEAREST_M, line_at
+from eventsweep.emvs.odometry.registration.lines_kernels import NEAREST_M, add_points, line_at
 from eventsweep.emvs.odometry.registration.residuals_kernels import later
 
 NEVER_US = -(1 << 62)
@@ -49,14 +49,11 @@ def place(x, y, t_us, t_mid_us, table, out):
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def _at_rest(event, rho, rho_cell_px, twist, intrinsics):
-    """Where an event would be at dt 0 at the depth of `rho`: u, v, z, and its inverse depth."""
-    fx, fy, cx, cy = intrinsics
-    u, v, dt = event[0], event[1], event[2]
+def _seen(u, v, rho, rho_cell_px, per_fx, per_fy, cx, cy):
+    """The point that a pixel sees at the depth of `rho` there: x, y, z, and its inverse depth."""
     inverse = rho[int(v / rho_cell_px + 0.5), int(u / rho_cell_px + 0.5)]
     z = 1 / inverse
-    x, y, z = later((u - cx) / fx * z, (v - cy) / fy * z, z, twist, -dt)
-    return fx * x / z + cx, fy * y / z + cy, z, inverse
+    return (u - cx) * per_fx * z, (v - cy) * per_fy * z, z, inverse
 
 
 @njit(cache=True, nogil=True)
@@ -66,11 +63,16 @@ def compensate(placed, count, rho, rho_cell_px, twist, intrinsics, size, out):
     `twist` is that of the camera, (v, w) in its own frame, m/s and rad/s; `size` is width and
     height.
     """
+    fx, fy, cx, cy = intrinsics
+    focal = rho_cell_px, 1 / fx, 1 / fy, cx, cy
     n = 0
     for k in range(count):
-        u, v, z, inverse = _at_rest(placed[k], rho, rho_cell_px, twist, intrinsics)
+        x, y, z, inverse = _seen(placed[k, 0], placed[k, 1], rho, *focal)
+        x, y, z = later(x, y, z, twist, -placed[k, 2])
         if z < NEAREST_M:
             continue
+        per_z = 1 / z
+        u, v = fx * x * per_z + cx, fy * y * per_z + cy
         if u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1:
             out[n, 0], out[n, 1], out[n, 2] = u, v, inverse
             n += 1
@@ -79,16 +81,44 @@ def compensate(placed, count, rho, rho_cell_px, twist, intrinsics, size, out):
 
 @njit(cache=True, nogil=True)
 def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, drawing, field):
-    """Fills columns 3 and 4 of `events` with the normal of the line that each lies on, or 0.
+    """Fills columns 3 to 7 of `events`: n_u, n_v of the line that each lies on, or 0, and x, y, z.
 
-    Rows are (u, v, dt, n_u, n_v); the lines are those of compensated events, `compensate`.
+    Rows begin with u, v, dt; the lines are those of compensated events, `compensate`; the point is
+    what the event sees at the depth of `rho`.
     """
+    fx, fy, cx, cy = intrinsics
+    focal = rho_cell_px, 1 / fx, 1 / fy, cx, cy
     sums, _, made, lines, scratch = field
     for k in range(count):
-        u, v, z, _ = _at_rest(events[k], rho, rho_cell_px, twist, intrinsics)
+        x, y, z, _ = _seen(events[k, 0], events[k, 1], rho, *focal)
+        events[k, 5], events[k, 6], events[k, 7] = x, y, z
+        x, y, z = later(x, y, z, twist, -events[k, 2])
         events[k, 3] = events[k, 4] = 0
         if z < NEAREST_M:
             continue
+        u, v = fx * x / z + cx, fy * y / z + cy
         weight, n_u, n_v, _, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
         if weight > 0:
             events[k, 3], events[k, 4] = n_u, n_v
+
+
+@njit(cache=True, nogil=True)
+def draw(
+    x, y, t_us, t_mid_us, table, rho, rho_cell_px, twist, intrinsics, size, places, drawing, field,
+    placed, carried, events,
+):  # fmt: skip
+    """Adds a batch to line fields at the scales of `places`, (L, 4).
+
+    `placed` and `carried`, (N, 3), are scratch. At most as many events as `events` has rows, evenly
+    through the batch, fill these, see `event_normals`; returns how many.
+    """
+    count = place(x, y, t_us, t_mid_us, table, placed)
+    taken = min(count, len(events))
+    for k in range(taken):
+        for column in range(3):
+            events[k, column] = placed[k * count // taken, column]
+    inside = compensate(placed, count, rho, rho_cell_px, twist, intrinsics, size, carried)
+    for level in range(len(places)):
+        add_points(carried, inside, places[level], field)
+    event_normals(events, taken, rho, rho_cell_px, twist, intrinsics, places[0], drawing, field)
+    return taken

@@ -19,6 +19,9 @@ from eventsweep.emvs.odometry.registration.gauss_newton_kernels import gauss_new
 from eventsweep.emvs.odometry.registration.views import DrawnEvents, DrawnMap, View
 
 Matrix = NDArray[np.float64]
+LEAST_INLIERS = 100
+AGREES, FOUND_AGAIN = 0.6, 0.65
+"""Mean weight of residuals: 0.36 by chance. Once lost, more is needed to go on."""
 _REDRAW_PX = 6.0  # the map is drawn anew once it has moved by so much
 
 
@@ -53,6 +56,10 @@ class Fit:
     def inliers(self) -> int:
         """Residuals that decided."""
         return self.events_near + self.points_near
+
+    def is_good(self, closeness: float) -> bool:
+        """Whether enough residuals decided, and their closeness is at least this."""
+        return self.inliers >= LEAST_INLIERS and self.closeness >= closeness
 
     @property
     def events_share(self) -> float:
@@ -110,11 +117,11 @@ class Registration:
         self._events.draw(batches, expected.t_us, self._map, expected.twist, levels)
         T_now_drawn, twist = np.empty((4, 4)), np.empty(6)
         H, counts = np.linalg.inv(expected.covariance), np.zeros(6)
-        map_lines, event_lines, depth = self._map.lines, self._events.lines, self._map.depth
+        map_lines, event_lines = self._map.lines, self._events.lines
         gauss_newton(
             self._events.events, self._events.counts, self._few, self._normals,
             (map_lines.drawing, map_lines.field), (event_lines.drawing, event_lines.field),
-            map_lines.places, (depth.rho, depth.places), self._cameras, levels,
+            map_lines.places, self._cameras, levels,
             T_body_world @ se3.inverse(T_drawn_world), T_drawn_world, expected.twist, H.copy(),
             T_now_drawn, twist, H, counts,
         )  # fmt: skip
@@ -141,6 +148,6 @@ class Registration:
     def _moved_px(self, T_body_world: Matrix, drawn_at: Matrix) -> float:
         """About how far the map has moved in the images since it was drawn."""
         xi = se3.log(T_body_world @ se3.inverse(drawn_at))
-        drawn = [k for k, count in enumerate(self._map.counts) if count]
-        rho = max((float(self._map.depth.image(k).mean()) for k in drawn), default=1.0)
-        return self._focal_px * float(rho * np.linalg.norm(xi[:3]) + np.linalg.norm(xi[3:]))
+        return self._focal_px * float(
+            self._map.rho * np.linalg.norm(xi[:3]) + np.linalg.norm(xi[3:])
+        )

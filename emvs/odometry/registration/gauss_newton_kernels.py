@@ -101,12 +101,11 @@ def to_body(H_cam, g_cam, A, H, g):
 
 @njit(cache=True, nogil=True)
 def equations(
-    batch, points, normals, map_lines, event_lines, level, depth, camera, pose, T_drawn_world,
-    twist, scratch, H, g, fit,
+    batch, points, normals, map_lines, event_lines, level, camera, pose, T_drawn_world, twist,
+    scratch, H, g, fit,
 ):  # fmt: skip
     """Adds the normal equations of one camera, and how its residuals fit; see `gauss_newton`."""
     events, count = batch
-    rho, (first, rows, columns, cell_px) = depth
     T_cam_body, T_body_cam, adjoint, intrinsics, size = camera
     T_half, T_cam, twist_cam, H_cam, g_cam = scratch
     width, gate = CAUCHY_PX * (1 << level), GATE_PX * (1 << level)
@@ -119,8 +118,8 @@ def equations(
     product(T_half, T_body_cam, T_cam)
     place, drawing, field = map_lines
     seen, near, closeness = events_to_map(
-        events, count, place, drawing, field, rho[first : first + rows * columns].reshape(rows, -1),
-        cell_px, T_cam, twist_cam, intrinsics, width, gate, H_cam, g_cam,
+        events, count, place, drawing, field, T_cam, twist_cam, intrinsics, width, gate, H_cam,
+        g_cam,
     )  # fmt: skip
     fit[0] += seen
     fit[1] += near
@@ -148,20 +147,18 @@ def believe(H, g, belief, off):
 
 @njit(cache=True, nogil=True)
 def gauss_newton(
-    events, counts, points, normals, map_lines, event_lines, places, depth, cameras, levels,
+    events, counts, points, normals, map_lines, event_lines, places, cameras, levels,
     T_expected_drawn, T_drawn_world, expected_twist, belief, pose, twist, H, fit,
 ):  # fmt: skip
     """Finds pose and twist of the body that fit a batch best, coarse to fine.
 
     Arrays, C cameras and L levels:
-        events: (C, M, 5) float64 rows (u, v, dt, n_u, n_v), of which the first `counts`, (C,)
+        events: (C, M, 8) float64 rows of `events_to_map`, of which the first `counts`, (C,)
             int64, count; a camera of less than 0 takes no part.
         points: (P, 3) float64 map points in the world.
         normals: (C, P, 2) float64, of the lines that they lie on.
         map_lines, event_lines: drawing and field of `lines_kernels`; `places` is (C, L, 4) int64
             of both.
-        depth: (N,) float64, smooth inverse depths of the map, and (C, 4) int64, where each image
-            begins, rows, columns, and the size of a cell, px.
         cameras: `T_cam_body`, `T_body_cam`, (C, 4, 4), the adjoint of the first, (C, 6, 6),
             intrinsics, (C, 4), and sizes, (C, 2).
         T_expected_drawn: (4, 4) to the body's expected frame, from that of the drawn map.
@@ -185,7 +182,7 @@ def gauss_newton(
                     camera = T_cam_body[k], T_body_cam[k], adjoint[k], intrinsics[k], sizes[k]
                     equations(
                         (events[k], counts[k]), points, normals[k], (places[k, level], *map_lines),
-                        (places[k, level], *event_lines), level, (depth[0], depth[1][k]), camera,
+                        (places[k, level], *event_lines), level, camera,
                         pose, T_drawn_world, twist, scratch, H, g, fit,
                     )  # fmt: skip
             believe(H, g, belief, off)

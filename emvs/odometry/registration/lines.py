@@ -26,7 +26,7 @@ from eventsweep.emvs.utils.vectors_kernels import aligned
 
 Float64s = NDArray[np.float64]
 _DEPTH_CELL_PX, _DEPTH_BOX = 4, 7
-_LINE = 5
+_LINE = 8
 
 
 class LineFields:
@@ -47,9 +47,10 @@ class LineFields:
                 before = REACH * (columns + MARGIN + 1)
                 self.places[k, level] = cells + before, rows, columns, 1 << level
                 cells += 2 * before + rows * (columns + MARGIN)
+        lines = aligned(_LINE * cells).reshape(cells, _LINE)
+        made = lines.view(np.int32)[:, -1]  # beside the line: one cache line for both
         self.field = (
-            aligned(SUMS * cells), np.zeros(cells + 1, np.int32),
-            np.zeros(cells, np.int32), np.zeros((cells, _LINE), np.float32), aligned(6 * SUMS),
+            aligned(SUMS * cells), np.zeros(cells + 1, np.int32), made, lines, aligned(6 * SUMS),
         )  # fmt: skip
         self.drawing = 0
 

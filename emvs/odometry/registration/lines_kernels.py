@@ -38,6 +38,7 @@ MARGIN = REACH + 1
 SUMS = 8
 """Numbers of a cell."""
 _ROW = SUMS * 2 * MARGIN
+_ONE = np.float32(1)
 
 
 def _weights():
@@ -79,10 +80,11 @@ def project(points, T_cam_world, intrinsics, size, out):
         x, y, z = moved(T_cam_world, points[k, 0], points[k, 1], points[k, 2])
         if z < NEAREST_M:
             continue
-        u = intrinsics[0] * x / z + intrinsics[2]
-        v = intrinsics[1] * y / z + intrinsics[3]
+        inverse = 1 / z
+        u = intrinsics[0] * x * inverse + intrinsics[2]
+        v = intrinsics[1] * y * inverse + intrinsics[3]
         if u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1:
-            out[n, 0], out[n, 1], out[n, 2] = u, v, 1 / z
+            out[n, 0], out[n, 1], out[n, 2] = u, v, inverse
             n += 1
     return n
 
@@ -113,14 +115,14 @@ def add_points(points, count, place, field):
         if sums[q] == 0:
             filled[0] += 1
             filled[filled[0]] = cell
-        sums[q] += 1
+        sums[q] += _ONE
         sums[q + 1] += a
         sums[q + 2] += b
         sums[q + 3] += a * a
         sums[q + 4] += a * b
         sums[q + 5] += b * b
         sums[q + 6] += points[k, 2]
-        sums[q + 7] += 1
+        sums[q + 7] += _ONE
 
 
 @njit(cache=True, nogil=True)

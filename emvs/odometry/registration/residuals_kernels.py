@@ -34,13 +34,14 @@ def later(x, y, z, twist, dt_s):
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def slope(n_u, n_v, x, y, z, intrinsics, J):
-    """Fills `J` (6,) with the derivative of n . pi(X_cam) by xi."""
-    J[0], J[1] = n_u * intrinsics[0] / z, n_v * intrinsics[1] / z
-    J[2] = -(J[0] * x + J[1] * y) / z
-    J[3] = y * J[2] - z * J[1]
-    J[4] = z * J[0] - x * J[2]
-    J[5] = x * J[1] - y * J[0]
+def slope(by_u, by_v, x, y, z, inverse):
+    """The derivative of n . pi(X_cam) by xi, six numbers; `by_u`, `by_v`: n times focal lengths.
+
+    `inverse` is 1 / z.
+    """
+    a, b = by_u * inverse, by_v * inverse
+    c = -(a * x + b * y) * inverse
+    return a, b, c, y * c - z * b, z * a - x * c, x * b - y * a
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -59,15 +60,16 @@ def map_to_events(
     `field` are those of `lines_kernels`. Adds to the upper left (6, 6) of H and (6,) of g; returns
     points in view, those near a line, and the sum of their closeness, 1 / (1 + (r / width)²).
     """
-    J, part = np.empty(6), np.zeros((6, 6))
+    part = np.zeros((6, 6))
+    fx, fy, cx, cy = intrinsics
     sums, _, made, lines, scratch = field
-    seen, near, closeness = 0, 0, 0.0
+    seen, near, closeness, per_width = 0, 0, 0.0, 1 / width
     for k in range(len(points)):
         x, y, z = moved(T_cam_world, points[k, 0], points[k, 1], points[k, 2])
         if z < NEAREST_M:
             continue
-        u = intrinsics[0] * x / z + intrinsics[2]
-        v = intrinsics[1] * y / z + intrinsics[3]
+        inverse = 1 / z
+        u, v = fx * x * inverse + cx, fy * y * inverse + cy
         if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
             continue
         seen += 1
@@ -75,10 +77,10 @@ def map_to_events(
         if weight < LEAST_WEIGHT or abs(r) > gate:
             continue
         near += 1
-        close = 1 / (1 + (r / width) ** 2)
+        close = 1 / (1 + (r * per_width) ** 2)
         closeness += close
         weight *= close * likeness(n_u, n_v, normals[k, 0], normals[k, 1])
-        slope(n_u, n_v, x, y, z, intrinsics, J)
+        J = slope(n_u * fx, n_v * fy, x, y, z, inverse)
         for a in range(6):
             weighted = weight * J[a]
             g[a] += weighted * r
@@ -92,15 +94,14 @@ def map_to_events(
 
 @njit(cache=True, nogil=True)
 def events_to_map(
-    events, count, place, drawing, field, rho, rho_cell_px, T_now_drawn, twist, intrinsics,
-    width, gate, H, g,
+    events, count, place, drawing, field, T_now_drawn, twist, intrinsics, width, gate, H, g
 ):  # fmt: skip
     """`ev`: distances of events, each at its own time, from lines of the map.
 
-    `events` are rows (u, v, dt, n_u, n_v), with the normal of the line of events that each lies on.
-    The map's lines, and `rho`, a smooth inverse depth in larger cells, are drawn at a frame of the
-    camera from which `T_now_drawn` leads to that at dt 0. An event is carried back there, its foot
-    on the line there becomes a point P at the line's depth, and
+    `events` are rows (u, v, dt, n_u, n_v, x, y, z), with the normal of the line of events that each
+    lies on, and the point at the depth of the map around it. The map's lines are drawn at a frame
+    of the camera from which `T_now_drawn` leads to that at dt 0. An event is carried back there,
+    its foot on the line there becomes a point P at the line's depth, and
 
         r = n . (u - pi(exp(-tau dt) T_now_drawn P)).
 
@@ -108,17 +109,18 @@ def events_to_map(
     of second order in tau dt. Returns events looked at, those near a line, and their closeness.
     """
     fx, fy, cx, cy = intrinsics
+    per_fx, per_fy, per_width = 1 / fx, 1 / fy, 1 / width
     sums, _, made, lines, scratch = field
-    J, parts = np.empty(6), np.zeros((3, 6, 6))
+    parts = np.zeros((6, 6, 4))
     seen, near, closeness = 0, 0, 0.0
     for k in range(count):
         u, v, dt = events[k, 0], events[k, 1], events[k, 2]
-        z = 1 / rho[int(v / rho_cell_px + 0.5), int(u / rho_cell_px + 0.5)]
-        x, y, z = moved(T_now_drawn, (u - cx) / fx * z, (v - cy) / fy * z, z)
+        x, y, z = moved(T_now_drawn, events[k, 5], events[k, 6], events[k, 7])
         x, y, z = later(x, y, z, twist, dt)
         if z < NEAREST_M:
             continue
-        at_u, at_v = u - (fx * x / z + cx - u), v - (fy * y / z + cy - v)
+        inverse = 1 / z
+        at_u, at_v = u - (fx * x * inverse + cx - u), v - (fy * y * inverse + cy - v)
         weight, n_u, n_v, off, inverse = line_at(
             place, drawing, sums, made, lines, scratch, at_u, at_v
         )
@@ -126,33 +128,35 @@ def events_to_map(
         if weight < LEAST_WEIGHT or abs(off) > gate:
             continue
         z = 1 / inverse
-        x, y = (at_u - n_u * off - cx) / fx * z, (at_v - n_v * off - cy) / fy * z
+        x, y = (at_u - n_u * off - cx) * per_fx * z, (at_v - n_v * off - cy) * per_fy * z
         x, y, z = moved(T_now_drawn, x, y, z)
         x, y, z = later(x, y, z, twist, dt)
         if z < NEAREST_M:
             continue
-        r = n_u * (u - (fx * x / z + cx)) + n_v * (v - (fy * y / z + cy))
+        inverse = 1 / z
+        r = n_u * (u - (fx * x * inverse + cx)) + n_v * (v - (fy * y * inverse + cy))
         if abs(r) > gate:
             continue
         near += 1
-        close = 1 / (1 + (r / width) ** 2)
+        close = 1 / (1 + (r * per_width) ** 2)
         closeness += close
         weight *= close * likeness(n_u, n_v, events[k, 3], events[k, 4])
-        slope(-n_u, -n_v, x, y, z, intrinsics, J)
+        J = slope(-n_u * fx, -n_v * fy, x, y, z, inverse)
         for a in range(6):
             weighted = weight * J[a]
             g[a] += weighted * r
             g[6 + a] -= dt * weighted * r
             for b in range(a + 1):
                 product = weighted * J[b]
-                parts[0, a, b] += product
-                parts[1, a, b] += dt * product
-                parts[2, a, b] += dt * dt * product
+                parts[a, b, 0] += product
+                parts[a, b, 1] += dt * product
+                parts[a, b, 2] += dt * dt * product
+                parts[a, b, 3] += dt * dt * dt * product
     for a in range(6):
         for b in range(6):
             i, j = max(a, b), min(a, b)
-            H[a, b] += parts[0, i, j]
-            H[a, 6 + b] -= parts[1, i, j]
-            H[6 + a, b] -= parts[1, i, j]
-            H[6 + a, 6 + b] += parts[2, i, j]
+            H[a, b] += parts[i, j, 0]
+            H[a, 6 + b] -= parts[i, j, 1]
+            H[6 + a, b] -= parts[i, j, 1]
+            H[6 + a, 6 + b] += parts[i, j, 2]
     return seen, near, closeness

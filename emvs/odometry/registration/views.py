@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.emvs.odometry.registration.events_kernels import compensate, event_normals, place
+from eventsweep.emvs.odometry.registration.events_kernels import draw
 from eventsweep.emvs.odometry.registration.lines import DepthFields, LineFields
 from eventsweep.emvs.odometry.registration.lines_kernels import point_normals, project
 
@@ -63,11 +63,12 @@ class DrawnMap:
     Attributes:
         lines, depth: what was drawn.
         counts: points that each view sees.
+        rho: the largest mean inverse depth of a view that sees any, 1/m.
     """
 
     def __init__(self, views: Sequence[View], levels: int) -> None:
         sizes_px = [view.size_px for view in views]
-        self._views, self.counts = tuple(views), [0] * len(views)
+        self._views, self.counts, self.rho = tuple(views), [0] * len(views), 1.0
         self.lines, self.depth = LineFields(sizes_px, levels), DepthFields(sizes_px)
 
     def draw(self, points_world: Matrix, T_body_world: Matrix, levels: int) -> None:
@@ -81,6 +82,8 @@ class DrawnMap:
             if count:
                 self.depth.fill(k, seen, count)
                 self.lines.fill(k, seen, count, levels)
+        drawn = [k for k, count in enumerate(self.counts) if count]
+        self.rho = max((float(self.depth.image(k).mean()) for k in drawn), default=1.0)
 
     def normals(self, points_world: Matrix, T_body_world: Matrix) -> Matrix:
         """(C, N, 2) normals of the lines that (N, 3) points lie on where the map is drawn, or 0."""
@@ -97,14 +100,14 @@ class DrawnEvents:
 
     Attributes:
         lines: what was drawn.
-        events: (C, most, 5) rows (u, v, dt, n_u, n_v): the normal of the line it lies on, or 0.
+        events: (C, most, 8) rows of `event_normals`.
         counts: (C,) int64, how many of them count; -1 where a view takes no part.
     """
 
     def __init__(self, views: Sequence[View], levels: int, most: int) -> None:
         self._views = tuple(views)
         self.lines = LineFields([view.size_px for view in views], levels)
-        self.events, self.counts = np.zeros((len(views), most, 5)), np.full(len(views), -1)
+        self.events, self.counts = np.zeros((len(views), most, 8)), np.full(len(views), -1)
 
     def draw(
         self, batches: Sequence[Events], t_mid_us: int, drawn: DrawnMap, twist: Matrix, levels: int
@@ -116,15 +119,10 @@ class DrawnEvents:
             self.counts[k] = -1
             if not drawn.counts[k] or not len(batch):
                 continue
-            placed, carried = np.empty((len(batch), 3)), np.empty((len(batch), 3))
-            count = place(batch.x, batch.y, batch.t_us, t_mid_us, view.table, placed)
-            self.counts[k] = taken = min(count, self.events.shape[1])
-            self.events[k, :taken, :3] = placed[np.arange(taken) * count // max(taken, 1)]
-            seen = (
-                drawn.depth.image(k), float(drawn.depth.places[k, 3]), view.adjoint @ twist,
-                view.intrinsics,
+            lines, (placed, carried) = self.lines, np.empty((2, len(batch), 3))
+            self.counts[k] = draw(
+                batch.x, batch.y, batch.t_us, t_mid_us, view.table, drawn.depth.image(k),
+                float(drawn.depth.places[k, 3]), view.adjoint @ twist, view.intrinsics, view.size,
+                lines.places[k, :levels], lines.drawing, lines.field, placed, carried,
+                self.events[k],
             )  # fmt: skip
-            count = compensate(placed, count, *seen, view.size, carried)
-            self.lines.fill(k, carried, count, levels)
-            lines = self.lines.places[k, 0], self.lines.drawing, self.lines.field
-            event_normals(self.events[k], taken, *seen, *lines)

@@ -35,6 +35,12 @@ def projected(X_cam):
     return np.array([fx * x / z + cx, fy * y / z + cy])
 
 
+def seen(uv, depth_m):
+    """The point that a pixel sees at a depth."""
+    fx, fy, cx, cy = VIEW.intrinsics
+    return depth_m * np.array([(uv[0] - cx) / fx, (uv[1] - cy) / fy, 1.0])
+
+
 def differences(f, n=6, step=1e-6):
     """Central differences of a function of (n,) at 0."""
     steps = step * np.eye(n)
@@ -43,8 +49,7 @@ def differences(f, n=6, step=1e-6):
 
 @pytest.mark.parametrize("normal", [(1.0, 0.0), (0.0, 1.0), (0.6, -0.8)])
 def test_the_slope_is_that_of_the_projection(normal):
-    J = np.empty(6)
-    slope(*normal, *X_CAM, VIEW.intrinsics, J)
+    J = slope(*(normal * VIEW.intrinsics[:2]), *X_CAM, 1 / X_CAM[2])
     numeric = differences(lambda xi: projected(se3.transform(se3.exp(xi), X_CAM)) @ normal)
     np.testing.assert_allclose(J, numeric, rtol=1e-6, atol=1e-5)
 
@@ -119,10 +124,9 @@ def test_normal_equations_of_an_event_are_those_of_its_residual(dt_s):
     lines = drawn_line(uv, normal, 1 / depth_m)
     event = uv + 0.5 * normal
     H, g = np.zeros((12, 12)), np.zeros(12)
-    rho = np.full((40, 50), 1 / depth_m)
     counts = events_to_map(
-        np.array([[*event, dt_s, *normal]]), 1, *lines, rho, 4, np.eye(4), np.zeros(6),
-        VIEW.intrinsics, 1e9, 5.0, H, g,
+        np.array([[*event, dt_s, *normal, *seen(event, depth_m)]]), 1, *lines, np.eye(4),
+        np.zeros(6), VIEW.intrinsics, 1e9, 5.0, H, g,
     )  # fmt: skip
     assert counts[:2] == (1, 1)
 
@@ -148,10 +152,11 @@ def test_edges_of_like_direction_count_most(degrees):
     lines = drawn_line(projected(X_CAM) + 0.7 * normal, normal, 1 / 1.3)
 
     def weight_of(own):
-        H, H_map, g, rho = np.zeros((12, 12)), np.zeros((6, 6)), np.zeros(12), np.ones((40, 50))
-        event, still = np.array([[*projected(X_CAM), 0.0, *own]]), (np.eye(4), np.zeros(6))
+        H, H_map, g = np.zeros((12, 12)), np.zeros((6, 6)), np.zeros(12)
+        uv, still = projected(X_CAM), (np.eye(4), np.zeros(6))
+        event = np.array([[*uv, 0.0, *own, *seen(uv, 1.0)]])
         lens, rest = VIEW.intrinsics, (1e9, 5.0)
-        assert events_to_map(event, 1, *lines, rho, 4, *still, lens, *rest, H, g)[1] == 1
+        assert events_to_map(event, 1, *lines, *still, lens, *rest, H, g)[1] == 1
         args = X_CAM[None], own[None], np.eye(4), lens, VIEW.size, *lines, *rest, H_map, np.zeros(6)
         assert map_to_events(*args)[1] == 1
         return np.array([H[0, 0], H_map[0, 0]])
@@ -180,7 +185,7 @@ def test_events_and_points_know_the_lines_that_they_lie_on():
     )
     twist = se3.log(se3.inverse(trajectory.at(59_000)) @ trajectory.at(61_000)) / 0.002
     events.draw(batch, 60_000, drawn, twist, 1)
-    length = np.linalg.norm(events.events[..., 3:], axis=-1)
+    length = np.linalg.norm(events.events[..., 3:5], axis=-1)
     np.testing.assert_allclose(length[length > 0], 1.0, rtol=1e-5)
     assert (length > 0).mean() > 0.9
 

@@ -85,17 +85,18 @@ def test_poses_of_the_recording_are_never_read(recording, tracked):
 @pytest.mark.parametrize(
     "steps",
     [
-        pytest.param(range(7000, END_US + 7000, 7000), id="small"),
-        pytest.param([1, 333_333, END_US + 9], marks=pytest.mark.slow, id="large"),
+        pytest.param(range(7000, END_US, 7000), id="small"),
+        pytest.param([1, 333_333], marks=pytest.mark.slow, id="large"),
     ],
 )
 def test_packets_of_any_size_give_the_same_poses(recording, tracked, steps):
     poses = []
     tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
-    run(recording, steps, tracker)
+    run(recording, [*steps, tracked.span_us[1] + 1], tracker)
+    tracker.finish()
     expected = tracked.trajectory
-    assert 0 <= len(poses) - len(expected) <= 1
-    for k, pose in enumerate(smoothed(poses[: len(expected)])):
+    assert len(poses) == len(expected)
+    for k, pose in enumerate(smoothed(poses)):
         assert pose.t_us == expected.t_us[k]
         np.testing.assert_array_equal(pose.T_world_body[:3, 3], expected.positions_m[k])
 
