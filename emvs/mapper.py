@@ -29,7 +29,13 @@ from eventsweep.emvs.methods import (
 )
 from eventsweep.emvs.methods.method import Method, Swept
 from eventsweep.emvs.reference_view import ReferenceView, reference_view
-from eventsweep.emvs.utils.runtime import Progress, Stopwatch, check_openmp, silent
+from eventsweep.emvs.utils.runtime import (
+    Progress,
+    Stopwatch,
+    check_openmp,
+    give_back_memory,
+    silent,
+)
 from eventsweep.emvs.window_result import CameraCounts, WindowResult
 from eventsweep.emvs.windows import Window, choose_window
 
@@ -79,6 +85,7 @@ def map_window(
         recording, window, view, splits_of(targets), projector_on(device), progress,
         polarities=config.polarities, packets=config.is_mcemvs, min_events=config.min_events,
     )  # fmt: skip
+    give_back_memory()  # of events, and of rays before they were grouped
     stopwatch.lap("rays")
 
     # 3. and 4. One volume per camera, fused in every way at once; plane by plane, none is kept
