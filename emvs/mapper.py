@@ -97,6 +97,7 @@ def map_window(
     )  # fmt: skip
     rays, event_image = projected.counts, projected.event_image
     del projected  # the rays themselves take more memory than what follows
+    give_back_memory()
     stopwatch.lap("sweep")
 
     # 5. Depth and confidence from the maxima over planes.
