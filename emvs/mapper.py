@@ -29,7 +29,13 @@ from eventsweep.emvs.methods import (
 )
 from eventsweep.emvs.methods.method import Method, Swept
 from eventsweep.emvs.reference_view import ReferenceView, reference_view
-from eventsweep.emvs.utils.runtime import Progress, Stopwatch, check_openmp, silent
+from eventsweep.emvs.utils.runtime import (
+    Progress,
+    Stopwatch,
+    check_openmp,
+    give_back_memory,
+    silent,
+)
 from eventsweep.emvs.window_result import CameraCounts, WindowResult
 from eventsweep.emvs.windows import Window, choose_window
 
@@ -79,6 +85,7 @@ def map_window(
         recording, window, view, splits_of(targets), projector_on(device), progress,
         polarities=config.polarities, packets=config.is_mcemvs, min_events=config.min_events,
     )  # fmt: skip
+    give_back_memory()  # of events, and of rays before they were grouped
     stopwatch.lap("rays")
 
     # 3. and 4. One volume per camera, fused in every way at once; plane by plane, none is kept
@@ -90,6 +97,7 @@ def map_window(
     )  # fmt: skip
     rays, event_image = projected.counts, projected.event_image
     del projected  # the rays themselves take more memory than what follows
+    give_back_memory()
     stopwatch.lap("sweep")
 
     # 5. Depth and confidence from the maxima over planes.

@@ -7,7 +7,7 @@ images of `time_surface`. `BASELINES` lists them; each is imported only when it 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
@@ -77,6 +77,7 @@ def imported_when_called(module: str, function: str) -> Estimate:
         imported: Estimate = getattr(import_module(module), function)
         return imported(recording, window, view, config)
 
+    estimate.__module__ = module  # see `modules_of`
     return estimate
 
 
@@ -129,3 +130,10 @@ GROUPS: dict[str, tuple[str, ...]] = {
 
 BY_NAME = {each.name: each for each in BASELINES}
 FAMILIES = tuple(dict.fromkeys(each.family for each in BASELINES))
+
+
+def modules_of(names: Iterable[str]) -> tuple[str, ...]:
+    """The modules of those baselines among some methods, or groups: nothing imports them before."""
+    every = dict.fromkeys(one for name in names for one in GROUPS.get(name, (name,)))
+    modules = [BY_NAME[name].estimate.__module__ for name in every if name in BY_NAME]
+    return tuple(dict.fromkeys(modules))

@@ -98,7 +98,7 @@ class Backend(Protocol):
         """Fuses these planes for every target, and takes them into the running maxima."""
 
     def images(self) -> Float32s:
-        """(V, P, H, W) votes of these planes, in the memory of the CPU."""
+        """(V, P, H, W) votes of these planes, in the memory of the CPU; before they are fused."""
 
     def result(self) -> SweepResult:
         """What all planes so far leave."""
@@ -136,10 +136,11 @@ class CpuBackend:
 
     def fuse(self) -> None:
         """Fuses these planes for every target, and takes them into the running maxima."""
-        self._maxima.update(self._scratch.votes, self._last - self._first)
-        images = self.images()
-        self._focus.update(images, self._maxima.shared)
+        images, shared = self.images(), self._maxima.shared
         self._slices.take(self._first, images)
+        self._focus.update(images, shared)
+        self._maxima.update(self._scratch.votes, self._last - self._first)
+        self._focus.update_shared(shared, images[0])
 
     def images(self) -> Float32s:
         """(V, P, H, W) votes of these planes: views of the scratch."""

@@ -203,9 +203,10 @@ class CpuCaster:
 
         def between(first: int, last: int) -> Rays:
             if (first, last) == (0, len(counts)):
-                return whole
+                return whole.in_planes(self._view.rho)
             start, stop = int(starts[first]), int(starts[last])
-            return whole.part(start, stop, RayCounts.total(counts[first:last]))
+            part = whole.part(start, stop, RayCounts.total(counts[first:last]))
+            return part.in_planes(self._view.rho)
 
         return between
 

@@ -214,13 +214,12 @@ def fold_row(plane, fused, best, index, left, right, previous):
 
 @njit(parallel=True, cache=True, nogil=True)
 def fold(
-    codes, sizes, which, every, votes, first, planes, level, spare, fused, keep, kept,
+    codes, sizes, which, every, votes, first, planes, level, spare, fused, replaces,
     best, index, left, right, previous,
 ):  # fmt: skip
     """Folds a batch of planes into every method's running maximum; a thread owns a strip of rows.
 
-    The fused row lives in L1 only, but for one method's, and the state of a row is read once per
-    batch.
+    The fused row lives in L1 only, and the state of a row is read once per batch.
 
     Arrays:
         codes: (M, 2) int64, per method the fusion within a group, and that of the groups.
@@ -232,8 +231,7 @@ def fold(
         planes: how many of the P planes count.
         level: (S, G, 1, W) float32 scratch, the fused groups; S strips.
         spare, fused: (S, W) float32 scratch.
-        keep: the method whose fused planes are kept, -1 for none.
-        kept: (P, H, W) float32, filled with them.
+        replaces: whether the last method's fused planes replace those of the first volume.
         best, left, right, previous: (M, H, W) float32, updated. `best` begins at -1.
         index: (M, H, W) int16 or int32, updated. Begins at -2.
     """
@@ -243,11 +241,13 @@ def fold(
         for y in range(s * height // strips, (s + 1) * height // strips):
             for m in range(len(codes)):
                 for p in range(planes):
-                    row = kept[p, y] if m == keep else fused[s]
                     _fuse_levels(
-                        m, codes, sizes, which, every, votes, p, y * width, level[s], spare[s], row
-                    )
+                        m, codes, sizes, which, every, votes, p, y * width, level[s], spare[s],
+                        fused[s],
+                    )  # fmt: skip
                     fold_row(
-                        first + p, row, best[m, y], index[m, y], left[m, y], right[m, y],
+                        first + p, fused[s], best[m, y], index[m, y], left[m, y], right[m, y],
                         previous[m, y],
                     )  # fmt: skip
+                    if replaces and m == len(codes) - 1:
+                        votes[0, p, y * width : (y + 1) * width] = fused[s]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numba
@@ -22,7 +21,6 @@ _INT16 = 32767  # so many planes can be counted by 16 bits
 # Cells that the update takes in one go: starting a row costs 0.3 µs, as much as 500 cells; longer
 # rows than these gain nothing and leave less to share among threads.
 _ROW_CELLS = 4096
-_NONE: Mapping[Fusion, Float32s] = MappingProxyType({})
 # Of a volume that is fused, or measured, already
 AS_IT_IS = Fusion(fusion_kernels.CAMERA)
 
@@ -108,12 +106,13 @@ class RunningMaxima:
         planes: how many will pass; needed only where there are more than 32767.
         polarities: 2 where each polarity has volumes of its own.
         lowest: what every value exceeds.
-        shared_volume: the volume whose fused planes others need, too.
+        shared_volume: the volume whose fused planes others need, too: each update leaves them in
+            the place of the first volume's votes.
 
     Attributes:
         arrays: best, index, left, right, previous, each (M, H, W), for each volume that differs.
         planes: how many planes have passed.
-        shared: of the last update, the shared volume -> (P, H, W) its fused planes.
+        shared: the shared volume, where it is among those that are fused by compiled loops.
     """
 
     def __init__(
@@ -127,16 +126,13 @@ class RunningMaxima:
         lowest: float = -1,
         shared_volume: Fusion | None = None,
     ) -> None:
-        volumes = list(dict.fromkeys(fusions))
+        volumes = sorted(dict.fromkeys(fusions), key=lambda volume: volume == shared_volume)
         shape = (len(volumes), height_px, width_px)
         self._compiled = [volume for volume in volumes if volume.function is None]
         self._own = [volume for volume in volumes if volume.function is not None]
         self._row = [[*self._compiled, *self._own].index(fusion) for fusion in fusions]
-        self._polarities, self._keep = polarities, -1
-        if shared_volume in self._compiled:
-            self._keep = self._compiled.index(shared_volume)
-        self._kept = np.empty((0, height_px, width_px), np.float32)
-        self.shared: dict[Fusion, Float32s] = {}
+        self._polarities = polarities
+        self.shared = shared_volume if shared_volume in self._compiled else None
         self.planes = 0
         self.arrays: tuple[NDArray[Any], ...] = tuple(
             np.full(shape, value, dtype) for dtype, value in beginnings(planes, lowest)
@@ -145,33 +141,25 @@ class RunningMaxima:
     def update(self, votes: Float32s, planes: int) -> None:
         """Takes in the next `planes` planes of (V, P, cells) votes, in order."""
         split = len(self._compiled)
-        if self._compiled:
-            self._make_room(planes)
-            tables = FusionTables.of(self._compiled, len(votes), self._polarities)
-            self._update(tables, votes, planes, slice(0, split), self._keep)
         if self._own:
             height, width = self.arrays[0].shape[1:]
             images = votes[:, :planes, : height * width].reshape(-1, planes, height, width)
         for k, fusion in enumerate(self._own, split):
             fused = fuse(fusion, images, self._polarities).reshape(1, planes, -1)
-            self._update(FusionTables.of((AS_IT_IS,), 1), fused, planes, slice(k, k + 1), -1)
+            self._update(FusionTables.of((AS_IT_IS,), 1), fused, planes, slice(k, k + 1))
+        if self._compiled:  # last, because it may write into the votes
+            tables = FusionTables.of(self._compiled, len(votes), self._polarities)
+            self._update(tables, votes, planes, slice(0, split), self.shared is not None)
         self.planes += planes
 
-    def _make_room(self, planes: int) -> None:
-        if self._keep < 0:
-            return
-        if len(self._kept) < planes:
-            shape = planes, *self._kept.shape[1:]
-            self._kept = aligned(math.prod(shape)).reshape(shape)
-        self.shared = {self._compiled[self._keep]: self._kept[:planes]}
-
     def _update(
-        self, tables: FusionTables, votes: Float32s, planes: int, rows: slice, keep: int
-    ) -> None:
+        self, tables: FusionTables, votes: Float32s, planes: int, rows: slice,
+        replaces: bool = False,
+    ) -> None:  # fmt: skip
         long = [_in_long_rows(array[rows]) for array in self.arrays]
         fusion_kernels.fold(  # type: ignore[call-arg]
             *tables.arrays, votes, self.planes, planes, *tables.scratch(*long[0].shape[1:]),
-            keep, _in_long_rows(self._kept), *long,
+            replaces, *long,
         )  # fmt: skip
 
     def of(self, k: int) -> Maximum:
@@ -223,18 +211,23 @@ class FocusMaxima:
         """The first volume of several cameras: `RunningMaxima` may share its planes."""
         return next((fusion for fusion, _ in self._peaks if fusion.camera is None), None)
 
-    def update(self, images: Float32s, fused: Mapping[Fusion, Float32s] = _NONE) -> None:
+    def update(self, images: Float32s, shared: Fusion | None = None) -> None:
         """Takes in the next planes of (V, P, H, W) votes, in order.
 
-        Args:
-            images: the votes.
-            fused: volume -> (P, H, W) planes that are fused already.
+        All volumes but `shared`: `update_shared` takes its planes as somebody else fused them.
         """
         for (volume, _), peak in self._peaks.items():
-            peak.update(fused[volume] if volume in fused else self._fused(volume, images))
+            if volume != shared:
+                peak.update(self._fused(volume, images))
         for peaks in self._camera_peaks.values():
             for camera, peak in enumerate(peaks):
                 peak.update(self._of_camera(images, camera))
+
+    def update_shared(self, shared: Fusion | None, planes: Float32s) -> None:
+        """Takes in the next (P, H, W) fused planes of one volume."""
+        for (volume, _), peak in self._peaks.items():
+            if volume == shared:
+                peak.update(planes)
 
     def result(self) -> dict[str, InFocus]:
         """Where each target's rays are most in focus, over all planes so far, by its name."""

@@ -79,7 +79,8 @@ class Rays:
 
     Attributes:
         a_u, b_u, a_v, b_v: (N,) float32; px, px m.
-        c_z: (N,) float32, the camera centre's depth in the reference view, m.
+        c_z: (N,) float32, the camera centre's depth in the reference view, m; empty where
+            `in_planes` found that no vote needs it.
         c_z_max: (ceil(N / CHUNK),) float32, the largest `c_z` of each chunk.
         counts: what became of the events.
     """
@@ -116,6 +117,11 @@ class Rays:
     def part(self, first: int, last: int, counts: RayCounts) -> Rays:
         """Rays `first` to `last` (exclusive) as views, with counts of their own."""
         return Rays.of([column[first:last] for column in self.columns], counts)
+
+    def in_planes(self, rho: Float32s) -> Rays:
+        """The same rays to vote in planes `rho`, 1/m; a fifth smaller where none lies behind."""
+        in_front = 1 - self.c_z_max.max(initial=0) * rho.max() > 0  # float32, as votes are cast
+        return replace(self, c_z=np.empty(0, np.float32)) if in_front else self
 
     def __len__(self) -> int:
         return len(self.a_u)

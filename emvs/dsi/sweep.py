@@ -76,9 +76,9 @@ def _planes(backend: Backend, task: Task, dsi_dir: Path | None, keep: Keep | Non
         for first in range(0, planes, step):
             last = min(first + step, planes)
             backend.cast(first, last)
-            backend.fuse()
             if dsi_dir is not None:
                 volumes.take(backend.images())
             if keep is not None:
                 keep(first, backend.images())
+            backend.fuse()
             yield last

@@ -39,7 +39,6 @@ class KeptVotes:
         pixels = planes * height_px * width_px
         self._all = np.zeros((cameras, pixels + kept_votes_kernels.SPARE), np.uint8)
         self.codes = self._all[:, :pixels].reshape(cameras, planes, height_px, width_px)
-        self._scratch = np.empty((height_px, width_px), np.float32)
         self._polarities = polarities
 
     def take(self, first: int, images: Float32s) -> None:
@@ -48,7 +47,7 @@ class KeptVotes:
         for camera, codes in enumerate(self.codes):
             whole = parts[:, camera].reshape(-1, *images.shape[1:])
             votes = whole[0] if len(whole) == 1 else whole.sum(axis=0)
-            kept_votes_kernels.encode(votes, self._scratch, codes[first : first + len(votes)])
+            kept_votes_kernels.encode(votes, codes[first : first + len(votes)])
 
     def patches(
         self, rows: Indices, columns: Indices, centres: Indices, strides: Indices,

@@ -23,17 +23,17 @@ SPARE = 64
 
 
 @njit(parallel=True, cache=True)
-def encode(votes, scratch, codes):
+def encode(votes, codes):
     """Fills `codes` with the votes of one camera as `emvs.learned.kept_votes` codes them.
 
     Arrays:
         votes: (P, H, W) float32, 0 or more, each row contiguous.
-        scratch: (H, W) float32.
         codes: (P, H, W) uint8, filled.
     """
-    planes, height, _ = votes.shape
+    planes, height, width = votes.shape
     for y in prange(height):
-        more, bits = scratch[y], scratch[y].view(np.int32)
+        more = np.empty(width, np.float32)
+        bits = more.view(np.int32)
         for p in range(planes):
             row, out = votes[p, y], codes[p, y]
             for x in range(len(out)):

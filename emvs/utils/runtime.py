@@ -1,10 +1,12 @@
 """What a run is made of: progress, stop watch, threads, free memory, versions of the libraries."""
 
+import ctypes
 import importlib
 import os
 import platform
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -88,6 +90,12 @@ def _version(name: str) -> str:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
         return "absent"
+
+
+def give_back_memory() -> None:
+    """Gives freed memory back to the system: glibc would keep what lies between used blocks."""
+    with suppress(AttributeError, OSError, TypeError):  # another C library
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def available_bytes() -> int:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from eventsweep.emvs.baselines import modules_of
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets import open_recording
@@ -18,10 +19,10 @@ from eventsweep.eval.perturbations import Perturbation, perturbed
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
-    """The packages of others that its methods come from, and the weights and tables it reads."""
+    """The modules of its baselines, and the weights, tables and packages of others it reads."""
     config = MapperConfig.model_validate(parameters["map"])
     files = (*files_of_methods(config), PRECISION)
-    return (), files
+    return modules_of(config.methods), files
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:

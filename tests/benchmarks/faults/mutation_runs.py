@@ -27,6 +27,8 @@ HERE = Path(__file__).parent
 VERDICTS, REASONS = HERE / "mutation_verdicts.jsonl", HERE / "mutation_reasons.json"
 ROUNDS = (("oblique", "plain", "low-texture"), ("boxes",), ("planes", "desk"), ("boxes-ranked",))
 """Cases of `quick`, the cheap ones first: what is red there needs no others."""
+RANKED = ("emvs/baselines/", "emvs/learned/")
+"""What only the last of them runs."""
 NEEDED = ("tests", "docs", "reports", "pyproject.toml", "README.md", "Makefile", "CONTRIBUTING.md")
 _FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
 KINDS = ("quick", "tests", "equivalent", "unreachable", "missed")
@@ -92,7 +94,7 @@ class Judge:
 
     def by_quick(self, mutation):
         """`red` and what the gate names first, or `green`."""
-        for cases in ROUNDS:
+        for cases in ROUNDS[:: -1 if mutation.file.startswith(RANKED) else 1]:
             broken_copy(self.copy, mutation)
             try:
                 some = ("--seeds", "0", "--workers", "1")

@@ -198,6 +198,16 @@ def test_estimates_that_agree_are_counted_and_keep_the_better_fit():
     assert twice.scale[1, 2] < 0.05
 
 
+@pytest.mark.parametrize(("u", "columns"), [(-0.5, [0]), (0.0, [0, 1]), (3.5, [3, 4]), (4.5, [4])])
+@pytest.mark.parametrize(("v", "rows"), [(-0.5, [0]), (0.0, [0, 1]), (2.5, [2, 3]), (3.5, [3])])
+def test_a_point_fills_those_pixels_around_it_that_are_in_the_image(u, columns, v, rows):
+    point = (np.array([[u, v]]), np.array([1.0]), np.array([0.01]), np.array([5.0]))
+    found = fuse_into(Estimates.empty(4, 5), *point, 3.0)
+    filled = np.zeros((4, 5), int)
+    filled[np.ix_(rows, columns)] = 1
+    np.testing.assert_array_equal(found.count, filled)
+
+
 def test_propagation_is_the_geometry_and_its_derivative():
     rays, origin = np.array([[0.1, -0.2, 0.9]]), np.array([[0.05, 0.1, 0.3]])
     rho, scale, step = np.array([0.7]), np.array([0.02]), 1e-6

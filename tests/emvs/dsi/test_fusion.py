@@ -119,6 +119,23 @@ def fold(volumes, chosen, batch):
     return maxima
 
 
+def test_the_shared_volume_takes_the_place_of_the_first_and_nothing_else_changes():
+    votes = np.random.default_rng(4).gamma(0.5, 9, (2, 3, 35)).astype(np.float32)
+    shared = Fusion(fusion_kernels.HARMONIC)
+    every = (shared, *(Fusion(fusion_kernels.CAMERA + camera) for camera in (0, 1)))
+    alone, sharing = (RunningMaxima(every, 6, 5, shared_volume=s) for s in (None, shared))
+    left = votes.copy()
+    alone.update(votes.copy(), 3)
+    sharing.update(left, 3)
+    fused = fuse(shared, votes[:, :, :30].reshape(2, 3, 5, 6))
+    np.testing.assert_array_equal(left[0, :, :30].reshape(3, 5, 6), fused)
+    np.testing.assert_array_equal(left[0, :, 30:], votes[0, :, 30:])
+    np.testing.assert_array_equal(left[1], votes[1])
+    for k in range(len(every)):
+        np.testing.assert_array_equal(alone.of(k).value, sharing.of(k).value)
+        np.testing.assert_array_equal(alone.of(k).plane, sharing.of(k).plane)
+
+
 def test_no_interpolation_at_the_first_and_last_plane():
     ramp = np.arange(5, dtype=np.float32)[None, :, None, None] * np.ones((1, 5, 2, 3), np.float32)
     for volumes, plane in ((ramp, 4), (ramp[:, ::-1].copy(), 0)):

@@ -47,6 +47,11 @@ def check_against_twin(rays, rho, nearest):
     assert counts.counted == counted.sum()
     assert counts.behind == behind.sum()
     assert counts.counted + counts.behind + counts.outside == len(rays) * len(rho)
+    smaller = rays.in_planes(rho)
+    assert len(smaller.c_z) in ((len(rays),) if behind.any() else (0, len(rays)))
+    again, same = dsi(smaller, rho, W, H, nearest=nearest)
+    np.testing.assert_array_equal(again, volume)
+    assert same == counts
 
 
 @settings(max_examples=15, deadline=None)
@@ -59,6 +64,13 @@ def check_against_twin(rays, rho, nearest):
 def test_kernel_equals_twin_bit_for_bit(seed, n, depth_spread, nearest):
     rays = random_rays(seed, n, depth_spread)
     check_against_twin(rays, inverse_depth_planes(0.4, 5, 3), nearest)
+
+
+def test_rays_keep_what_tells_planes_behind_only_where_there_are_some():
+    rays, near = random_rays(3, 2 * CHUNK, 0.0), np.array([1.9, 0.5], np.float32)
+    some = make_rays(*rays.columns[:4], np.where(np.arange(len(rays)) == 7, 0.5, rays.c_z))
+    assert len(rays.in_planes(near).c_z) == len(some.in_planes(near).c_z) == 0
+    assert some.in_planes(np.array([2, 0.5], np.float32)) is some
 
 
 @NEAREST

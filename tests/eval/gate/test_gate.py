@@ -309,6 +309,18 @@ def test_unchanged_code_stays_green_with_other_seeds():
     assert red <= 1
 
 
+def test_the_error_rate_is_the_share_of_false_alarms():
+    """Law: of one number with a normal spread, unchanged code is called different so often."""
+    rng, often = np.random.default_rng(2), replace(TOLERANCES, error_rate=0.2)
+    alarms = 0
+    for values in rng.normal(1, 0.3, (3000, 8)):
+        before, now = values[:5], values[5:]
+        other = measured(series(dict(enumerate(now, 100))), seeds=(100, 101, 102))
+        base = series(before)
+        alarms += compare({base.key: base}, other, often)[0].status != "same"
+    assert alarms / 3000 == pytest.approx(0.2, abs=0.03)
+
+
 @pytest.mark.slow
 def test_any_three_seeds_of_the_project_are_green_against_its_others():
     """Real numbers of unbroken code, heavy tails and all: 56 splits of the baseline's seeds."""

@@ -252,15 +252,22 @@ def test_a_border_may_be_left_out_and_may_leave_nothing():
     np.testing.assert_array_equal(truth.scored, inside)
 
 
-def test_a_distorted_sensor_is_looked_up_where_the_view_s_rays_meet_it():
-    camera = Camera(40, 30, 30.0, 30.0, 19.5, 14.5, "radtan", (-0.2, 0.02, 0.0, 0.0))
+@pytest.mark.parametrize("k1", [-0.2, 0.1])
+def test_a_distorted_sensor_is_looked_up_where_the_view_s_rays_meet_it(k1):
+    camera = Camera(40, 30, 30.0, 30.0, 19.5, 14.5, "radtan", (k1, 0.02, 0.0, 0.0))
     rows, columns = np.mgrid[:30, :40]
     number = (rows * 40 + columns + 1).astype(np.int32)
     found = on_view(number, camera)
-    for row, column in ((15, 20), (3, 5), (27, 36)):
+    met = set()
+    for row, column in np.ndindex(30, 40):
         bearing = camera.undistorted().unproject([column, row])
         u, v = np.rint(camera.project([*bearing, 1.0])).astype(int)
-        assert found[row, column] == number[v, u]
+        met.add((u, v))
+        there = 0 <= u < 40 and 0 <= v < 30
+        assert found[row, column] == (number[v, u] if there else 0)
+    if k1 > 0:  # the view shows the sensor's rim, and what lies beyond it
+        assert {u for u, _ in met} > set(range(40))
+        assert {v for _, v in met} > set(range(30))
     assert on_view(number, camera.undistorted()) is number
 
 

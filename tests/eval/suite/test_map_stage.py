@@ -4,9 +4,12 @@ import shutil
 
 import pytest
 
+from eventsweep.emvs import baselines
+from eventsweep.emvs.baselines import BY_NAME
 from eventsweep.emvs.depth.precision import PRECISION
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.learned.weights import packaged
+from eventsweep.eval.jobs.code_version import closure
 from eventsweep.eval.jobs.job import Job, code_of
 from eventsweep.eval.suite.stages import map as stage
 
@@ -43,6 +46,21 @@ def test_weights_of_ones_own_change_the_key_when_they_change(family, name, tmp_p
         after = code_of(job)
         assert after != before
         before = after
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_a_baselines_code_belongs_to_the_key_of_who_runs_it(name):
+    """It is imported by a computed name, which no search for imports finds."""
+    modules = stage.code(parameters("Alg1/H", name))[0]
+    place = {"SGM": "sgm", "ESVO": "esvo", "GTS": "gts", "Frames": "sgm"}[name.split("/")[0]]
+    assert modules == (f"{baselines.__name__}.{place}",)
+    assert f"{baselines.__name__}.rectification_kernels" in closure(modules)
+
+
+def test_groups_have_the_code_of_all_their_baselines():
+    each = {one.estimate.__module__ for one in BY_NAME.values()}
+    assert set(stage.code(parameters("all", "baselines"))[0]) == each
+    assert stage.code(parameters("all"))[0] == ()
 
 
 @pytest.mark.parametrize("missing", [".npz", ".json"])

@@ -22,6 +22,7 @@ from eventsweep.sim.motion.head_motion import (
     seated,
     shake,
     walk,
+    way_along,
 )
 from eventsweep.sim.motion.head_styles import STYLES
 from motion_statistics import statistics
@@ -186,6 +187,16 @@ def test_a_walk_follows_the_street():
     halfway = poses[np.argmin(np.linalg.norm(eyes - (9, 6), axis=1))]
     assert halfway[1, 2] > 0.97
     assert poses[-1, 0, 2] > 0.97
+
+
+@pytest.mark.parametrize("corner_s", [0.5, 1.2])
+def test_a_corner_is_rounded_over_the_time_that_is_asked_for(corner_s):
+    """Law: a window of that length sees both legs for as long, and one of them before and after."""
+    t_s, path_m = np.arange(0, 6, 0.01), np.array([(0.0, 0), (3, 0), (3, 9)])
+    _, heading = way_along(t_s, np.random.default_rng(0), 1.0, path_m, corner_s)
+    turning = (heading > 1e-9) & (heading < np.pi / 2 - 1e-9)
+    assert np.ptp(t_s[turning]) == pytest.approx(corner_s, abs=0.02)
+    assert t_s[turning].mean() == pytest.approx(3, abs=0.2)
 
 
 @pytest.mark.parametrize(
