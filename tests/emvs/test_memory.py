@@ -1,13 +1,10 @@
 """What the mapper may use: a whole 1 Mpx pair in less memory than one volume of it."""
 
-import subprocess
-import sys
-
 import pytest
 
-# In a process of its own: peak memory counts everything a process ever used.
+from peak_memory import peak_mb
+
 CODE = """
-import resource
 import sys
 import numpy as np
 from eventsweep.emvs.config import MapperConfig
@@ -41,20 +38,14 @@ methods = tuple(sys.argv[2:])
 result = map_window(Noise(), MapperConfig(planes=100, methods=methods))
 assert sum(counts.events.rays for counts in result.counts) == 2 * N
 assert len(result.depth_maps) == len(methods)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
 """
 
 
 PAPER = tuple(f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max"))
 
 
-def peak_mb(events, methods):
-    command = [sys.executable, "-c", CODE, str(events), *methods]
-    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("methods", [(*PAPER, "EMVS/cam0", "EMVS/cam1"), ("Learned/H",)])
 def test_mapping_a_1_mpx_pair_stays_below_700_mb(methods):
-    peak_mb(100_000, methods)  # compiles: that takes memory of its own
-    assert peak_mb(4_000_000, methods) < 700
+    peak_mb(CODE, ["100000", *methods])  # compiles: that takes memory of its own
+    assert peak_mb(CODE, ["4000000", *methods]) < 700
