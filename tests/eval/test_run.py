@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from blank_pictures import drawn_figures
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.mapper import map_window
@@ -169,7 +170,8 @@ def test_a_prediction_is_a_method_like_any_other(desk_run, tmp_path):
     alone = cv2.imread(str(copy / "overview.png"))
 
     assert main(["score", str(copy), "--prediction", str(given), "--quiet"]) == 0
-    assert main(["report", str(copy), "--quiet"]) == 0
+    with drawn_figures():
+        assert main(["report", str(copy), "--quiet"]) == 0
 
     assert value(copy, "Given/theirs", "points") <= mask.sum()
     for name in ("common_points", "common_mean_error", "shared_mean_error"):

@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 _PLACE = "eventsweep.eval.report.suite_pictures"
 _PIXEL = cv2.imencode(".png", np.zeros((1, 1, 3), np.uint8))[1].tobytes()
@@ -30,6 +31,14 @@ def blank_figures() -> Iterator[None]:
     """Figures are made, and stored as an empty picture."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("eventsweep.eval.figures.laid_out.LaidOutFigure.savefig", _save_blank)
+        yield
+
+
+@contextmanager
+def drawn_figures() -> Iterator[None]:
+    """Figures as they are, within a module of blank ones."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("eventsweep.eval.figures.laid_out.LaidOutFigure.savefig", Figure.savefig)
         yield
 
 
