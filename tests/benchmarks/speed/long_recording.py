@@ -106,9 +106,12 @@ def main(arguments: list[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     with exit_code() as code, tempfile.TemporaryDirectory() as folder:
         windows, left = divmod(asked.millions * 1_000_000, 2 * EVENTS_PER_WINDOW)
-        if left or windows % LARGER or windows < LARGER:
-            unit = 2 * LARGER * EVENTS_PER_WINDOW // 1_000_000
-            raise InputError(f"--millions {asked.millions}: give a multiple of {unit}")
+        if left or windows < LARGER:
+            unit = 2 * EVENTS_PER_WINDOW // 1_000_000
+            least = LARGER * unit
+            raise InputError(
+                f"--millions {asked.millions}: give a multiple of {unit}, at least {least}"
+            )
         about = machine()
         lines = [
             f"{about}", "",
