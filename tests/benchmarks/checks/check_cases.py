@@ -43,6 +43,11 @@ class Base:
         return f"{self.scene}-{self.rig}-{self.sensor}-{self.seed}"
 
 
+def _bases(first_seed: int, *rows: tuple[str, str, str]) -> tuple[Base, ...]:
+    """Scene, rig and sensor of each, with seeds that count on from the first."""
+    return tuple(Base(*row, seed=first_seed + k) for k, row in enumerate(rows))
+
+
 # Rules and thresholds were chosen on these, and on nothing else.
 DEVELOPMENT = tuple(
     Base(*what)
@@ -64,69 +69,63 @@ DEVELOPMENT = tuple(
     )
 )
 # Of small sensors: rules were tried on these as well.
-SHOWN_BASES = tuple(
-    Base(scene, rig, sensor, seed=700 + k)
-    for k, (scene, rig, sensor) in enumerate((
-        ("boxes", "rpg", "davis240"),
-        ("mvsec-flying", "rpg", "davis240"),
-        ("planes", "rpg", "ideal"),
-        ("rpg-boxes", "rpg", "davis240"),
-        ("rpg-reader", "davis346", "davis346"),
-        ("tumvie-1d", "rpg", "davis240"),
-        ("tumvie-3d", "davis346", "davis346"),
-        ("rpg-bin", "rpg", "davis240"),
-        ("thin-structures", "rpg", "ideal"),
-        ("rpg-monitor", "rpg", "davis240"),
-        ("desk", "rpg", "davis240"),
-        ("tumvie-skate", "rpg", "davis240"),
-        ("moving-objects", "rpg", "ideal"),
-        ("dsec-street", "rpg", "davis240"),
-        ("reflective", "rpg", "davis240"),
-    ))
-)  # fmt: skip
+SHOWN_BASES = _bases(
+    700,
+    ("boxes", "rpg", "davis240"),
+    ("mvsec-flying", "rpg", "davis240"),
+    ("planes", "rpg", "ideal"),
+    ("rpg-boxes", "rpg", "davis240"),
+    ("rpg-reader", "davis346", "davis346"),
+    ("tumvie-1d", "rpg", "davis240"),
+    ("tumvie-3d", "davis346", "davis346"),
+    ("rpg-bin", "rpg", "davis240"),
+    ("thin-structures", "rpg", "ideal"),
+    ("rpg-monitor", "rpg", "davis240"),
+    ("desk", "rpg", "davis240"),
+    ("tumvie-skate", "rpg", "davis240"),
+    ("moving-objects", "rpg", "ideal"),
+    ("dsec-street", "rpg", "davis240"),
+    ("reflective", "rpg", "davis240"),
+)
 
 
 # On these the table before was made.
-LAST_BASES = tuple(
-    Base(scene, rig, sensor, seed=800 + k)
-    for k, (scene, rig, sensor) in enumerate((
-        ("desk", "davis346", "davis346"),
-        ("rpg-bin", "rpg", "davis240"),
-        ("boxes", "oblique", "davis346"),
-        ("tumvie-6dof", "rpg", "davis240"),
-        ("planes", "rpg", "davis240"),
-        ("rpg-monitor", "rpg", "ideal"),
-        ("mvsec-flying", "davis346", "davis346"),
-        ("tumvie-desk2", "rpg", "davis240"),
-        ("rpg-boxes", "davis346", "davis346"),
-        ("thin-structures", "rpg", "davis240"),
-        ("tumvie-1d", "rpg", "davis240"),
-        ("rpg-reader", "rpg", "davis240"),
-        ("moving-objects", "rpg", "davis240"),
-        ("dsec-street", "rpg", "davis240"),
-        ("low-texture", "davis346", "davis346"),
-    ))
-)  # fmt: skip
+LAST_BASES = _bases(
+    800,
+    ("desk", "davis346", "davis346"),
+    ("rpg-bin", "rpg", "davis240"),
+    ("boxes", "oblique", "davis346"),
+    ("tumvie-6dof", "rpg", "davis240"),
+    ("planes", "rpg", "davis240"),
+    ("rpg-monitor", "rpg", "ideal"),
+    ("mvsec-flying", "davis346", "davis346"),
+    ("tumvie-desk2", "rpg", "davis240"),
+    ("rpg-boxes", "davis346", "davis346"),
+    ("thin-structures", "rpg", "davis240"),
+    ("tumvie-1d", "rpg", "davis240"),
+    ("rpg-reader", "rpg", "davis240"),
+    ("moving-objects", "rpg", "davis240"),
+    ("dsec-street", "rpg", "davis240"),
+    ("low-texture", "davis346", "davis346"),
+)
 
 
 # Sequences that no rule was chosen on: no earlier campaign used seeds of 900 or more.
-NEW = tuple(
-    Base(scene, rig, sensor, seed=900 + k)
-    for k, (scene, rig, sensor) in enumerate((
-        ("rpg-reader", "mvsec", "davis346"),
-        ("boxes", "rpg", "ideal"),
-        ("tumvie-desk2", "davis346", "davis346"),
-        ("desk", "oblique", "davis346"),
-        ("mvsec-flying", "rpg", "davis240"),
-        ("rpg-boxes", "rpg", "davis240"),
-        ("tumvie-6dof", "rpg", "ideal"),
-        ("thin-structures", "davis346", "davis346"),
-        ("rpg-monitor", "rpg", "davis240"),
-        ("repetitive", "rpg", "davis240"),
-        ("moving-objects", "rpg", "davis240"),
-        ("low-texture", "rpg", "davis240"),
-    ))
-)  # fmt: skip
+NEW = _bases(
+    900,
+    ("rpg-reader", "mvsec", "davis346"),
+    ("boxes", "rpg", "ideal"),
+    ("tumvie-desk2", "davis346", "davis346"),
+    ("desk", "oblique", "davis346"),
+    ("mvsec-flying", "rpg", "davis240"),
+    ("rpg-boxes", "rpg", "davis240"),
+    ("tumvie-6dof", "rpg", "ideal"),
+    ("thin-structures", "davis346", "davis346"),
+    ("rpg-monitor", "rpg", "davis240"),
+    ("repetitive", "rpg", "davis240"),
+    ("moving-objects", "rpg", "davis240"),
+    ("low-texture", "rpg", "davis240"),
+)
 
 
 def _same(recording: Recording, rng: Rng) -> Recording:

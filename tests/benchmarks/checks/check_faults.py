@@ -91,10 +91,6 @@ def _scores(recording: Recording, right: Recording, start_s: float) -> tuple[flo
 SECONDS = 0.6
 
 
-PLAIN = {"barrel distortion not told": "barrel distortion missing from the calibration"}
-"""Kinds that the table calls by another name than kept verdicts do."""
-
-
 @dataclass(frozen=True)
 class Case:
     """One recording to check.
@@ -305,8 +301,7 @@ def table(every: Sequence[dict[str, Any]], planned: int) -> str:
         if all(outcome(one) == "named" for one in of_kind):
             others += of_kind
         else:
-            name = PLAIN.get(kind, kind)
-            lines.append(_line(name + " *" * (kind in unseen), of_kind))
+            lines.append(_line(kind + " *" * (kind in unseen), of_kind))
     lines.append(_line(f"the other {len({one['kind'] for one in others})} kinds", others))
     lines.append(_line("nothing (unspoilt)", right))
     seconds = [one["cpu_s"] for one in every]

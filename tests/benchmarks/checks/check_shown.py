@@ -263,7 +263,7 @@ SHOWN = (
             *pl.two("camera upside down", "cameras swapped"),
             *pl.two("camera upside down", "extrinsics inverted")),
     unknown("events in blocks of 8 px", _blocks, "sensor not filled"),
-    unknown("barrel distortion not told", _bent_events),
+    unknown("barrel distortion missing from the calibration", _bent_events),
     unknown("tangential distortion that is not there", _tangential, "distortion folds"),
     unknown("second camera's barrel distortion not there", _second_pincushion,
             "distortion folds"),

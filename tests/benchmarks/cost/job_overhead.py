@@ -31,6 +31,7 @@ from markdown_blocks import show
 STAGE = "job_stages"
 """A stage of the tests; its folder is on the path of every worker."""
 
+_START_S = 120
 Open = Callable[[], AbstractContextManager[Workers]]
 
 
@@ -59,13 +60,19 @@ def cluster(folder: Path, count: int) -> Iterator[Cluster]:
             command = [sys.executable, "-m", f"distributed.cli.dask_{what}", *about, *more]
             process = ended.enter_context(subprocess.Popen(command, stderr=subprocess.DEVNULL))
             ended.callback(process.terminate)
-        while not listening.exists():
-            time.sleep(0.1)
+        _wait_for(listening.exists)
         place = Cluster(json.loads(listening.read_text(encoding="utf-8"))["address"])
         with dask_workers(place, folder) as crew:
-            while crew.count < count:
-                time.sleep(0.1)
+            _wait_for(lambda: crew.count >= count)
         yield place
+
+
+def _wait_for(ready: Callable[[], bool]) -> None:
+    until_s = time.monotonic() + _START_S
+    while not ready():
+        if time.monotonic() > until_s:
+            raise InputError(f"no Dask cluster within {_START_S} s: is `distributed` installed?")
+        time.sleep(0.1)
 
 
 def main(arguments: list[str] | None = None) -> int:

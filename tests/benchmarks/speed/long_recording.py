@@ -114,7 +114,7 @@ def main(arguments: list[str] | None = None) -> int:
             )
         about = machine()
         lines = [
-            f"{about}", "",
+            about, "",
             f"{asked.millions} M events, 2 × {SIZE_PX[0]}×{SIZE_PX[1]}; `{METHOD}`, {PLANES} "
             "planes. Every process's start is included.", "",
             "| | s | CPU s | Mev/s | peak memory, MB |", "|---|--:|--:|--:|--:|",

@@ -20,9 +20,15 @@ ALWAYS = {
 }  # fmt: skip
 # Here more than one number is wrong: turned about several axes, or two, which are not named.
 SEVERAL = {"hand-eye missing", "poses late, camera rolled"}
-# Through so narrow a lens the two look alike, and turns that are off look like another lens.
+# Through so narrow a lens the two look alike.
 TRADING_OFF = {"stereo yaw", "baseline off"}
-LIKE_A_LENS = {"turns off by 10 to 20 %"}
+# What else is called wrong first. The lens is a mistake: through it turns that are off look alike.
+# A camera that is so late is silent for a third of so short a recording.
+CALLED = {
+    "camera late by 300 to 380 ms": {"gaps in the events"},
+    "turns off by 10 to 20 %": {"focal length"},
+    "first camera's principal point off": {"principal point off"},
+}
 ALWAYS_UNSPOILT = {"as simulated", "one camera", "poses of a tracked body"}
 ALWAYS_IN_FILES = {"events not sorted csv"}
 
@@ -47,9 +53,8 @@ def first_suspects(report):
 @pytest.mark.parametrize("fault", often_named((), {f.kind: f for f in (*OPENED, *TRIED)}))
 def test_two_faults_at_once_and_nameless_ones_get_no_wrong_cure(fault):
     report = check(fault.plant(head_recording(), np.random.default_rng(3)))
-    cures = [one.suspect for one in report.of("wrong") if one.cure]
-    right = {*fault.named, *({"focal length"} if fault.kind in LIKE_A_LENS else ())}
-    assert not cures or set(cures[0].split(" or ")) & right
+    right = {*fault.named, *UNKNOWN, *CALLED.get(fault.kind, ())}
+    assert not report.suspects or first_suspects(report) <= right
 
 
 @pytest.mark.slow
