@@ -110,10 +110,13 @@ class StreamCount:
         if self._image is None:
             return
         _, height, width = self._image.shape
-        good = (events.x < width) & (events.y < height)
-        self.outside += len(events) - int(np.count_nonzero(good))
-        at = events.y[good].astype(np.int64) * width + events.x[good]
-        at += (events.p[good] > 0) * (width * height)
+        if self.largest_x >= width or self.largest_y >= height:
+            good = (events.x < width) & (events.y < height)
+            self.outside += len(events) - int(np.count_nonzero(good))
+            events = events.take(good)
+        at = np.multiply(events.y, width, dtype=np.int64)
+        at += events.x
+        at += np.multiply(events.p > 0, width * height, dtype=np.int64)
         self._image += np.bincount(at, minlength=2 * width * height).reshape(2, height, width)
 
     def _make_room(self) -> None:

@@ -42,10 +42,10 @@ def info(
     description = facts(readable, counts)
     console.result(description, summary(description))
     if picture is not None:
-        from eventsweep.eval.inspect import draw
+        from eventsweep.eval.figures.event_counts import draw_counts
 
         names = [name for name, _ in readable.streams]
         title = f"{readable.path.resolve().name}: {readable.what}"
         with output_file(picture, force=force, inputs=read) as place:
-            draw(place, title, names, counts)
+            draw_counts(place, title, names, counts)
         console.wrote(picture)
