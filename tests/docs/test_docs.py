@@ -61,6 +61,8 @@ def code(page: Path) -> list[str]:
 CODE = {page.name: page for page in PAGES if code(page)}
 # Five to fifteen seconds each; what they call has tests of its own.
 LONG = {
+    "api.md",
+    "install.md",
     "baselines.md",
     "sequences.md",
     "howto_model.md",

@@ -39,7 +39,7 @@ TWINS = {
 }
 LIT = [name for name in TWINS if not name.startswith("hdr")]
 ROOMS = ["tumvie-6dof", "mvsec-flying", "rpg-boxes", "hdr-window", "hdr-night"]
-OFTEN = {"mvsec-flying", "rpg-boxes", "rpg-bin"}
+OFTEN = {"mvsec-flying", "rpg-bin"}
 
 
 @pytest.mark.parametrize("name", TWINS)

@@ -12,6 +12,7 @@ from eventsweep.emvs.data.event_store import EventStoreWriter
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.image_stores import FrameWriter, Photo, TruthWriter
 from eventsweep.emvs.formats.tables.hdf5 import MvsecWriter, TumvieWriter
+from tiers import often
 
 SHAPE = (48, 64)
 
@@ -75,7 +76,7 @@ def watch(stop):
         del kept
 
 
-@pytest.mark.parametrize("write", WRITERS)
+@pytest.mark.parametrize("write", often((write_events, write_mvsec), WRITERS))
 def test_who_watches_changes_no_byte(tmp_path, write):
     alone = digest(write, tmp_path / "alone.h5")
     stop = threading.Event()

@@ -106,15 +106,18 @@ def unfinished(folder, scene):
     return checkpoint_path(folder / "unfinished")
 
 
+DAMAGED = [
+    ("cam0.events.h5", 0),
+    ("cam1.truth.h5", -1),
+    ("part.json", 1),
+    ("part.json", -1),
+    ("state.npz", -1),
+]
+
+
 @pytest.mark.parametrize(
     ("name", "index"),
-    [
-        ("cam0.events.h5", 0),
-        ("cam1.truth.h5", -1),
-        ("part.json", 1),
-        ("part.json", -1),
-        ("state.npz", -1),
-    ],
+    often([("cam0.events.h5", 0), ("state.npz", -1)], DAMAGED),
 )
 def test_a_damaged_part_is_made_again(folder, scene, whole, unfinished, name, index):
     out, lines = folder / f"damaged-{name}{index}", []

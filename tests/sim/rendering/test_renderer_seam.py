@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -13,12 +14,15 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.simulate import simulate
 from formula_wall import SCENE, WALL_M, Formula, Wall, behind_the_wall, sideways
+from tiers import often
 
 RIG, EPS = made.tiny_rig(), 0.1
 
 
-@pytest.mark.parametrize("sampling", ["linear", "accurate"])
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize(
+    ("sampling", "workers"),
+    often([("linear", 1), ("accurate", 2)], product(["linear", "accurate"], [1, 2])),
+)
 def test_events_and_depth_are_those_of_the_formula(tmp_path, sampling, workers):
     """At every pixel the events' steps add up to the change of the formula's logarithm."""
     config = SimConfig(sampling=sampling, duration_s=0.1, log_eps=EPS, truth=("segmentation",))
