@@ -106,6 +106,16 @@ def label_of(
     return best
 
 
+@numba.njit(cache=True, nogil=True)
+def beside_another(body: NDArray[np.uint16], i: int, j: int) -> bool:
+    """Whether a pixel or one of its neighbours shows another body than the pixel's centre."""
+    for p in range(max(i - 1, 0), min(i + 2, body.shape[0])):
+        for o in range(max(j - 1, 0), min(j + 2, body.shape[1])):
+            if body[p, o] != body[i, j]:
+                return True
+    return False
+
+
 class Reached(NamedTuple):
     """What comes over each of N pixels.
 
@@ -158,7 +168,7 @@ def ranges_of_pixel(
         highs: out, (MOST,).
     """
     least, most, own = frame.farthest[i, j], frame.nearest[i, j], int(frame.body[i, j])
-    if most - least <= gap:
+    if most - least <= gap and not (mixed and beside_another(frame.body, i, j)):
         return add_range(own, least, most, gap, ways, lows, highs, 0)
     count = 0
     for q in range(n * i, n * i + n):
