@@ -96,14 +96,30 @@ def add_range(
 def label_of(
     rho: float, i: int, j: int, body: NDArray[np.uint16], frame_rho: NDArray[np.float32], n: int
 ) -> int:
-    """Whose a sample of a cell is: that of the neighbour whose centre is at the nearest depth."""
-    best, least = int(body[i, j]), abs(frame_rho[n * i + n // 2, n * j + n // 2] - rho)
+    """Whose a sample of a cell is: that of the neighbour whose centre is at the nearest depth.
+
+    The centre of an even number of samples lies among four; at an edge they may not agree.
+    """
+    best, least, first = int(body[i, j]), np.inf, (n - 1) // 2 - n // 2
     for p in range(max(i - 1, 0), min(i + 2, body.shape[0])):
         for o in range(max(j - 1, 0), min(j + 2, body.shape[1])):
-            apart = abs(frame_rho[n * p + n // 2, n * o + n // 2] - rho)
-            if apart < least:
+            apart = 0.0
+            for k in range(first, 1):
+                for m in range(first, 1):
+                    apart += abs(frame_rho[n * p + n // 2 + k, n * o + n // 2 + m] - rho)
+            if apart < least or (apart == least and p == i and o == j):
                 best, least = int(body[p, o]), apart
     return best
+
+
+@numba.njit(cache=True, nogil=True)
+def beside_another(body: NDArray[np.uint16], i: int, j: int) -> bool:
+    """Whether a pixel or one of its neighbours shows another body than the pixel's centre."""
+    for p in range(max(i - 1, 0), min(i + 2, body.shape[0])):
+        for o in range(max(j - 1, 0), min(j + 2, body.shape[1])):
+            if body[p, o] != body[i, j]:
+                return True
+    return False
 
 
 class Reached(NamedTuple):
@@ -139,9 +155,20 @@ def empty_reached(slot: NDArray[np.int32]) -> Reached:
     )  # fmt: skip
 
 
+@numba.njit(cache=True, nogil=True)
+def least_gap(
+    T: NDArray[np.float64], a: float, b: float, rho: float, lens: NDArray[np.float64]
+) -> float:
+    """How far inverse depths around `rho` differ, 1/m, whose parallax differs by `APART_PX`."""
+    step = 0.05 * rho + 1e-3
+    u, v = carried(T, a, b, rho, lens)
+    du, dv = carried(T, a, b, rho + step, lens)
+    return APART_PX * step / max(math.hypot(du - u, dv - v), 1e-9)
+
+
 @numba.njit(cache=True, nogil=True, forceinline=True)
 def ranges_of_pixel(
-    frame: Seen, i: int, j: int, n: int, gap: float, mixed: bool,
+    frame: Seen, i: int, j: int, n: int, gap: float, beside: bool,
     ways: NDArray[np.int64], lows: NDArray[np.float64], highs: NDArray[np.float64],
 ) -> int:  # fmt: skip
     """Fills in whose surfaces a pixel shows and at what inverse depths; how many ranges.
@@ -152,19 +179,19 @@ def ranges_of_pixel(
         j: its column.
         n: samples per pixel and axis.
         gap: ranges of one way that are less apart are one, 1/m.
-        mixed: whether several bodies are around.
+        beside: whether some of its samples may be another body's, at whatever depth.
         ways: out, (MOST,).
         lows: out, (MOST,), 1/m.
         highs: out, (MOST,).
     """
     least, most, own = frame.farthest[i, j], frame.nearest[i, j], int(frame.body[i, j])
-    if most - least <= gap:
+    if most - least <= gap and not beside:
         return add_range(own, least, most, gap, ways, lows, highs, 0)
     count = 0
     for q in range(n * i, n * i + n):
         for m in range(n * j, n * j + n):
             rho = frame.rho[q, m]
-            whose = label_of(rho, i, j, frame.body, frame.rho, n) if mixed else own
+            whose = label_of(rho, i, j, frame.body, frame.rho, n) if beside else own
             count = add_range(whose, rho, rho, gap, ways, lows, highs, count)
     return count
 
@@ -270,18 +297,15 @@ def reach_out(
             if not walks[i, j]:
                 continue
             a, b = np.float64(bearing[i, j, 0]), np.float64(bearing[i, j, 1])
-            T, middle = ways[frame.body[i, j], to_other], np.float64(frame.nearest[i, j])
-            # How far a step of inverse depth moves what lies here, px per 1/m.
-            step = 0.05 * middle + 1e-3
-            u, v = carried(T, a, b, middle, lens)
-            du, dv = carried(T, a, b, middle + step, lens)
-            gap = APART_PX * step / max(math.hypot(du - u, dv - v), 1e-9)
+            own, beside = int(frame.body[i, j]), mixed and beside_another(frame.body, i, j)
+            own_gap = least_gap(ways[own, to_other], a, b, np.float64(frame.nearest[i, j]), lens)
             dark, bright = light_range(frame.light, i, j, n)
-            count = ranges_of_pixel(frame, i, j, n, gap, mixed, whose, low, high)
+            count = ranges_of_pixel(frame, i, j, n, own_gap, beside, whose, low, high)
             for k in range(count):
                 rho, T = 0.5 * (low[k] + high[k]), ways[whose[k], to_other]
                 u, v = carried(T, a, b, rho, lens)
                 half = 0.5 + 0.5 / (T[2, 0] * a + T[2, 1] * b + T[2, 2] + T[2, 3] * rho)
+                gap = own_gap if whose[k] == own else least_gap(T, a, b, rho, lens)
                 walk(
                     j - border, i - border, u, v, whose[k], half * low[k], half * high[k], gap,
                     dark, bright, reached,

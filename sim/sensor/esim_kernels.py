@@ -26,9 +26,9 @@ PIXEL = np.dtype(
 """A pixel's memory: last emitted event, first log intensity, rises and falls since."""
 
 
-TIE = 1e-7
-"""A level counts as reached from this close, ln intensity: float32 light is rounded by as much, and
-light that comes back to a grey, an uncovered wall, comes back to the level itself."""
+TIE = 1e-6
+"""A level counts as reached from this close, ln intensity: means of float32 samples are rounded by
+nearly as much, and light that comes back to a grey, an uncovered wall, comes back to the level."""
 NEAR = 2 * TIE
 """Nobody further from a level than this can reach it, however sums are rounded."""
 

@@ -12,7 +12,7 @@ from math import floor
 
 import numpy as np
 
-TIE = Fraction(1, 10**7)
+TIE = Fraction(1, 10**6)
 """A level counts as reached from this close."""
 
 

@@ -1,4 +1,7 @@
-"""What walks tell the pixels on their way, against sets and sorted intervals in plain Python."""
+"""What walks tell the pixels on their way, against sets and sorted intervals in plain Python.
+
+And whose surfaces they are, where a body passes before a wall.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.sim.compensation.fine_frame import FineFrame
+from eventsweep.sim.compensation.interval import Passage, interval_between
 from eventsweep.sim.compensation.layer_search_kernels import empty_reached, walk
+from eventsweep.sim.rendering.base import Frame, Samples
+from eventsweep.sim.rendering.moving_bodies import BodyPixels
 
 SHAPE, GAP = (9, 11), 1 / 16
 
@@ -118,3 +126,45 @@ def test_a_corner_that_a_walk_cuts_is_small_and_its_neighbours_walk_there(du, dv
     )
     around = [(11 + i, 11 + j) for i, j in np.ndindex(3, 3)]
     assert set(shares) <= pixels_told(around, du, dv)
+
+
+WALL_M, BODY_M, SIZE, BORDER, REACH_PX = 2.5, 1.0, 16, 10, 8.0
+
+
+def shown(edge_px, grid):
+    """A fine frame and its body's pixels: a body above a level edge, a wall below."""
+    wide = SIZE + 2 * BORDER
+    rows_px = (np.arange(grid * wide) + 0.5) / grid - 0.5 - BORDER
+    depth_m = np.where(rows_px < edge_px, BODY_M, WALL_M)[:, None].repeat(grid * wide, 1)
+    light = np.full(depth_m.shape, 0.5, np.float32)
+    nearest_m = depth_m.reshape(wide, grid, wide, grid).min((1, 3))[BORDER:-BORDER, BORDER:-BORDER]
+    inner = np.full((SIZE, SIZE), 0.5, np.float32)
+    samples = Samples(light, (1 / depth_m).astype(np.float32))
+    frame = FineFrame(Frame(inner, nearest_m.astype(np.float32), samples), grid, REACH_PX)
+    at_px = np.stack(np.meshgrid(*[np.arange(-BORDER, SIZE + BORDER)] * 2), -1).reshape(-1, 2)
+    own = at_px[at_px[:, 1] < edge_px]
+    return frame, BodyPixels(own, np.zeros((len(own), 3)), np.zeros(len(own), np.int32))
+
+
+@given(st.floats(6, 9), st.sampled_from([3, 4, 6]), st.floats(0, 0.01))
+def test_a_body_is_never_taken_for_the_wall_behind_it(edge_px, grid, head_m):
+    """Wherever its edge lies, and however little the head moves: depths are those of each way."""
+    camera = Camera(SIZE, SIZE, 100.0, 100.0, 7.5, 7.5)
+    poses = [np.eye(4) for _ in range(3)]
+    poses[1][0, 3], poses[2][0, 3] = head_m / 2, head_m
+
+    def moved(now_us, later_us):
+        T = np.eye(4)[None].copy()
+        T[0, 0, 3] = 5e-5 * (later_us - now_us) / 10
+        return T
+
+    frame, body = shown(edge_px, grid)
+    shape = SIZE + 2 * BORDER, SIZE + 2 * BORDER
+    interval = interval_between((0, 10_000), tuple(poses), shape, (body, body), moved, BORDER)
+    layers = Passage(camera, frame, frame, interval).layers[0]
+    assert len(layers.number) > 0
+    rho = np.array([1 / WALL_M, 1 / BODY_M])
+    for k, number in enumerate(layers.number):
+        expected = rho[layers.way[k, :number]]
+        assert np.allclose(layers.low[k, :number], expected, atol=1e-3)
+        assert np.allclose(layers.high[k, :number], expected, atol=1e-3)
