@@ -12,16 +12,21 @@ class LaidOutFigure(Figure):
     """A figure with constrained layout, for `savefig` alone.
 
     `savefig` draws such a figure with a layout engine and nothing visible, and then without an
-    engine. The first needs no more than the layout, which measures what it needs by itself.
+    engine. The first needs no more than the layout, which measures what it needs by itself; of a
+    figure `like` another, whose labels take the same room, that one's is taken.
     """
 
-    def __init__(self, **settings: Any) -> None:
+    def __init__(self, like: Figure | None = None, **settings: Any) -> None:
         super().__init__(layout="constrained", **settings)
+        self._like = like
 
     def draw(self, renderer: Any) -> None:
         """Draws all, or only finds the layout where there is an engine for it."""
         engine = self.get_layout_engine()
-        if isinstance(engine, ConstrainedLayoutEngine):
+        if not isinstance(engine, ConstrainedLayoutEngine):
+            super().draw(renderer)
+        elif self._like is None:
             engine.execute(self)
         else:
-            super().draw(renderer)
+            for axes, known in zip(self.axes, self._like.axes, strict=True):
+                axes.set_position(known.get_position(original=True))

@@ -133,9 +133,25 @@ class DsiSlice:
     truth_m: NDArray[np.floating] | None = None
 
 
-def slice_figure(dsi_slice: DsiSlice) -> Figure:
-    """Seen from above, the camera below: ray density, extracted depth and true depth of one row."""
-    figure = LaidOutFigure(figsize=(10.5, 3.6))
+class SliceFigures:
+    """Draws the slices of one window: same row, planes and truth, so their layout is found once."""
+
+    def __init__(self) -> None:
+        self._first: Figure | None = None
+
+    def __call__(self, dsi_slice: DsiSlice) -> Figure:
+        """See `slice_figure`."""
+        figure = slice_figure(dsi_slice, self._first)
+        self._first = self._first or figure
+        return figure
+
+
+def slice_figure(dsi_slice: DsiSlice, like: Figure | None = None) -> Figure:
+    """Seen from above, the camera below: ray density, extracted depth and true depth of one row.
+
+    Its layout is that of a slice `like` it, where there is one.
+    """
+    figure = LaidOutFigure(like, figsize=(10.5, 3.6))
     axes = figure.subplots()
     _draw_votes(axes, dsi_slice)
     columns = np.flatnonzero(dsi_slice.mask)

@@ -44,10 +44,10 @@ from eventsweep.eval.figures.images import (
 from eventsweep.eval.figures.plots import (
     CAUSE_COLOURS,
     SharesByName,
+    SliceFigures,
     causes_figure,
     curves_figure,
     outlier_causes,
-    slice_figure,
     svg,
 )
 from eventsweep.eval.numbers import displayed, thousands
@@ -173,7 +173,7 @@ def window_context(
     window: WindowData, methods: Sequence[str], rows: pd.DataFrame, clock_us: int = 0
 ) -> dict[str, Any]:
     """What the template shows of one window."""
-    scales, sure = _scales(window), _confidence_scales(window)
+    scales, sure, draw_slice = _scales(window), _confidence_scales(window), SliceFigures()
     names = dict.fromkeys(name for counts in window.counts.values() for name in counts)
     return {
         "name": window.name,
@@ -186,6 +186,7 @@ def window_context(
         "truth": truth_uri(window, scales["depth_scale"]),
         "methods": [
             _method_context(m, methods.index(m.name), window, scales, sure[m.name], rows)
+            | {"slice_svg": _drawn(draw_slice, m.dsi_slice)}
             for m in window.methods
         ],
         "confidence_title": _confidence_title(window),
@@ -223,7 +224,6 @@ def _method_context(
         "cause": _cause_uri(method, point_px),
         "causes": _cause_shares(method),
         "within": _within_band(method, window),
-        "slice_svg": _drawn(slice_figure, method.dsi_slice),
     }
 
 

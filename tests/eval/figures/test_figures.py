@@ -33,7 +33,14 @@ from eventsweep.eval.figures.images import (
     events_image,
     frame_image,
 )
-from eventsweep.eval.figures.plots import DsiSlice, _surfaces, curves_figure, slice_figure, svg
+from eventsweep.eval.figures.plots import (
+    DsiSlice,
+    SliceFigures,
+    _surfaces,
+    curves_figure,
+    slice_figure,
+    svg,
+)
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.method_scores import ALL_METRICS
 from eventsweep.eval.scoring.metrics import Pairs
@@ -227,6 +234,15 @@ def test_a_slice_is_the_same_whichever_way_its_planes_run(order):
     assert svg(slice_figure, piece) == svg(slice_figure, reference)
     assert "image row 12" in svg(slice_figure, piece)
     assert "true depth" in svg(slice_figure, piece)
+
+
+def test_slices_of_one_window_look_as_if_each_were_laid_out_alone():
+    rng, rho = np.random.default_rng(1), np.linspace(2.0, 0.25, 20)
+    truth_m, draw = np.full(30, 1.1), SliceFigures()
+    for depth_m in (0.6, 1.0, 3.0):
+        mask = rng.random(30) < 0.5
+        piece = DsiSlice(12, rho, rng.random((20, 30)), np.full(30, depth_m), mask, truth_m)
+        assert svg(draw, piece) == svg(slice_figure, piece)
 
 
 def test_an_empty_slice_without_truth_can_be_drawn():
