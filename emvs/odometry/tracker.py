@@ -317,7 +317,7 @@ class Tracker:
         rate_rad_s = self._gyroscope.rate_at(batch.t_us, t_us)
         if rate_rad_s is not None:
             expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
-        return self._registration(batch.events, expected)
+        return self._registration.nearby(batch.events, expected)
 
     def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
         """Goes on as it moved, for a moment; then it is lost."""

@@ -18,7 +18,7 @@ CAUCHY_PX, GATE_PX = 0.7, 2.5
 TRUST = 0.4
 """What a squared residual of a pixel counts: events of one edge, and of batches that overlap, err
 together."""
-STEPS, COARSER_STEPS = 3, 1
+STEPS, COARSER_STEPS = 4, 1
 """Of Gauss-Newton per level, associations anew in each."""
 _FARTHER = 1.5
 """How much farther than a step says: weights that fall with the residual make it too short, by a
