@@ -62,6 +62,14 @@ class Fit:
         """Whether enough residuals decided, and their closeness is at least this."""
         return self.inliers >= LEAST_INLIERS and self.closeness >= closeness
 
+    def in_words(self) -> str:
+        """How well it went, and what that counts."""
+        return (
+            f"events and map agree to {self.closeness:.2f} (0.36 is chance): {self.events_near} of "
+            f"{self.events} events are near lines of the map, {self.points_near} of {self.points} "
+            "map points near lines of events"
+        )
+
     @property
     def events_share(self) -> float:
         """Share of events near a line of the map."""

@@ -6,7 +6,8 @@ import pytest
 
 import point_world as world
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.odometry.batches import Sizes, planes_for, small_view
+from eventsweep.emvs.odometry.batches import Sizes
+from eventsweep.emvs.odometry.online import planes_for, small_view
 
 
 @pytest.mark.parametrize(
