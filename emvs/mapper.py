@@ -39,6 +39,8 @@ from eventsweep.emvs.utils.runtime import (
 from eventsweep.emvs.window_result import CameraCounts, WindowResult
 from eventsweep.emvs.windows import Window, choose_window
 
+_MANY_EVENTS = 1_000_000  # what fewer took is used again by the next window, at no cost
+
 
 def map_window(
     recording: Recording,
@@ -85,7 +87,9 @@ def map_window(
         recording, window, view, splits_of(targets), projector_on(device), progress,
         polarities=config.polarities, packets=config.is_mcemvs, min_events=config.min_events,
     )  # fmt: skip
-    give_back_memory()  # of events, and of rays before they were grouped
+    is_large = sum(count.events for count in projected.counts) >= _MANY_EVENTS
+    if is_large:
+        give_back_memory()  # of events, and of rays before they were grouped
     stopwatch.lap("rays")
 
     # 3. and 4. One volume per camera, fused in every way at once; plane by plane, none is kept
@@ -97,7 +101,8 @@ def map_window(
     )  # fmt: skip
     rays, event_image = projected.counts, projected.event_image
     del projected  # the rays themselves take more memory than what follows
-    give_back_memory()
+    if is_large:
+        give_back_memory()
     stopwatch.lap("sweep")
 
     # 5. Depth and confidence from the maxima over planes.

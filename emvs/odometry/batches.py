@@ -22,8 +22,6 @@ _STILL_PER_PIXEL = 0.005  # with fewer events no edge has moved by a pixel
 _POINTS_PER_COLUMN = 24
 _USUAL_COLUMNS = 400
 _MAP_EVENTS_PER_COLUMN, _LEAST_MAP_EVENTS = 170, 60_000
-_PLANES = 60, 100
-_MOST_VIEW_COLUMNS = 640
 
 
 @dataclass(frozen=True)
@@ -64,29 +62,6 @@ class Sizes:
         )
 
 
-def planes_for(rig: Rig, range_m: tuple[float, float]) -> int:
-    """Depth planes of a map: one per pixel of disparity between both ends of the range, bounded."""
-    fewest, most = _PLANES
-    if len(rig) < 2:
-        return most
-    near_m, far_m = range_m
-    disparity_px = rig.cameras[0].fx_px * rig.baseline_m() * (1 / near_m - 1 / far_m)
-    return min(max(math.ceil(disparity_px), fewest), most)
-
-
-def small_view(rig: Rig) -> dict[str, float]:
-    """Settings of the view of maps, where camera 0 has more columns than lines are drawn from."""
-    camera = rig.cameras[0]
-    if camera.width_px <= _MOST_VIEW_COLUMNS:
-        return {}
-    scale = _MOST_VIEW_COLUMNS / camera.width_px
-    height_px = round(scale * camera.height_px)
-    return {
-        "view_width_px": _MOST_VIEW_COLUMNS, "view_height_px": height_px,
-        "view_focal_px": scale * camera.fx_px, "view_focal_y_px": scale * camera.fy_px,
-    }  # fmt: skip
-
-
 @dataclass(frozen=True, eq=False)
 class Batch:
     """Events of every camera, and the time that their pose belongs to: the middle of theirs."""
@@ -119,3 +94,12 @@ def batch_before(streams: Sequence[Stream], t_us: int, count: int, since_us: int
     begin_us = max([t_us - LONGEST_US, since_us, *(b for b in begins if b is not None)])
     events = tuple(stream.between(begin_us, t_us) for stream in streams)
     return Batch((begin_us + t_us) // 2, events)
+
+
+def rising(batches: Sequence[Batch]) -> list[Batch]:
+    """Batches whose times rise."""
+    kept: list[Batch] = []
+    for batch in batches:
+        if not kept or batch.t_us > kept[-1].t_us:
+            kept.append(batch)
+    return kept

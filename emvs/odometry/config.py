@@ -17,7 +17,7 @@ class TrackConfig(ParameterGroup):
     maps: int = Field(default=8, ge=1, le=1000, description="maps whose points are tracked")
     planes: int | None = Field(
         default=None, ge=2, le=100_000,
-        description="depth planes of a map; by default one per pixel of disparity, 60 to 100",
+        description="depth planes of a map; by default one per pixel of disparity, 40 to 100",
     )  # fmt: skip
     map_events: int | None = Field(
         default=None, ge=1000,

@@ -64,8 +64,11 @@ class Motion:
         length_s = abs(dt_s)
         density = _DENSITY * np.repeat([self.reach**2, 1.0], 3)
         mixed = -density * dt_s * length_s / 2
-        grown = np.block([[density * length_s**3 / 3, mixed], [mixed, density * length_s]])
-        covariance = F @ self.covariance @ F.T + grown
+        covariance = F @ self.covariance @ F.T
+        covariance[:6, :6] += density * length_s**3 / 3
+        covariance[:6, 6:] += mixed
+        covariance[6:, :6] += mixed
+        covariance[6:, 6:] += density * length_s
         return replace(
             self, t_us=t_us, T_world_body=self.T_world_body @ step, covariance=covariance
         )

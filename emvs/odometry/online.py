@@ -7,6 +7,7 @@ every machine. Who asks for a map that is not finished waits for it.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -23,11 +24,15 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.odometry.checkpoint import State
 from eventsweep.emvs.odometry.cloud import MapCloud, points_of
+from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.stream import Arrived
+from eventsweep.emvs.reference_view import depth_range_m
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.emvs.windows import Window, check_poses
 
 _DELAY_US, _DELAY_OF_STRIDE = 120_000, 0.6
+_PLANES = 40, 100
+_MOST_VIEW_COLUMNS = 640
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,6 +212,41 @@ class BackgroundMaps:
         for depth_map in online.result.depth_maps.values():
             self.cloud.add(points_of(depth_map))
         return self.cloud.chosen(self._most)
+
+
+def map_config(config: TrackConfig, arrived: Arrived) -> MapperConfig:
+    """Settings of the maps that are tracked, for the depths of what has arrived."""
+    rig = arrived.rig
+    settings = MapperConfig(
+        methods=("Focus/H" if len(rig) > 1 else "Focus/cam0",),
+        window_s=config.map_s, stride_s=1 / config.map_rate_hz,
+        min_depth_m=config.min_depth_m, max_depth_m=config.max_depth_m, threads=config.threads,
+    )  # fmt: skip
+    planes = config.planes or planes_for(rig, depth_range_m(arrived, settings))
+    return settings.model_copy(update={"planes": planes, **small_view(rig)})
+
+
+def planes_for(rig: Rig, range_m: tuple[float, float]) -> int:
+    """Depth planes of a map: one per pixel of disparity between both ends of the range, bounded."""
+    fewest, most = _PLANES
+    if len(rig) < 2:
+        return most
+    near_m, far_m = range_m
+    disparity_px = rig.cameras[0].fx_px * rig.baseline_m() * (1 / near_m - 1 / far_m)
+    return min(max(math.ceil(disparity_px), fewest), most)
+
+
+def small_view(rig: Rig) -> dict[str, float]:
+    """Settings of the view of maps, where camera 0 has more columns than lines are drawn from."""
+    camera = rig.cameras[0]
+    if camera.width_px <= _MOST_VIEW_COLUMNS:
+        return {}
+    scale = _MOST_VIEW_COLUMNS / camera.width_px
+    height_px = round(scale * camera.height_px)
+    return {
+        "view_width_px": _MOST_VIEW_COLUMNS, "view_height_px": height_px,
+        "view_focal_px": scale * camera.fx_px, "view_focal_y_px": scale * camera.fy_px,
+    }  # fmt: skip
 
 
 def window_us(config: MapperConfig) -> tuple[int, int]:

@@ -36,10 +36,12 @@ class Stream:
             column[self._last : self._last + len(events)] = getattr(events, name)
         self._last += len(events)
 
-    def between(self, t0_us: int, t1_us: int) -> Events:
-        """A copy of the events with `t0_us <= t < t1_us`."""
+    def between(self, t0_us: int, t1_us: int, most: int | None = None) -> Events:
+        """A copy of the events with `t0_us <= t < t1_us`; at most so many, evenly through them."""
         first, last = self._first + np.searchsorted(self._times(), [t0_us, t1_us], side="left")
-        return Events(*(column[first:last].copy() for column in self._columns.values()))
+        there = Events(*(column[first:last] for column in self._columns.values()))
+        chosen = there if most is None else there.thinned(most)
+        return Events(*(getattr(chosen, name).copy() for name, _ in _COLUMNS))
 
     def time_of_newest(self, count: int, t_us: int) -> int | None:
         """When the last `count` events before `t_us` begin, µs; None if there are not so many."""
@@ -65,12 +67,13 @@ class Stream:
         return times
 
     def _move(self, needed: int) -> None:
-        """Makes room at the end, for twice what is needed, but for no more than that."""
-        room = max(_ROOM, 2 * needed)
+        """Makes room at the end: in the same memory, unless that is too little or far too much."""
+        has, room = len(self._columns["t_us"]), max(_ROOM, 3 * needed)
+        stays = len(self) <= self._first and 2 * needed <= has <= 2 * room
         for name, column in self._columns.items():
-            fresh = np.empty(room, column.dtype)
-            fresh[: len(self)] = column[self._first : self._last]
-            self._columns[name] = fresh
+            roomy = column if stays else np.empty(room, column.dtype)
+            roomy[: len(self)] = column[self._first : self._last]
+            self._columns[name] = roomy
         self._first, self._last = 0, len(self)
 
 
@@ -140,8 +143,7 @@ class Arrived:
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us`."""
-        events = self.streams[camera].between(t0_us, t1_us)
-        return events if self.most_events is None else events.thinned(self.most_events)
+        return self.streams[camera].between(t0_us, t1_us, self.most_events)
 
     def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
         """No image: only events arrive."""

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.depth.depth_map import DepthMap
@@ -22,8 +21,7 @@ from eventsweep.emvs.odometry.batches import (
     Sizes,
     batch_before,
     never_fired,
-    planes_for,
-    small_view,
+    rising,
     without_lone,
 )
 from eventsweep.emvs.odometry.checkpoint import State
@@ -35,6 +33,7 @@ from eventsweep.emvs.odometry.online import (
     OnlineMap,
     OnlineMapper,
     check_packet,
+    map_config,
     window_us,
 )
 from eventsweep.emvs.odometry.past import Found, Past, earlier
@@ -56,8 +55,6 @@ Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
 _COAST_US = 100_000
 END_US = 1 << 62
-
-
 _PLAIN = (
     "_searched", "_until_us", "_begin_us", "_next_us", "_fed_us", "reason", "since_us",
 )  # fmt: skip
@@ -245,16 +242,14 @@ class Tracker:
         assert self._begin_us is not None
         streams, begin_us = self._arrived.streams, max(self._begin_us, t_us - LONGEST_START_US)
         ends = range(begin_us + self._step_us, t_us + 1, self._step_us)
-        batches = _rising(
-            [batch_before(streams, end, self._sizes.events, begin_us) for end in ends]
-        )
+        batches = rising([batch_before(streams, end, self._sizes.events, begin_us) for end in ends])
         batches = [batch for batch in batches if len(batch) >= self._sizes.still]
         if len(batches) < START_US // self._step_us // 2:
             self._wait("too few events: nothing moves")
             return None
         begun = begin(
-            self._arrived, batches, self._registration, self._sizes, self._map_config(),
-            self._given(batches), self._reach,
+            self._arrived, batches, self._registration, self._sizes,
+            map_config(self._config, self._arrived), self._given(batches), self._reach,
         )  # fmt: skip
         if isinstance(begun, str):
             self._wait(begun)
@@ -317,16 +312,12 @@ class Tracker:
         rate_rad_s = self._gyroscope.rate_at(batch.t_us, t_us)
         if rate_rad_s is not None:
             expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
-        return self._registration(batch.events, expected)
+        return self._registration.nearby(batch.events, expected)
 
     def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
         """Goes on as it moved, for a moment; then it is lost."""
         assert self._motion is not None
-        reason = (
-            f"events and map agree to {fit.closeness:.2f} (0.36 is chance): {fit.events_near} of "
-            f"{fit.events} events are near lines of the map, {fit.points_near} of {fit.points} "
-            "map points near lines of events"
-        )
+        reason = fit.in_words()
         if self.status is not Status.COASTING:
             self._change(Status.COASTING, reason, batch.t_us)
         if batch.t_us - self.since_us < _COAST_US:
@@ -390,7 +381,7 @@ class Tracker:
         self._registration.use_map(points, few(points, self._sizes))
 
     def _background(self, start_us: int) -> BackgroundMaps:
-        config = self._map_config()
+        config = map_config(self._config, self._arrived)
         threads = thread_count(config.threads)
         mapper = OnlineMapper(
             self._rig, config.model_copy(update={"threads": max(1, threads - 1)}),
@@ -402,26 +393,4 @@ class Tracker:
 
     @property
     def _reach(self) -> float:
-        return reach_for(depth_range_m(self._arrived, self._map_config())[0])
-
-    @property
-    def _method(self) -> str:
-        return "Focus/H" if len(self._rig) > 1 else "Focus/cam0"
-
-    def _map_config(self) -> MapperConfig:
-        config = self._config
-        settings = MapperConfig(
-            methods=(self._method,), window_s=config.map_s, stride_s=1 / config.map_rate_hz,
-            min_depth_m=config.min_depth_m, max_depth_m=config.max_depth_m, threads=config.threads,
-        )  # fmt: skip
-        planes = config.planes or planes_for(self._rig, depth_range_m(self._arrived, settings))
-        return settings.model_copy(update={"planes": planes, **small_view(self._rig)})
-
-
-def _rising(batches: Sequence[Batch]) -> list[Batch]:
-    """Batches whose times rise."""
-    kept: list[Batch] = []
-    for batch in batches:
-        if not kept or batch.t_us > kept[-1].t_us:
-            kept.append(batch)
-    return kept
+        return reach_for(depth_range_m(self._arrived, map_config(self._config, self._arrived))[0])

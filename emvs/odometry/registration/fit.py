@@ -22,6 +22,7 @@ Matrix = NDArray[np.float64]
 LEAST_INLIERS = 100
 AGREES, FOUND_AGAIN = 0.6, 0.65
 """Mean weight of residuals: 0.36 by chance. Once lost, more is needed to go on."""
+_NEAR_PX = 1.0  # so little beside what was expected needs no coarser level
 _REDRAW_PX = 6.0  # the map is drawn anew once it has moved by so much
 
 
@@ -60,6 +61,14 @@ class Fit:
     def is_good(self, closeness: float) -> bool:
         """Whether enough residuals decided, and their closeness is at least this."""
         return self.inliers >= LEAST_INLIERS and self.closeness >= closeness
+
+    def in_words(self) -> str:
+        """How well it went, and what that counts."""
+        return (
+            f"events and map agree to {self.closeness:.2f} (0.36 is chance): {self.events_near} of "
+            f"{self.events} events are near lines of the map, {self.points_near} of {self.points} "
+            "map points near lines of events"
+        )
 
     @property
     def events_share(self) -> float:
@@ -112,7 +121,21 @@ class Registration:
         self, batches: Sequence[Events], expected: Motion, *, wide: bool = False
     ) -> tuple[Motion, Fit]:
         """The motion that fits a batch of every camera best, near what is expected, or wider."""
-        T_body_world, levels = se3.inverse(expected.T_world_body), self._levels + wide
+        return self._from_level(self._levels + wide, batches, expected)
+
+    def nearby(self, batches: Sequence[Events], expected: Motion) -> tuple[Motion, Fit]:
+        """The same by the finest level alone, where that agrees and is near what is expected."""
+        motion, fit = self._from_level(1, batches, expected)
+        poses = se3.inverse(motion.T_world_body), se3.inverse(expected.T_world_body)
+        if fit.is_good(AGREES) and self._moved_px(*poses) < _NEAR_PX:
+            return motion, fit
+        return self(batches, expected)
+
+    def _from_level(
+        self, levels: int, batches: Sequence[Events], expected: Motion
+    ) -> tuple[Motion, Fit]:
+        """The motion that the finest so many levels give, the coarsest of them first."""
+        T_body_world = se3.inverse(expected.T_world_body)
         T_drawn_world = self._draw_map(T_body_world, levels)
         self._events.draw(batches, expected.t_us, self._map, expected.twist, levels)
         T_now_drawn, twist = np.empty((4, 4)), np.empty(6)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import point_world as world
 from eventsweep.emvs.config import MapperConfig
@@ -94,6 +96,25 @@ def test_a_stream_for_hours_takes_as_much_memory_as_one_for_seconds():
     )
     assert stream.time_of_newest(10, 800_000) == 799_990
     assert stream.time_of_newest(10_001, 800_000) is None
+
+
+@given(st.lists(st.tuples(st.integers(0, 50_000), st.integers(0, 70_000)), max_size=12))
+def test_a_stream_gives_what_was_pushed_and_not_let_go(steps):
+    """Law: however it moves in its memory, its events are those of all packets since the border."""
+    stream, times, since_us, until_us, most = Stream(), np.empty(0, np.int64), 0, 0, 0
+    for count, dropped in steps:
+        t_us = until_us + np.arange(count, dtype=np.int64)
+        xy, most = (t_us % 65_521).astype(np.uint16), max(most, len(stream) + count)
+        stream.push(Events(xy, xy, t_us, (t_us % 2).astype(np.uint8)))
+        until_us, since_us = until_us + count, max(since_us, until_us + count - dropped)
+        stream.drop_before(since_us)
+        times = np.concatenate([times, t_us])
+        times = times[times >= since_us]
+        found, few = stream.between(0, until_us), stream.between(0, until_us, 1000)
+        np.testing.assert_array_equal(found.t_us, times)
+        np.testing.assert_array_equal(found.x, times % 65_521)
+        np.testing.assert_array_equal(few.t_us, found.thinned(1000).t_us)
+        assert len(stream._columns["t_us"]) <= max(1 << 16, 3 * most)
 
 
 def test_what_comes_out_of_order_or_needs_a_whole_recording_is_refused(recording):

@@ -6,13 +6,15 @@ import pytest
 
 import point_world as world
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.odometry.batches import Sizes, planes_for, small_view
+from eventsweep.emvs.odometry.batches import Sizes
+from eventsweep.emvs.odometry.online import planes_for, small_view
 
 
 @pytest.mark.parametrize(
     ("width_px", "focal_px", "baseline_m", "range_m", "planes"),
     [
-        (346, 226.0, 0.1, (0.45, 4.0), 60),  # 45 px of disparity: never fewer than 60
+        (346, 226.0, 0.1, (0.45, 4.0), 45),
+        (346, 226.0, 0.05, (0.45, 4.0), 40),  # 23 px of disparity: never fewer than 40
         (240, 200.0, 0.15, (0.4, 6.0), 70),
         (1280, 1050.0, 0.12, (0.45, 4.0), 100),  # 249 px
     ],
