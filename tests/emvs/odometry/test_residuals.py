@@ -190,7 +190,14 @@ def test_events_and_points_know_the_lines_that_they_lie_on():
     assert (length > 0).mean() > 0.9
 
 
-def test_a_planted_pose_is_recovered():
+PLANTED = [0.006, -0.005, 0.004, 0.004, -0.005, 0.003]
+
+
+def registered(planted, step):
+    """True and found motion at 60 ms, of a world of edges, from a pose that is wrong by so much.
+
+    `step` makes a motion and its fit out of a registration, a batch and what is expected.
+    """
     trajectory = world.swinging(way_m=(0.08, 0.05, 0.04), duration_us=120_000)
     recording = line_world.recorded(trajectory)
     t_us, sizes = 60_000, Sizes.of(recording.rig)
@@ -201,13 +208,35 @@ def test_a_planted_pose_is_recovered():
     points = line_world.edges()
     registration.use_map(points, points[::3].copy())
     batch = [recording.events(k, t_us - 8000, t_us + 8000) for k in (0, 1)]
-    truth = trajectory.at(t_us)
-    planted = truth @ se3.exp([0.006, -0.005, 0.004, 0.004, -0.005, 0.003])
-    motion, fit = registration(batch, Motion.near(t_us, planted))
-    off = se3.log(se3.inverse(truth) @ motion.T_world_body)
+    expected = Motion.near(t_us, trajectory.at(t_us) @ se3.exp(planted))
+    return trajectory, *step(registration, batch, expected)
+
+
+@pytest.mark.parametrize("step", [Registration.__call__, Registration.nearby])
+def test_a_planted_pose_is_recovered(step):
+    trajectory, motion, fit = registered(PLANTED, step)
+    off = se3.log(se3.inverse(trajectory.at(60_000)) @ motion.T_world_body)
     assert np.linalg.norm(off[:3]) < 0.0015
     assert np.linalg.norm(off[3:]) < 0.0015
     assert fit.events_share > 0.6
-    steps = trajectory.at([t_us - 4000, t_us + 4000])
+    steps = trajectory.at([56_000, 64_000])
     twist = se3.log(se3.inverse(steps[0]) @ steps[1]) / 0.008
     np.testing.assert_allclose(motion.twist, twist, atol=0.25)
+
+
+@pytest.mark.parametrize(("share", "coarse"), [(0.02, False), (1.0, True)])
+def test_coarser_levels_are_asked_only_far_from_what_is_expected(share, coarse):
+    levels = []
+
+    class Counted(Registration):
+        def _from_level(self, number, *known):
+            levels.append(number)
+            return super()._from_level(number, *known)
+
+    def step(registration, *known):
+        registration.__class__ = Counted
+        return registration.nearby(*known)
+
+    registered(share * np.array(PLANTED), step)
+    assert levels[0] == 1
+    assert levels[1:] == ([2] if coarse else [])
