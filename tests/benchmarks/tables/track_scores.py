@@ -53,7 +53,7 @@ OPENED = frozenset({0, 1})
 _OPENED_TOO = frozenset(
     {("dsec-street", 4), ("tumvie-6dof", 4), ("rpg-reader", 4)}
     | {("rpg-reader", seed) for seed in (8, 9, 10)}
-    | {("tumvie-6dof", 5)}
+    | {("tumvie-6dof", 5), ("tumvie-6dof", 6)}
     | {("desk", seed) for seed in (3, 4, 9, 10, 11, 12)}
     | {("rpg-boxes", seed) for seed in (2, 6, 7, 8, 9, 10, 11, 12, 13)}
     | {("mvsec-flying", seed) for seed in (2, 3, 4, 8, 9, 10)}
