@@ -86,7 +86,11 @@ def few(points: Matrix, sizes: Sizes) -> Matrix:
 def _stereo(
     arrived: Arrived, middle: Batch, config: MapperConfig, reach: float
 ) -> tuple[Motion, Matrix]:
-    """The map of a rig that stands at the origin, at the time of a batch."""
+    """The map of a rig that stands at the origin, at the time of a batch.
+
+    Of all events: pixels whose newest one is left out differ between the cameras.
+    """
+    arrived = arrived.whole()
     first_us = min(arrived.event_span_us(k)[0] for k in range(len(arrived.rig)))
     standing = np.array([[0, 0, 0, 1.0]] * 2)
     arrived.poses = Trajectory(np.array([first_us, middle.t_us + 1]), np.zeros((2, 3)), standing)

@@ -101,6 +101,12 @@ class Arrived:
             raise InputError("no poses have been pushed: push some first")
         return self.poses
 
+    def whole(self) -> Arrived:
+        """The same streams, without poses, of which `events` returns all."""
+        whole = Arrived(self.rig, self.depth_range_m)
+        whole.streams = self.streams
+        return whole
+
     def add_poses(self, poses: Trajectory) -> None:
         """Takes further poses.
 

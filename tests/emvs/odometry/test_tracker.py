@@ -13,6 +13,7 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.odometry.checkpoint import read_state, write_state
 from eventsweep.emvs.odometry.config import TrackConfig
 from eventsweep.emvs.odometry.pose import Status, smoothed
@@ -190,6 +191,24 @@ def test_what_was_seen_before_the_first_map_is_tracked_too(recording, monkeypatc
     assert len(tries) == 3
     assert poses[0].t_us < 20_000
     assert worst_m(tracker.known(), recording.trajectory) < 0.006
+
+
+def test_the_first_stereo_sees_every_event_however_few_make_a_map(recording, monkeypatch):
+    """Thinned by itself, each camera would keep other pixels' newest events."""
+    shown = {}
+
+    def mapped(arrived, config, *, window):
+        counts = [len(arrived.events(k, window.t0_us, window.t1_us)) for k in (0, 1)]
+        there = [len(stream.between(window.t0_us, window.t1_us)) for stream in arrived.streams]
+        shown.setdefault(config.methods[0], (counts, there))
+        return map_window(arrived, config, window=window)
+
+    monkeypatch.setattr("eventsweep.emvs.odometry.start.map_window", mapped)
+    few = CONFIG.model_copy(update={"map_events": 1000})
+    run(recording, [250_000], Tracker(recording.rig, few, depth_range_m=(0.5, 4.0)))
+    counts, there = shown["SGM/ts"]
+    assert counts == there
+    assert min(there) > 1000
 
 
 def test_until_it_begins_it_holds_a_bounded_stretch(recording, monkeypatch):
