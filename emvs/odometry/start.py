@@ -1,8 +1,8 @@
 """The first map and the first poses: static stereo, then maps on the poses that it gives.
 
-Static stereo knows no motion, so it has few points, some of them wrong. It is used from the middle
-of the first stretch of events, forwards and backwards in time; then the whole stretch is mapped on
-those poses and tracked anew, from the middle again. Nothing of the stereo map remains.
+Static stereo knows no motion, so some of its points are wrong. It is used from the middle of the
+first stretch of events, forwards and backwards in time; then the whole stretch is mapped on those
+poses and tracked anew, from the middle again. Nothing of the stereo map remains.
 
 A stretch in which the rig has hardly moved has no parallax to map: it grows until it has, up to
 `LONGEST_START_US`, so that its poses are found in the end.
@@ -31,7 +31,7 @@ Matrix = NDArray[np.float64]
 START_US, LONGEST_START_US = 200_000, 400_000
 LEAST_POINTS = 500
 _STEREO = "SGM/ts"
-_ROUNDS = 2  # of mapping the stretch and tracking it anew
+_EVERY = 2  # batches: poses so far apart make the map on which all are tracked
 _SETTLING = 3  # registrations of the first batch, whose twist nothing predicts
 _LEAST_SHARE = 0.6  # of the batches, around the middle one
 
@@ -63,19 +63,28 @@ def begin(
         return str(error)
     if len(points) < LEAST_POINTS:
         return f"the first map has {len(points)} points: needs {LEAST_POINTS}"
-    rounds = _ROUNDS + 1 if given is None else 1
-    for done in range(1, rounds + 1):
-        registration.use_map(points, few(points, sizes))
-        motions, fits = _both_ways(batches, k_start, start, registration)
-        if len(motions) < _LEAST_SHARE * len(batches):
-            return f"only {len(motions)} of {len(batches)} batches fit the first map"
-        if done < rounds:
-            middle_pose = next(m.T_world_body for m in motions if m.t_us == middle.t_us)
-            start = Motion.unknown(middle.t_us, middle_pose, reach)
-            points = _mapped(arrived, motions, config)
-            if len(points) < LEAST_POINTS:
-                return f"the map of the first poses has {len(points)} points"
-    return motions, fits, points
+    if given is None:
+        found = _tracked(batches, k_start, _EVERY, start, points, registration, sizes)
+        if isinstance(found, str):
+            return found
+        start, points = _mapped(arrived, found[0], middle, config, reach)
+        if len(points) < LEAST_POINTS:
+            return f"the map of the first poses has {len(points)} points: needs {LEAST_POINTS}"
+    found = _tracked(batches, k_start, 1, start, points, registration, sizes)
+    return found if isinstance(found, str) else (*found, points)
+
+
+def _tracked(
+    batches: Sequence[Batch], k_start: int, every: int, start: Motion, points: Matrix,
+    registration: Registration, sizes: Sizes,
+) -> tuple[list[Motion], list[Fit]] | str:  # fmt: skip
+    """Tracks each so many batches on a map, from `k_start` both ways; a reason where few fit."""
+    some = batches[k_start % every :: every]
+    registration.use_map(points, few(points, sizes))
+    motions, fits = _both_ways(some, k_start // every, start, registration)
+    if len(motions) < _LEAST_SHARE * len(some):
+        return f"only {len(motions)} of {len(some)} batches fit the first map"
+    return motions, fits
 
 
 def few(points: Matrix, sizes: Sizes) -> Matrix:
@@ -102,12 +111,17 @@ def _stereo(
     return Motion.unknown(middle.t_us, np.eye(4), reach), points
 
 
-def _mapped(arrived: Arrived, motions: Sequence[Motion], config: MapperConfig) -> Matrix:
+def _mapped(
+    arrived: Arrived, motions: Sequence[Motion], middle: Batch, config: MapperConfig, reach: float
+) -> tuple[Motion, Matrix]:
+    """The map of the stretch on the poses of motions, and the one at a batch, to begin from."""
     arrived.poses = trajectory_of(motions)
     first_us, last_us = arrived.poses.span_us
     window = Window(first_us, last_us, (first_us + last_us) // 2, (0,) * len(arrived.rig))
     result = map_window(arrived, config, window=window)
-    return points_of(result.depth_maps[config.methods[0]])
+    pose = arrived.poses.at([middle.t_us])[0]
+    points = points_of(result.depth_maps[config.methods[0]])
+    return Motion.unknown(middle.t_us, pose, reach), points
 
 
 def trajectory_of(motions: Sequence[Motion]) -> Trajectory:
