@@ -19,9 +19,9 @@ second frame from half-time and from the first."""
 
 FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
 """Sums may be reordered, so each function rounds as it was compiled. What is called is inlined, or
-a process that compiles would call another copy than one that loads the cache. And it says its
-flags: numba hands a caller's down to what it compiles on the way, so that it would round as who
-came first."""
+a process that compiles would call another copy than one that loads the cache; by `forceinline`, as
+`inline="always"` has numba type and lower the body anew at each call. And it says its flags: numba
+hands a caller's down to what it compiles on the way, so that it would round as who came first."""
 
 Path = tuple[float, float, float, float, float, float, float, float, float]
 
