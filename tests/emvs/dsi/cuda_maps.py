@@ -12,7 +12,6 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.dsi.cuda import backend as cuda_backend
 from eventsweep.emvs.dsi.cuda import device
 from eventsweep.emvs.dsi.device import choose_device
-from eventsweep.emvs.dsi.method import Method
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.maps.folder import RecordingInfo, read_map
@@ -25,6 +24,7 @@ from eventsweep.emvs.methods import (
     unregister,
     with_volume,
 )
+from eventsweep.emvs.methods.method import Method
 
 if device.missing():
     pytest.skip(device.missing(), allow_module_level=True)
