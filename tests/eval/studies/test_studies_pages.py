@@ -159,11 +159,14 @@ def test_sequences_of_an_archive_cost_their_unpacking():
 
 
 def test_efficiency_is_the_share_of_the_ideal_speed_up():
-    assert "0.90 of ideal" in suite_efficiency.line("quick", 2, 90.0, 50.0)
-    assert "0.50 of ideal" in suite_efficiency.line("quick", 2, 90.0, 90.0)
+    alone, together = suite_efficiency.Took(90.0, 135.0), suite_efficiency.Took(50.0, 95.0)
+    text = suite_efficiency.line("quick", 2, alone, together)
+    assert "90.0 s on 1.50 cores with one worker, 50.0 s on 1.90 cores with 2" in text
+    assert "0.90 of ideal" in text
+    assert "0.50 of ideal" in suite_efficiency.line("quick", 2, alone, alone)
 
 
 @pytest.mark.parametrize(("suite", "workers"), [("nosuch", 1), ("quick", 0)])
 def test_what_cannot_be_timed_is_refused(suite, workers):
     with pytest.raises(InputError):
-        suite_efficiency.elapsed_s(suite, workers)
+        suite_efficiency.took(suite, workers)
