@@ -5,11 +5,13 @@ calls in other files, too, and the values of their constants; after an edit ther
 before. So the folder is named by a hash over every file with compiled functions.
 
 Every file in it begins with a hash over the rest: one that is damaged is compiled anew, and one
-without it was not written here.
+without it was not written here. Of processes that need a kernel at the same time one compiles it,
+and the others wait.
 """
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import io
 import os
@@ -20,6 +22,7 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -38,6 +41,7 @@ _HEAD = b"eventsweep kernel 1\n"
 _HASH_BYTES = 32
 _KEEP = 8  # a version takes 10 MB
 _BUSY_S, _OLD_S = 86_400, 30 * 86_400
+_PATIENCE_S = 60.0
 
 
 def use_kernel_cache() -> Path:
@@ -174,6 +178,39 @@ def _is_kernel(file: Path) -> bool:
 class VerifiedKernels(caching.IndexDataCacheFile):
     """Numba's files of one function, each with a hash; a damaged one is as good as none."""
 
+    def load(self, key: Any) -> Any:
+        """What was compiled; None makes it this process's turn to compile, until it saves."""
+        found = super().load(key)
+        if found is None:
+            self._wait()
+            found = super().load(key)
+            if found is not None:
+                self._lock(fcntl.LOCK_UN)
+        return found
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keeps what was compiled, and lets other processes have it."""
+        super().save(key, data)
+        self._lock(fcntl.LOCK_UN)
+
+    def _wait(self) -> None:
+        """Waits while another process compiles this function, but not for one that hangs."""
+        end = time.monotonic() + _PATIENCE_S
+        while not self._lock(fcntl.LOCK_EX | fcntl.LOCK_NB) and time.monotonic() < end:
+            time.sleep(0.05)
+
+    def _lock(self, kind: int) -> bool:
+        """Locks a byte of the folder's mark, which stands for this function; or unlocks it."""
+        byte = hashlib.sha256(self._index_path.encode()).digest()[:7]
+        try:
+            mark = _opened(Path(self._cache_path).parent / _MARK)
+            fcntl.lockf(mark, kind, 1, int.from_bytes(byte, "big"))
+        except BlockingIOError:
+            return False
+        except OSError:  # no locks on this disk: each process compiles for itself
+            pass
+        return True
+
     def _load_index(self) -> dict[Any, Any]:
         content = _verified(Path(self._index_path))
         if content is None:
@@ -208,3 +245,9 @@ def _verified(path: Path) -> bytes | None:
     start = len(_HEAD) + _HASH_BYTES
     body = content[start:]
     return body if content[:start] == _HEAD + hashlib.sha256(body).digest() else None
+
+
+@cache
+def _opened(mark: Path) -> int:
+    """A descriptor that stays open: closing one would undo the process's locks on its file."""
+    return os.open(mark, os.O_RDWR | os.O_CLOEXEC)

@@ -1,6 +1,7 @@
 """What a run is made of: progress, stop watch, threads, free memory, versions of the libraries."""
 
 import ctypes
+import gc
 import importlib
 import os
 import platform
@@ -12,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 
 import numba
+from numba.core import event
 
 from eventsweep.emvs.errors import InputError, heed_interrupt
 from eventsweep.emvs.utils.kernel_cache import use_kernel_cache
@@ -48,6 +50,32 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 if "NUMBA_THREADING_LAYER" not in os.environ:
     numba.config.THREADING_LAYER = "omp"  # type: ignore[attr-defined]
 use_kernel_cache()
+
+
+class _Uncollected(event.Listener):
+    """Keeps Python's collector of cycles off while numba compiles.
+
+    What numba builds stays until it is done; looking through it again and again takes a fifteenth.
+    """
+
+    def __init__(self) -> None:
+        self._depth, self._was_on = 0, False
+
+    def on_start(self, event: event.Event) -> None:  # noqa: ARG002
+        """Compiling begins; within it, of what is called."""
+        if not self._depth:
+            self._was_on = gc.isenabled()
+            gc.disable()
+        self._depth += 1
+
+    def on_end(self, event: event.Event) -> None:  # noqa: ARG002
+        """It ends, or failed."""
+        self._depth -= 1
+        if not self._depth and self._was_on:
+            gc.enable()
+
+
+event.register("numba:compile", _Uncollected())
 
 
 @cache

@@ -36,7 +36,10 @@ from eventsweep.sim.compensation.path_kernels import (
 )
 
 # A layer's numbers: those in the first frame, those in the second, and the light that it had last.
-_SECOND, _LAST, NUMBERS = 11, 22, 23
+# As indices where they are handed on: for a literal, numba would compile what is called once more.
+_FIRST: int = np.int64(0)  # type: ignore[assignment]
+_SECOND: int = np.int64(11)  # type: ignore[assignment]
+_LAST, NUMBERS = 22, 23
 # In a frame: column and row, each times s and times s², at the low end of the layer's range; what
 # the high end adds to these; the inverse depth under which a sample lies beyond the layer; at what
 # share of the range its samples were found last; and inverse depth there, over that half-way.
@@ -49,7 +52,7 @@ _SEARCHED_PX = 8
 _LEFT = 1e-3
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def nearer_by(T: NDArray[np.float64], a: float, b: float, rho: float) -> float:
     """Depth in another view over that in this one, of a point (a, b) at inverse depth `rho`."""
     return T[2, 0] * a + T[2, 1] * b + T[2, 2] + T[2, 3] * rho  # type: ignore[no-any-return]
@@ -147,7 +150,7 @@ def begin_layers(
     return longest
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def place_of(
     x: float, y: float, numbers: NDArray[np.float64], at: int, s: float
 ) -> tuple[float, float]:
@@ -257,7 +260,7 @@ def hidden_light(
     return 0.0
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def found_at(
     numbers: NDArray[np.float64], at: int, low: float, high: float, on: float, depth: float
 ) -> None:
@@ -290,12 +293,12 @@ def layered_light(
     over_a, over_b, last = np.inf, np.inf, layers.number[k] - 1
     for m in range(last + 1):
         own, low, high = numbers[m], layers.low[k, m], layers.high[k, m]
-        u_a, v_a = place_of(np.float64(x + border), np.float64(y + border), own, 0, s)
+        u_a, v_a = place_of(np.float64(x + border), np.float64(y + border), own, _FIRST, s)
         u_b, v_b = place_of(np.float64(x + border), np.float64(y + border), own, _SECOND, t)
         under_a, under_b = own[_UNDER], own[_SECOND + _UNDER]
         on_a, beyond_a, light_a, depth_a = proof(before, n, u_a, v_a, over_a, under_a)
         on_b, beyond_b, light_b, depth_b = proof(after, n, u_b, v_b, over_b, under_b)
-        found_at(own, 0, low, high, on_a, depth_a)
+        found_at(own, _FIRST, low, high, on_a, depth_a)
         found_at(own, _SECOND, low, high, on_b, depth_b)
         on, beyond = t * on_a + s * on_b, t * beyond_a + s * beyond_b
         if on > _LEAST_ON:

@@ -26,6 +26,7 @@ from eventsweep.sim.compensation.path_kernels import carried
 
 MOST = 6
 """Layers of one pixel; where there are more, neighbours in depth are one."""
+_NONE: int = np.int64(0)  # type: ignore[assignment]  # numba compiles once more for a literal
 
 
 class Layers(NamedTuple):
@@ -186,8 +187,8 @@ def ranges_of_pixel(
     """
     least, most, own = frame.farthest[i, j], frame.nearest[i, j], int(frame.body[i, j])
     if most - least <= gap and not beside:
-        return add_range(own, least, most, gap, ways, lows, highs, 0)
-    count = 0
+        return add_range(own, least, most, gap, ways, lows, highs, _NONE)
+    count = _NONE
     for q in range(n * i, n * i + n):
         for m in range(n * j, n * j + n):
             rho = frame.rho[q, m]

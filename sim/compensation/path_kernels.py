@@ -19,9 +19,9 @@ second frame from half-time and from the first."""
 
 FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
 """Sums may be reordered, so each function rounds as it was compiled. What is called is inlined, or
-a process that compiles would call another copy than one that loads the cache. And it says its
-flags: numba hands a caller's down to what it compiles on the way, so that it would round as who
-came first."""
+a process that compiles would call another copy than one that loads the cache; by `forceinline`, as
+`inline="always"` has numba type and lower the body anew at each call. And it says its flags: numba
+hands a caller's down to what it compiles on the way, so that it would round as who came first."""
 
 Path = tuple[float, float, float, float, float, float, float, float, float]
 
@@ -80,14 +80,14 @@ def carried(
     return lens[0] * u + lens[2], lens[1] * v + lens[3]
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def bent(whole: float, half: float) -> tuple[float, float]:
     """A and b of the parabola s (a + b s) through `half` at s = 1/2 and `whole` at s = 1."""
     b = 2.0 * (whole - 2.0 * half)
     return whole - b, b
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def path_through(
     au: float, av: float, bu: float, bv: float, ahu: float, ahv: float, bhu: float, bhv: float
 ) -> Path:
@@ -98,6 +98,15 @@ def path_through(
     bv1, bv2 = bent(bv, bhv)
     longest = math.sqrt(max(au * au + av * av, bu * bu + bv * bv))
     return au1, au2, av1, av2, bu1, bu2, bv1, bv2, longest
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+def way_to(
+    T: NDArray[np.float64], a: float, b: float, rho: float, fx: float, fy: float
+) -> tuple[float, float]:
+    """By how many pixels `turned` moves a pixel, without a lens."""
+    u, v = turned(T, a, b, rho)
+    return fx * (u - a), fy * (v - b)
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
@@ -126,14 +135,11 @@ def straight_paths(
         a, b = np.float64(bearing[x, 0]), np.float64(bearing[x, 1])
         ra, rb = np.float64(rho_a[x]), np.float64(rho_b[x])
         r = 0.5 * (ra + rb)
-        au, av = turned(a_end, a, b, rb)
-        bu, bv = turned(b_start, a, b, ra)
-        ahu, ahv = turned(a_middle, a, b, r)
-        bhu, bhv = turned(b_middle, a, b, r)
-        path = path_through(
-            fx * (au - a), fy * (av - b), fx * (bu - a), fy * (bv - b),
-            fx * (ahu - a), fy * (ahv - b), fx * (bhu - a), fy * (bhv - b),
-        )  # fmt: skip
+        au, av = way_to(a_end, a, b, rb, fx, fy)
+        bu, bv = way_to(b_start, a, b, ra, fx, fy)
+        ahu, ahv = way_to(a_middle, a, b, r, fx, fy)
+        bhu, bhv = way_to(b_middle, a, b, r, fx, fy)
+        path = path_through(au, av, bu, bv, ahu, ahv, bhu, bhv)
         for n in range(9):
             paths[n, x] = path[n]
 

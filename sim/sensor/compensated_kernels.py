@@ -50,7 +50,7 @@ def thresholds(
         fall_light[k] = math.exp(reference[k] - c_neg + NEAR) - log_eps
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def slope_at(slope: NDArray[np.float32], u: float, v: float) -> float:
     """Steepest light around a place, px from the corner; beyond the edge that of the edge."""
     i = np.uint64(min(max(v, 0.0), slope.shape[0] - 1.0))
@@ -68,14 +68,14 @@ def levels_passed(
     return number_of_falls(log, first, up, down, c_pos, c_neg)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def between(level: float, log_s: float, log_e: float, s: float, e: float) -> float:
     """When the logarithm reaches a level if it goes straight from one time to another."""
     share = (level - log_s) / (log_e - log_s) if log_e != log_s else 1.0
     return s + min(max(share, 0.0), 1.0) * (e - s)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def light_between(
     light_a: NDArray[np.float32],
     light_b: NDArray[np.float32],
@@ -86,10 +86,10 @@ def light_between(
     """Light at time s of what lies at some places of both frames; and how far those are apart."""
     before = light_at(light_a, grid * places[0], grid * places[1])
     behind = light_at(light_b, grid * places[2], grid * places[3])
-    return before + s * (behind - before), abs(behind - before)
+    return before + s * (behind - before), np.float64(abs(behind - before))
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def rate_at(
     slope_a: NDArray[np.float32],
     slope_b: NDArray[np.float32],

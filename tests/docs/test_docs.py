@@ -110,8 +110,9 @@ def sequences(tmp_path_factory):
         shutil.copytree(made[key], out)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eventsweep.sim.simulate.simulate", shared)
+        # This one first: it imports the other's original, and gets it back.
         patch.setattr("eventsweep.simulation.simulate_to_disk", shared)
+        patch.setattr("eventsweep.sim.simulate.simulate", shared)
         yield
 
 

@@ -114,6 +114,15 @@ from eventsweep.eval.jobs.job import Job, do
 done = do(Job("fold", "fold_stage", {}), "jobs")
 print(done.found, done.code, done.text)
 """
+LOADED = """
+import sys
+from eventsweep.emvs.utils import kernel_cache
+kernel_cache._PATIENCE_S = float(sys.argv[2])
+kernel = kernel_cache.VerifiedKernels(sys.argv[1], "kernel", 0)
+print("asks", flush=True)
+print(kernel.load("signature"), flush=True)
+sys.stdin.read()
+"""
 # The caller that shows an edit in a file, and the edit where adding 1 to what is returned is none.
 CALLERS = {
     "emvs/dsi/fusion_kernels.py": FOLD,
@@ -371,6 +380,45 @@ def test_a_damaged_kernel_is_compiled_anew(tmp_path, damage):
     assert python(ALIGNED, ROOT, tmp_path / "cache") == expected
     again = sorted((tmp_path / "cache").glob("*/*/*.nb[ci]"))
     assert any(kernel_cache._verified(path) is not None for path in again)
+
+
+@pytest.fixture
+def loading(tmp_path):
+    """Starts processes that ask for a kernel, and have asked."""
+    (tmp_path / "dsi").mkdir()
+    (tmp_path / "last-used").touch()
+    started = []
+
+    def start(patience_s):
+        started.append(
+            subprocess.Popen(
+                [sys.executable, "-c", LOADED, tmp_path / "dsi", str(patience_s)],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT,
+            )
+        )  # fmt: skip
+        assert started[-1].stdout.readline() == "asks\n"
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.communicate()
+
+
+def test_a_kernel_that_another_process_compiles_is_waited_for(tmp_path, loading):
+    kernel = kernel_cache.VerifiedKernels(str(tmp_path / "dsi"), "kernel", 0)
+    assert kernel.load("signature") is None
+    patient, hasty = loading(60), loading(0)
+    assert hasty.stdout.readline() == "None\n"  # it compiles, too
+    kernel.save("signature", "compiled")
+    assert patient.stdout.readline() == "compiled\n"
+
+
+def test_who_dies_while_it_compiles_stands_in_nobodys_way(tmp_path, loading):
+    first = loading(60)
+    assert first.stdout.readline() == "None\n"
+    second = loading(60)
+    first.kill()
+    assert second.stdout.readline() == "None\n"
 
 
 def reordering(file):

@@ -29,15 +29,15 @@ _STRIDED_BLOCKS = 2 if SIMULATED else 4096  # of a row, in loops that stride
 _L2_BYTES = 32 << 20  # where a device does not tell
 
 
-# A product of single precision, rounded before anything is added to it, as the CPU does. The GPU's
-# compiler would join product and sum into one rounding, and a ray at the image's rim would then
-# vote on one device and not on the other.
+# Products that are rounded before anything is added to them, as the CPU's are. The GPU's compiler
+# would join product and sum into one rounding, and a ray at the image's rim would then vote on one
+# device and not on the other.
 if SIMULATED:
-    product = operator.mul
+    product = double_product = operator.mul
 else:
     from numba.cuda import libdevice
 
-    product = libdevice.fmul_rn
+    product, double_product = libdevice.fmul_rn, libdevice.dmul_rn
 
 CUDA_ERRORS = (CudaAPIError,)  # such as: out of memory
 Launch = tuple[int | tuple[int, int], int, Any]

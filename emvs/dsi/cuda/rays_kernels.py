@@ -10,6 +10,7 @@ from numba import cuda
 
 from eventsweep.emvs.dsi import rays_kernels
 from eventsweep.emvs.dsi.cuda.device import SLOTS
+from eventsweep.emvs.dsi.cuda.device import double_product as mul
 from eventsweep.emvs.dsi.rays_kernels import BACKWARDS, NO_POSE, NO_RAY, VOTES
 
 WRONG = 4  # outside the sensor, or before the event that came before it
@@ -34,26 +35,31 @@ def _segment(knots_us, t):
 
 
 @cuda.jit(device=True)
+def _origin(position_m, s, share, i, r0, r1, r2, T):
+    """Coordinate `i` of the camera's centre, in the reference view."""
+    body_m = mul(1 - share, position_m[s, i]) + mul(share, position_m[s + 1, i])
+    return body_m + mul(r0, T[0, 3]) + mul(r1, T[1, 3]) + mul(r2, T[2, 3])
+
+
+@cuda.jit(device=True)
 def _ray(bx, by, share, s, position_m, quat, axis, angle, T, K, out, k):
     """Fills ray `k`, as `emvs.dsi.rays_kernels.rays` does; returns what becomes of its event."""
     r = _turned(quat[s], axis[s], share * angle[s])
-    ex = T[0, 0] * bx + T[0, 1] * by + T[0, 2]
-    ey = T[1, 0] * bx + T[1, 1] * by + T[1, 2]
-    ez = T[2, 0] * bx + T[2, 1] * by + T[2, 2]
-    dz = r[6] * ex + r[7] * ey + r[8] * ez
+    ex = mul(T[0, 0], bx) + mul(T[0, 1], by) + T[0, 2]
+    ey = mul(T[1, 0], bx) + mul(T[1, 1], by) + T[1, 2]
+    ez = mul(T[2, 0], bx) + mul(T[2, 1], by) + T[2, 2]
+    dz = mul(r[6], ex) + mul(r[7], ey) + mul(r[8], ez)
     if dz <= 0:
         return BACKWARDS
-    dx = (r[0] * ex + r[1] * ey + r[2] * ez) / dz
-    dy = (r[3] * ex + r[4] * ey + r[5] * ez) / dz
-    ox, oy, oz = T[0, 3], T[1, 3], T[2, 3]
-    far = 1 - share
-    x = far * position_m[s, 0] + share * position_m[s + 1, 0] + r[0] * ox + r[1] * oy + r[2] * oz
-    y = far * position_m[s, 1] + share * position_m[s + 1, 1] + r[3] * ox + r[4] * oy + r[5] * oz
-    z = far * position_m[s, 2] + share * position_m[s + 1, 2] + r[6] * ox + r[7] * oy + r[8] * oz
-    out[0, k] = K[0, 0] * dx + K[0, 2]
-    out[1, k] = K[0, 0] * (x - dx * z)
-    out[2, k] = K[1, 1] * dy + K[1, 2]
-    out[3, k] = K[1, 1] * (y - dy * z)
+    dx = (mul(r[0], ex) + mul(r[1], ey) + mul(r[2], ez)) / dz
+    dy = (mul(r[3], ex) + mul(r[4], ey) + mul(r[5], ez)) / dz
+    x = _origin(position_m, s, share, 0, r[0], r[1], r[2], T)
+    y = _origin(position_m, s, share, 1, r[3], r[4], r[5], T)
+    z = _origin(position_m, s, share, 2, r[6], r[7], r[8], T)
+    out[0, k] = mul(K[0, 0], dx) + K[0, 2]
+    out[1, k] = mul(K[0, 0], x - mul(dx, z))
+    out[2, k] = mul(K[1, 1], dy) + K[1, 2]
+    out[3, k] = mul(K[1, 1], y - mul(dy, z))
     out[4, k] = z
     return VOTES
 

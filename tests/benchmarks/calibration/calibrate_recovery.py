@@ -270,7 +270,7 @@ def _lagging(result: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _summary_line(name: str, mine: Sequence[dict[str, Any]], unit: str) -> str:
     refined = [one for one in mine if not one["refused"]]
-    refused = f"{len(mine) - len(refined)} of {len(mine)}"
+    refused = f"{len(mine) - len(refined)}/{len(mine)}"
     spoilt_by = f"{np.median([abs(one['spoilt']) for one in mine]):.2f} {unit}"
     if not refined:
         stated = [one["uncertainty"] for one in mine if one["uncertainty"] is not None]
@@ -281,7 +281,7 @@ def _summary_line(name: str, mine: Sequence[dict[str, Any]], unit: str) -> str:
     covered = sum(abs(one["left"]) <= one["uncertainty"] for one in refined)
     return (
         f"| {name} | {spoilt_by} | {np.median(left):.3f} {unit} | {left.max():.3f} {unit} | "
-        f"{np.median(stated):.3f} {unit} | {covered} of {len(refined)} | {refused} |"
+        f"{np.median(stated):.3f} {unit} | {covered}/{len(refined)} | {refused} |"
     )
 
 

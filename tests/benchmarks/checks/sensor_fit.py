@@ -113,15 +113,15 @@ def table_of(rows: list[dict[str, Any]]) -> str:
         within = "–"
         if name in LIMITS:
             good = np.count_nonzero(np.abs(off) <= LIMITS[name])
-            within = f"{good} of {len(known)} ({LIMITS[name]:.0%})"
+            within = f"{good}/{len(known)} ({LIMITS[name]:.0%})"
         errors = (
             (f"{np.median(np.abs(off)):.1%}", f"{np.abs(off).max():.1%}")
             if len(off)
             else ("–", "–")
         )
         cells = f"`{name}`", len(known), len(mine) - len(known), *errors, within
-        lines.append(f"| {' | '.join(map(str, cells))} | {inside} of {len(known)} |")
-    share = f"{held} of {total} ({held / max(total, 1):.0%})"
+        lines.append(f"| {' | '.join(map(str, cells))} | {inside}/{len(known)} |")
+    share = f"{held}/{total} ({held / max(total, 1):.0%})"
     lines.append(f"| all | {total} | {len(rows) - total} | | | | {share} |")
     return "\n".join(lines) + "\n"
 

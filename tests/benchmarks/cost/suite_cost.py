@@ -76,7 +76,7 @@ def table(suite: Suite, found: Took) -> str:
     """
     stages = [s for s in STAGES if any(one[s] for one in found.values())]
     lines = [
-        f"| Case | seeds run | {' | '.join(stages)} | all seeds | of it run |",
+        f"| Case | seeds run | {', s | '.join(stages)}, s | all seeds, min | of it run, min |",
         "|---|" + "--:|" * (len(stages) + 3),
     ]
     total_s = run_s = 0.0
@@ -90,13 +90,11 @@ def table(suite: Suite, found: Took) -> str:
         means = {stage: sum(one[stage] for one in samples) / len(samples) for stage in stages}
         all_s = sum(means.values()) * len(suite.seeds)
         its_s = sum(sum(one.values()) for one in samples)
-        cells = [f"{means[stage]:.1f} s" for stage in stages]
-        cells += [f"{all_s / 60:.1f} min", f"{its_s / 60:.1f} min"]
-        lines.append(f"| `{case}` | {len(samples)} of {len(suite.seeds)} | {' | '.join(cells)} |")
+        cells = [f"{means[stage]:.1f}" for stage in stages]
+        cells += [f"{all_s / 60:.1f}", f"{its_s / 60:.1f}"]
+        lines.append(f"| `{case}` | {len(samples)}/{len(suite.seeds)} | {' | '.join(cells)} |")
         total_s, run_s = total_s + all_s, run_s + its_s
-    lines.append(
-        f"| together |{' |' * (len(stages) + 1)} {total_s / 60:.0f} min | {run_s / 60:.0f} min |"
-    )
+    lines.append(f"| together |{' |' * (len(stages) + 1)} {total_s / 60:.0f} | {run_s / 60:.0f} |")
     end = f"\nNot run, and not in the sum: {', '.join(missing)}.\n" if missing else ""
     return "\n".join(lines) + "\n" + end
 

@@ -8,9 +8,11 @@ one.
 from __future__ import annotations
 
 import argparse
+import os
 import tempfile
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli import job_flags
@@ -30,14 +32,24 @@ def main() -> int:
     parser.add_argument("--page", type=Path, help="page to write the line into")
     asked = parser.parse_args()
     with exit_code() as code:
-        alone_s, together_s = (elapsed_s(asked.suite, count) for count in (1, asked.workers))
-        text = line(asked.suite, asked.workers, alone_s, together_s)
+        alone, together = (took(asked.suite, count) for count in (1, asked.workers))
+        text = line(asked.suite, asked.workers, alone, together)
         show(text, asked.page, MARK)
     return code.value
 
 
-def elapsed_s(name: str, workers: int) -> float:
-    """Time of the clock for a suite from an empty cache, its workers' start included, s.
+class Took(NamedTuple):
+    """Time of the clock and of all processors, s."""
+
+    wall_s: float
+    cpu_s: float
+
+    def __str__(self) -> str:
+        return f"{self.wall_s:.1f} s on {self.cpu_s / self.wall_s:.2f} cores"
+
+
+def took(name: str, workers: int) -> Took:
+    """Time of a suite from an empty cache, its workers' start included.
 
     Raises:
         InputError: an unknown suite, less than one worker, or a job that failed.
@@ -45,21 +57,26 @@ def elapsed_s(name: str, workers: int) -> float:
     suite, subset = load(name)
     with tempfile.TemporaryDirectory() as folder:
         flags = job_flags.JobFlags(workers=workers, cache=Path(folder))
-        started_s = time.monotonic()
+        started_s, started_cpu_s = time.monotonic(), _cpu_s()
         result = job_flags.run_with_flags(suite, subset, flags, Silent(), speed=False)
-        took_s = time.monotonic() - started_s
+        spent = Took(time.monotonic() - started_s, _cpu_s() - started_cpu_s)
     if result.failures:
         first = result.failures[0]
         raise InputError(f"{first.name} failed, so there is nothing to time: {first.failure}")
-    return took_s
+    return spent
 
 
-def line(name: str, workers: int, alone_s: float, together_s: float) -> str:
-    """One sentence: both times, and the share of the ideal speed-up."""
-    share = alone_s / (workers * together_s)
+def _cpu_s() -> float:
+    """Of this process and of those that it started and that have ended, s."""
+    return sum(os.times()[:4])
+
+
+def line(name: str, workers: int, alone: Took, together: Took) -> str:
+    """One sentence: times, cores that were busy, and the share of the ideal speed-up."""
+    share = alone.wall_s / (workers * together.wall_s)
     return (
-        f"`{name}` from an empty cache: {alone_s:.1f} s with one worker, {together_s:.1f} s with "
-        f"{workers}, {share:.2f} of ideal.\n"
+        f"`{name}` from an empty cache: {alone} with one worker, {together} with {workers}, "
+        f"{share:.2f} of ideal.\n"
     )
 
 

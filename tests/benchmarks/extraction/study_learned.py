@@ -163,7 +163,7 @@ def summary_cells(outcomes: Sequence[Mapping[str, Numbers]], name: str) -> str:
     ratios = {m: [ratio(found, name, m) for found in outcomes] for m in WANTED}
     cells = " | ".join("{:.2f} ({:.2f}–{:.2f})".format(*interval(ratios[m])) for m in WANTED)
     worse = sum(value > 1 for value in ratios["mean_error"])
-    return f"{cells} | {worse} of {len(outcomes)}"
+    return f"{cells} | {worse}/{len(outcomes)}"
 
 
 def limit_table(outcomes: Outcomes) -> str:

@@ -214,7 +214,7 @@ def table(results: dict[str, dict[str, Agreement]], against: str) -> str:
         f"Events compared one to one within {TOLERANCE_US / 1000:g} ms, against {against}; median "
         "time error of those that agree. Written by `python tests/benchmarks fidelity`.",
         "",
-        "| Case | way | true events | count error | recall | precision | median |",
+        "| Case | way | true events | count error | recall | precision | median, µs |",
         "|---|---|--:|--:|--:|--:|--:|",
     ]
     for case, ways in results.items():
@@ -223,7 +223,7 @@ def table(results: dict[str, dict[str, Agreement]], against: str) -> str:
             first = f"{case} | {way} | {count}" if number == 0 else f" | {way} | "
             error = f"{100 * same.count_error:+.1f} %".replace("-", "−")
             shares = f"{100 * same.recall:.1f} % | {100 * same.precision:.1f} %"
-            lines.append(f"| {first} | {error} | {shares} | {same.median_us:.0f} µs |")
+            lines.append(f"| {first} | {error} | {shares} | {same.median_us:.0f} |")
     return "\n".join(lines) + "\n"
 
 

@@ -161,14 +161,20 @@ def _sliding(parts: Parts) -> str:
 
 
 def _frames(parts: Parts) -> str:
+    drawn = parts["frames"]["drawn"]
     lines = (
-        (one["kind"], one["where"], one["rig"],
-         "–" if one["per_s"] is None else f"{one['per_s']:.3g}", _apart(one.get("apart")),
-         one["drawn_by"])
-        for one in parts["frames"]["drawn"]
+        (one["kind"], one["where"], one["rig"], f"{one['per_s']:.3g}", _apart(one.get("apart")))
+        for one in drawn if one["per_s"] is not None
     )  # fmt: skip
-    columns = "renderer", "on", "camera of", "pictures/s", "light, depth from kernels'", "drawn by"
-    return _table(columns, lines)
+    columns = "renderer", "on", "camera of", "pictures/s", "light, depth from kernels'"
+    by: dict[tuple[bool, str], list[str]] = {}
+    for one in drawn:
+        by.setdefault((one["per_s"] is None, one["drawn_by"]), []).append(one["kind"])
+    said = (
+        f"- {', '.join(dict.fromkeys(kinds))}: {'not measured, ' * missing}{words}"
+        for (missing, words), kinds in by.items()
+    )
+    return _table(columns, lines) + "\n" + "\n".join(said) + "\n"
 
 
 def _apart(apart: Sequence[float] | None) -> str:

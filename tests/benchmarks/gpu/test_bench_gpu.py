@@ -341,7 +341,7 @@ class TestFrames:
         found = self.drawn("shader")
         assert len(found.faults()) == faults
         drawn = [asdict(found), asdict(replace(found, kind="kernels", apart=None))]
-        first, second = gpu_tables._frames({"frames": {"drawn": drawn}}).splitlines()[2:]
+        first, second = gpu_tables._frames({"frames": {"drawn": drawn}}).splitlines()[2:4]
         assert f"| {apart[0]:.2g}, {apart[1]:.2g} |" in first
         assert "| – |" in second
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import statistics
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -72,15 +73,18 @@ def overview(studies: Sequence[StoredStudy], costs: Sequence[float]) -> str:
         costs: time of processors of each, s; jobs that studies share count in each of them.
     """
     methods = list(dict.fromkeys(method for one in studies for method in one.breaks_at))
+    usual = statistics.mode(map(_samples, studies))
     lines = [
-        f"| Study | unit | {' | '.join(methods)} | samples | CPU min |",
-        f"|---|---|{'--:|' * len(methods)}---|--:|",
+        f"| Study ({usual}) | unit | {' | '.join(methods)} | CPU min |",
+        f"|---|---|{'--:|' * len(methods)}--:|",
     ]
     for one, cost_s in zip(studies, costs, strict=True):
         cells = " | ".join(_breaking(one, method) for method in methods)
         name = f"[`{one.study}`](#{one.study})"
-        lines.append(f"| {name} | {one.unit} | {cells} | {_samples(one)} | {cost_s / 60:.1f} |")
-    lines.append(f"| together |{' |' * (len(methods) + 2)} {sum(costs) / 60:.1f} |")
+        if _samples(one) != usual:
+            name += f" ({_samples(one)})"
+        lines.append(f"| {name} | {one.unit} | {cells} | {cost_s / 60:.1f} |")
+    lines.append(f"| together |{' |' * (len(methods) + 1)} {sum(costs) / 60:.1f} |")
     return "\n".join(lines) + "\n"
 
 

@@ -41,8 +41,9 @@ PAGES = {
 """Which cases a page of the documentation lists."""
 
 HEAD = (
-    "| Case | Rig | Pixels | Baseline, cm | Depth seen, m | Moving by itself | Events | Per pixel "
-    "| Frames | Stereo, largest error |\n|---|---|---|---|---|---|---|---|---|---|\n"
+    "| Case | Rig | Pixels | Baseline, cm | Depth seen, m | Moving by itself | Mev/s "
+    "| Events/s per pixel | Frames/s | Stereo, largest error, px |\n"
+    "|---|---|---|---|---|---|---|---|---|---|\n"
 )
 
 
@@ -84,10 +85,10 @@ class Figures(NamedTuple):
             ", ".join(f"{cm:.2f}" for cm in others),
             "–".join(f"{d:.3g}" for d in self.depth_m),
             f"{100 * self.moving:.1f} %" if self.moving else "none",
-            f"{rate / 1e6:.2f} M/s",
-            f"{rate / pixels:.1f} /s",
-            f"{(self.frames - 1) / self.seconds:.0f} /s",
-            f"{self.stereo_px:.2f} px",
+            f"{rate / 1e6:.2f}",
+            f"{rate / pixels:.1f}",
+            f"{(self.frames - 1) / self.seconds:.0f}",
+            f"{self.stereo_px:.2f}",
         )
         return f"| {' | '.join(columns)} |\n"
 

@@ -71,6 +71,12 @@ def test_where_a_ray_meets_a_plane_no_product_is_joined_with_its_sum(ptx):
 
 
 @needs_compiler
+def test_no_product_of_a_ray_is_joined_with_its_sum(ptx):
+    # Bearing 6, turn 9, origin 15, K and parallax 6
+    assert all(len(re.findall(r"\bmul\.rn\.f64", code)) >= 36 for code in ptx["rays"])
+
+
+@needs_compiler
 def test_votes_are_added_in_the_type_that_the_setting_names(ptx):
     # 64-bit integers also count the votes
     for kernel, types in (
