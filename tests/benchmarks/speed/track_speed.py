@@ -121,7 +121,8 @@ def table(lines: Sequence[str]) -> str:
     heads = (
         f"Written by `python tests/benchmarks track_speed`, {os.cpu_count()} cores. “Begins”: the",
         "first poses come so long after their events. The rest is from then on: time per second",
-        "as fast as it goes, latencies at the pace of the recording.",
+        "as fast as it goes; latencies at the pace of the recording, without the queue that the",
+        "beginning leaves.",
         "",
         "| Scene | Image | s | Mev/s per camera | Begins, s | s per s | CPU s per s "
         "| Pose, ms: median | 95 % | Map, ms: 95 % |",
