@@ -1,8 +1,8 @@
 """How much faster several workers are than one, from empty caches.
 
 `python tests/benchmarks suite_efficiency --page docs/suite.md` runs `quick` with one worker and
-with two, and writes the line of the page. Only a machine on which nothing else runs gives an honest
-one.
+with two, and writes the line of the page. Only a machine on which nothing else runs, and on which
+the suite has compiled its kernels before, gives an honest one.
 """
 
 from __future__ import annotations
