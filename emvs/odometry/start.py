@@ -31,7 +31,7 @@ Matrix = NDArray[np.float64]
 START_US, LONGEST_START_US = 200_000, 400_000
 LEAST_POINTS = 500
 _STEREO = "SGM/ts"
-_EVERY = 2, 2  # batches make the poses on which the stretch is mapped, round by round
+_ROUNDS, _EVERY = 2, 2  # of mapping the stretch, on poses of every so many batches
 _SETTLING = 3  # registrations of the first batch, whose twist nothing predicts
 _LEAST_SHARE = 0.6  # of the batches, around the middle one
 
@@ -63,8 +63,8 @@ def begin(
         return str(error)
     if len(points) < LEAST_POINTS:
         return f"the first map has {len(points)} points: needs {LEAST_POINTS}"
-    for every in _EVERY if given is None else ():
-        found = _tracked(batches, k_start, every, start, points, registration, sizes)
+    for _ in range(_ROUNDS if given is None else 0):
+        found = _tracked(batches, k_start, _EVERY, start, points, registration, sizes)
         if isinstance(found, str):
             return found
         start, points = _mapped(arrived, found[0], middle, config, reach)

@@ -150,16 +150,20 @@ def turning_world(n=60, seed=0, most_rad=0.8):
     return recording, ReferenceView(250_000, T_world_rv, TURNING.undistorted(), RHO)
 
 
-@pytest.mark.parametrize("camera", [0, 1])
-def test_rays_equal_those_of_the_cpu(camera):
-    recording, view = turning_world()
+def rays_by_both(recording, view, camera):
+    """Rays of the GPU and of the CPU, and the GPU's that vote, (5, N)."""
     events = recording.streams[camera]
     there = CudaCaster(recording, view, camera, packets=False)(events)
     here = backprojection.CpuCaster(recording, view, camera, packets=False)(events)
+    cast = np.asarray(there.blocks[0].copy_to_host())
+    return there, here, cast[:, ~np.isnan(cast[0])]
+
+
+@pytest.mark.parametrize("camera", [0, 1])
+def test_rays_equal_those_of_the_cpu(camera):
+    there, here, voting = rays_by_both(*turning_world(), camera)
     assert there.counts == here.counts
     assert there.counts.without_pose > 0
-    cast = np.asarray(there.blocks[0].copy_to_host())
-    voting = cast[:, ~np.isnan(cast[0])]
     assert voting.shape[1] == len(there) == len(here)
     in_order = [np.lexsort(columns[::-1]) for columns in (voting, np.stack(here.columns))]
     np.testing.assert_allclose(
@@ -170,12 +174,7 @@ def test_rays_equal_those_of_the_cpu(camera):
 @pytest.mark.parametrize("camera", [0, 1])
 def test_without_a_turn_rays_equal_those_of_the_cpu_to_the_bit(camera):
     # Sine and cosine may differ by a rounding, and nothing else may.
-    recording, view = turning_world(most_rad=0.0)
-    events = recording.streams[camera]
-    there = CudaCaster(recording, view, camera, packets=False)(events)
-    here = backprojection.CpuCaster(recording, view, camera, packets=False)(events)
-    cast = np.asarray(there.blocks[0].copy_to_host())
-    voting = cast[:, ~np.isnan(cast[0])]
+    _, here, voting = rays_by_both(*turning_world(most_rad=0.0), camera)
     assert set(map(tuple, voting.T)) == set(map(tuple, np.stack(here.columns).T))
 
 
