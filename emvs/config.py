@@ -17,7 +17,6 @@ from eventsweep.emvs.parameters import ParameterGroup
 DEFAULT_DEPTH_RANGE_M = (0.2, 5.0)
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
-DeviceName = Literal["cpu", "cuda", "auto"]
 FocusMeasure = Literal["variance", "mean-square", "gradient", "laplacian", "dog"]
 Count = Annotated[int, Field(ge=1)]
 Pixel = Annotated[FiniteFloat, Field(ge=-32768, le=65536)]
@@ -395,8 +394,9 @@ class MapperConfig(ParameterGroup):
     )
     save_dsi: bool = Field(default=False, description="write every fused volume as .npy")
     threads: int = Field(default=0, ge=0, description="threads of the kernels; 0: all")
-    device: DeviceName = Field(
-        default="cpu", description="where the sweep runs; auto: on an NVIDIA GPU where there is one"
+    device: str = Field(
+        default="cpu",
+        description="where the sweep runs: cpu, cuda; auto: on an NVIDIA GPU where there is one",
     )
     voting_precision: Literal["fixed", "float"] = Field(
         default="fixed", description="how a GPU sums votes; fixed: the same bits in every run"

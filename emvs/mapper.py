@@ -12,6 +12,7 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.depth.focus import parallax_baseline_m
+from eventsweep.emvs.depth.kept_votes import KeptVotes
 from eventsweep.emvs.dsi.backprojection import back_project
 from eventsweep.emvs.dsi.device import Device, projector_on
 from eventsweep.emvs.dsi.fusion import Target
@@ -19,7 +20,6 @@ from eventsweep.emvs.dsi.slices import Slices
 from eventsweep.emvs.dsi.sweep import slice_row, splits_of, sweep
 from eventsweep.emvs.dsi.voting import VoteCounts
 from eventsweep.emvs.errors import InputError, check_type
-from eventsweep.emvs.learned.kept_votes import KeptVotes
 from eventsweep.emvs.methods import (
     check_methods,
     device_for_methods,

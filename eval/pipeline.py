@@ -23,7 +23,6 @@ from eventsweep.sim.config import SimConfig
 if TYPE_CHECKING:
     import pandas as pd
 
-    from eventsweep.emvs.check.findings import Finding
     from eventsweep.emvs.data.recording import Recording
     from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
     from eventsweep.emvs.utils.runtime import Progress
@@ -316,7 +315,7 @@ def check_case(
 
 def map_recording(
     path: Path, out: Path, settings: Settings, *, force: bool = False,
-    finish: Callable[[Path], None] = _add_nothing, warn: Callable[[Finding], None] | None = None,
+    finish: Callable[[Path], None] = _add_nothing, warn: Callable[[str], None] | None = None,
     progress: Display = _SILENT,
 ) -> StoredMap:  # fmt: skip
     """Maps one window of a recording and writes the map folder.
@@ -324,8 +323,8 @@ def map_recording(
     With `window_s` or `window_events` it maps sliding windows: `out` grows window by window, and
     the same call takes up an unfinished one (`emvs.maps.sliding`). `finish` is that of
     `map_windows`, called when the bars of the mapping have ended, so that it may show its own.
-    `warn` is called, when mapping begins, with each thing that looks doubtful or wrong before
-    mapping (`emvs.check`); without it nothing is checked. What is refused is refused before that.
+    `warn` is called, when mapping begins, with a line on each thing that looks doubtful or wrong to
+    the checks of plug-ins; without it nothing is checked. What is refused is refused before that.
     """
     from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.maps.folder import RecordingInfo, StoredMap
@@ -345,19 +344,24 @@ def map_recording(
 
 
 def _checking(
-    recording: Recording, config: MapperConfig, warn: Callable[[Finding], None],
+    recording: Recording, config: MapperConfig, warn: Callable[[str], None],
     progress: Progress,
 ) -> Progress:  # fmt: skip
-    """A progress that checks the recording once, at the first step of mapping."""
-    from eventsweep.emvs.check.recording import quick_check
+    """A progress that checks the recording once, at the first step of mapping.
+
+    A check is what a plug-in offers in the group `eventsweep.checks`: a function of the recording
+    and the configuration that returns lines.
+    """
+    from eventsweep.emvs.utils.plugins import loaded, points
 
     waiting = [True]
 
     def step(stage: str, done: int, total: int) -> None:
         if waiting and stage not in _BEFORE_MAPPING:
             waiting.clear()
-            for finding in quick_check(recording, config):
-                warn(finding)
+            for point in points("eventsweep.checks"):
+                for doubt in loaded(point, "its check {} cannot be used")(recording, config):
+                    warn(doubt)
         progress(stage, done, total)
 
     return step

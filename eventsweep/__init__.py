@@ -11,6 +11,19 @@ importing this package costs nothing. Paths may be strings everywhere, and bad i
 `InputError` with one line.
 """
 
-import lazy_loader
+import ast as _ast
+from pathlib import Path as _Path
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+import lazy_loader as _lazy_loader
+
+_places: dict[str, list[str]] = {}
+for _line in _ast.parse(_Path(__file__).with_suffix(".pyi").read_text("utf-8")).body:
+    if isinstance(_line, _ast.ImportFrom):
+        _places.setdefault(_line.module or "", []).extend(name.name for name in _line.names)
+# A plug-in whose folder was taken out of a checkout takes its names along.
+_found = {
+    place: names
+    for place, names in _places.items()
+    if not place.startswith("plugins.") or _Path(__path__[0], *place.split(".")[:2]).is_dir()
+}
+__getattr__, __dir__, __all__ = _lazy_loader.attach(__name__, _found.pop("", []), _found)

@@ -1,11 +1,10 @@
-"""Checking and mapping for users of the library: what the verbs do, but for their pages."""
+"""Mapping for users of the library: what the verbs do, but for their pages."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from eventsweep.emvs import mapper
-from eventsweep.emvs.check.findings import Report as CheckReport
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets import opened
@@ -20,7 +19,6 @@ from eventsweep.emvs.window_result import WindowResult
 from eventsweep.emvs.windows import choose_window
 
 __all__ = [
-    "CheckReport",
     "map_window",
     "map_windows",
     "methods",

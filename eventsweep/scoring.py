@@ -13,7 +13,6 @@ from eventsweep.emvs.maps.folder import StoredMap
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.eval import pipeline
 from eventsweep.eval.config import EvalConfig, TrajectoryConfig
-from eventsweep.eval.ranking.standings import standings as rank_methods
 from eventsweep.eval.scoring import run_folder
 from eventsweep.eval.scoring.metric_versions import metric_versions
 from eventsweep.eval.scoring.pairing import REFERENCE
@@ -27,7 +26,6 @@ from eventsweep.eval.scoring.trajectories.sources import read_estimate, read_tru
 __all__ = [
     "METRICS",
     "confidence_interval",
-    "rank_methods",
     "score",
     "score_trajectory",
 ]

@@ -31,12 +31,12 @@ TABLES = ("scenes", "eval.cli.verbs")
 # Small modules with one importer that are an idea of their own, and which.
 SMALL = {
     "eval.cli.main": "the program: interrupts are heeded up to its frame, whoever calls it",
-    "eval.calibration": "runs a refinement; its page only shows one",
+    "plugins.diagnose.calibration": "runs a refinement; its page only shows one",
     "eval.suite.stages.perturb": "a stage of jobs: its version is that of its own code",
 }
 
 # What compiled loops may import besides other kernels: how they are started, codes that they write.
-KERNELS_IMPORT = {"emvs.utils.runtime", "emvs.dsi.cuda.device", "sim.sensor.labels"}
+KERNELS_IMPORT = {"emvs.utils.runtime", "plugins.cuda.device", "sim.sensor.labels"}
 
 
 def is_in_table(name):

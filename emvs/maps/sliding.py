@@ -17,7 +17,7 @@ import numpy as np
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import DerivedRecording, Recording
-from eventsweep.emvs.dsi.device import Device, check_device, projector_on
+from eventsweep.emvs.dsi.device import CPU, Device, check_device, projector_on
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels
@@ -210,7 +210,7 @@ def _map_sliding(
         head = head.model_copy(
             update={"hot_pixels": described(recording.rig, hot), "without_pose": dict(lost)}
         )
-        received, on_gpu = projector_on(device).received, device.kind == "cuda"
+        received, on_gpu = projector_on(device).received, device != CPU
         with Prefetcher(without(recording, hot), received, ahead=on_gpu) as prefetcher:
             run = _Run(prefetcher, config, plan, store, clouds, progress, device)
             skipped = run.all_windows(head)

@@ -1,7 +1,7 @@
-"""The registry of methods: every name that mapping knows, and those that other packages bring.
+"""The registry of methods: every name that mapping knows, and those that plug-ins bring.
 
-A package offers methods of its own in its `pyproject.toml`; the function takes nothing and calls
-`register`:
+A package, or a plug-in of ours, offers methods of its own in its `pyproject.toml`; the function
+takes nothing and calls `register`:
 
     [project.entry-points."eventsweep.methods"]
     mine = "my_package.eventsweep:register_methods"
@@ -14,7 +14,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 from eventsweep.emvs import baselines
@@ -26,12 +26,10 @@ from eventsweep.emvs.dsi.device import CPU, Device, choose_device
 from eventsweep.emvs.dsi.fusion import MEANS, Fusion
 from eventsweep.emvs.dsi.method import MethodName
 from eventsweep.emvs.errors import InputError, check_type, check_whole
-from eventsweep.emvs.methods.derd import DERD
 from eventsweep.emvs.methods.focus import FOCUS
 from eventsweep.emvs.methods.fusion_names import code_of, named_fusion
-from eventsweep.emvs.methods.learned import LEARNED
 from eventsweep.emvs.methods.method import LATE, Extraction, Method, single_camera, single_cameras
-from eventsweep.emvs.utils.plugins import files_of, run_point
+from eventsweep.emvs.utils.plugins import files_of, is_ours, modules_of, points, run_point
 
 # What a name stands for: a fusion and an extraction, or what makes its depth map without volumes
 AnyMethod = Method | DepthEstimator
@@ -87,16 +85,17 @@ def _baseline_family(family: str) -> Family:
     return Family(", ".join(names), summary, names, _baseline)
 
 
-# Extractions of ours whose methods are asked for by name; a new one is added here.
-EXTRACTIONS: tuple[Extraction, ...] = (FOCUS, LEARNED, DERD, LATE)
+# Extractions of the core whose methods are asked for by name; a new one is added here.
+EXTRACTIONS: tuple[Extraction, ...] = (FOCUS, LATE)
 # First part of the name -> family. A rig of one camera has only what fuses no cameras.
 FAMILIES: Mapping[str, Family | Extraction] = {
     "Alg2": ALG2,
     **{extraction.family: extraction for extraction in EXTRACTIONS},
     **{family: _baseline_family(family) for family in baselines.FAMILIES},
 }
-# What other packages, or a user's own code, registered: methods and extractions by name
+# What plug-ins, or a user's own code, registered: methods and extractions by name
 _registered: dict[str, AnyMethod | Extraction] = {}
+_loaded: set[EntryPoint] = set()
 
 
 def methods_by_name(
@@ -166,6 +165,8 @@ def check_methods(config: MapperConfig, chosen: Sequence[AnyMethod]) -> None:
     """
     for method in with_volume(chosen):
         method.extraction.check(config)
+    if config.min_precision is not None:
+        load(ours=True)
     registered = (each for each in _registered.values() if isinstance(each, Extraction))
     own = [table for each in (*EXTRACTIONS, *registered) for table in each.calibrated]
     check_precision(config.min_precision, [method.name for method in chosen], own)
@@ -193,8 +194,9 @@ def known_methods(n_cameras: int, *, mcemvs: bool = False) -> tuple[Method, ...]
 def named(name: str) -> AnyMethod | None:
     """The method of a name, whatever the rig; None for a name that no method has here.
 
-    It asks for what a method is, not to run it: packages with methods of their own are not loaded.
+    It asks for what a method is, not to run it: packages of others are not loaded.
     """
+    load(ours=True)
     camera = MethodName.of(name).camera
     ours = {method.name: method for method in known_methods(2)}
     if camera is not None:
@@ -214,11 +216,11 @@ def overview(n_cameras: int = 2) -> dict[str, str]:
     check_whole("n_cameras", n_cameras)
     load()
     known = {method.name: method.summary for method in known_methods(n_cameras)}
-    families = {
+    grammars = {
         family.grammar: f"{family.summary}; such as {', '.join(family.examples)}"
-        for family in _families().values()
+        for family in families().values()
     }
-    return known | families | {m.name: m.summary for m in _registered_methods().values()}
+    return known | grammars | {m.name: m.summary for m in _registered_methods().values()}
 
 
 def register(method: AnyMethod | Extraction) -> None:
@@ -232,6 +234,7 @@ def register(method: AnyMethod | Extraction) -> None:
     Raises:
         InputError: a name that is taken, reserved, or no name of the form Family/variant.
     """
+    load(ours=True)  # their names come first
     made = "what Method.from_function or BaselineEstimator made, or an Extraction"
     check_type("method", method, (Method, DepthEstimator, Extraction), made)
     if isinstance(method, Extraction):
@@ -254,8 +257,8 @@ def unregister(name: str) -> None:
     _registered.pop(name, None)
 
 
-def _families() -> dict[str, Family | Extraction]:
-    """Ours and those registered, by the first part of their names."""
+def families() -> dict[str, Family | Extraction]:
+    """Those of the core and those registered, by the first part of their names."""
     registered = {n: each for n, each in _registered.items() if isinstance(each, Extraction)}
     return {**FAMILIES, **registered}
 
@@ -264,43 +267,58 @@ def _registered_methods() -> dict[str, AnyMethod]:
     return {n: each for n, each in _registered.items() if not isinstance(each, Extraction)}
 
 
-@cache
-def load() -> None:
-    """Lets every installed package register its methods, once in a process.
+def load(*, ours: bool = False) -> None:
+    """Lets plug-ins register their methods, once in a process; with `ours`, only our own plug-ins.
 
     Raises:
         InputError: one that cannot be imported, or fails.
     """
-    for point in entry_points(group=GROUP):
-        run_point(point, "its methods {} cannot be registered", lambda register: register())
+    for point in points(GROUP):
+        if point in _loaded or (ours and not is_ours(point)):
+            continue
+        _loaded.add(point)  # first: what it registers asks for this
+        try:
+            run_point(point, "its methods {} cannot be registered", lambda register: register())
+        except InputError:
+            _loaded.remove(point)
+            raise
 
 
-def files_of_methods(config: MapperConfig) -> tuple[Path, ...]:
-    """Files that, with our own code, decide what a configuration's methods make.
+def code_of_methods(config: MapperConfig) -> tuple[tuple[str, ...], tuple[Path, ...]]:
+    """What, beside the core's own code, decides what a configuration's methods make.
 
-    They are those of the packages that offer methods, where a name is none of ours (none is
-    loaded), and the weights of our extractions.
+    Returns:
+        Modules, of baselines and of our own plug-ins, whose code counts by what they import; and
+        files: of other packages that offer methods, where a name is none of the core's, and the
+        weights of extractions.
 
     Raises:
-        InputError: weights that are not there.
+        InputError: weights that are not there, or a package that cannot be loaded.
     """
     groups = ("all", *baselines.GROUPS)
-    families = {MethodName.of(name).family for name in config.methods if name not in groups}
-    others = _files_of_packages() if families - {*_ALGORITHM_1, *FAMILIES} else ()
-    used = [extraction for extraction in EXTRACTIONS if extraction.family in families]
-    return (*others, *(file for extraction in used for file in extraction.files(config)))
+    used = {MethodName.of(name).family for name in config.methods if name not in groups}
+    modules = baselines.modules_of(config.methods)
+    files: tuple[Path, ...] = ()
+    if used - {*_ALGORITHM_1, *FAMILIES}:
+        load(ours=True)
+        modules, files = (*modules, *modules_of(points(GROUP))), _files_of_packages()
+    extractions = [each for family, each in families().items() if family in used]
+    weights = (
+        f for each in extractions if isinstance(each, Extraction) for f in each.files(config)
+    )
+    return modules, (*files, *weights)
 
 
 @cache
 def _files_of_packages() -> tuple[Path, ...]:
-    return tuple(files_of(entry_points(group=GROUP)))
+    return tuple(files_of(points(GROUP)))
 
 
 def _built(name: str, mcemvs: bool) -> AnyMethod | None:
     """The registered method of a name, or what its family builds; None without a family."""
     if name in (registered := _registered_methods()):
         return registered[name]
-    family = _families().get(MethodName.of(name).family)
+    family = families().get(MethodName.of(name).family)
     return None if family is None else family.build(name, mcemvs)
 
 
@@ -334,8 +352,9 @@ def _check_no_pair_mean(chosen: Sequence[AnyMethod], n_cameras: int) -> None:
 
 def _unknown(name: str, n_cameras: int) -> InputError:
     known = [method.name for method in known_methods(n_cameras)]
-    families = _families().values()
-    grammars = [family.grammar for family in families] if n_cameras > 1 else ["Focus/cam0"]
+    grammars = (
+        [family.grammar for family in families().values()] if n_cameras > 1 else ["Focus/cam0"]
+    )
     grammars = [grammar for grammar in grammars if grammar not in known]
     available = ", ".join([*known, *grammars, *_registered_methods()])
     return InputError(

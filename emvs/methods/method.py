@@ -9,6 +9,7 @@ from pathlib import Path
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth.depth_map import DepthMap, Float32s, Mask, extract, union
+from eventsweep.emvs.depth.kept_votes import KeptVotes
 from eventsweep.emvs.depth.precision import stated
 from eventsweep.emvs.dsi.backend import SweepResult
 from eventsweep.emvs.dsi.fusion import WHOLE, Fusion, FusionFunction, Split, Target
@@ -16,7 +17,6 @@ from eventsweep.emvs.dsi.fusion_kernels import CAMERA
 from eventsweep.emvs.dsi.maxima import Maximum
 from eventsweep.emvs.dsi.method import OWN_UNIT, VOTES, NamedMethod
 from eventsweep.emvs.errors import InputError, check_type
-from eventsweep.emvs.learned.kept_votes import KeptVotes
 from eventsweep.emvs.methods.fusion_names import named_fusion
 from eventsweep.emvs.reference_view import ReferenceView
 

@@ -33,8 +33,8 @@ from numba.core import caching
 from eventsweep.emvs.errors import InputError
 
 _ROOT = Path(__file__).parents[2]
-_PACKAGES = ("emvs", "sim", "eval")
-_CUDA = _ROOT / "emvs" / "dsi" / "cuda"
+_PACKAGES = ("emvs", "sim", "eval", "plugins")
+_NO_CODE = {"__pycache__", "tests"}
 _VERSION = re.compile(r"eventsweep-[0-9a-f]{16}")
 _MARK = "last-used"
 _HEAD = b"eventsweep kernel 1\n"
@@ -87,17 +87,19 @@ def digests(paths: Iterable[Path], root: Path) -> list[str]:
 
 
 def kernel_files() -> list[Path]:
-    """Every file with compiled functions, or with what they take from elsewhere."""
+    """Every file with compiled functions, or with what they take from elsewhere.
+
+    Kernels of a GPU call what depends on the device: all files of a plug-in that lie beside kernels
+    count.
+    """
     files = []
     for package in _PACKAGES:
         for folder, inner, names in os.walk(_ROOT / package):
-            inner[:] = [name for name in inner if name.isidentifier() and name != "__pycache__"]
-            whole = Path(folder) == _CUDA
-            files += [
-                Path(folder, name)
-                for name in names
-                if name.endswith("_kernels.py") or (whole and name.endswith(".py"))
-            ]
+            inner[:] = [name for name in inner if name.isidentifier() and name not in _NO_CODE]
+            kernels = [name for name in names if name.endswith("_kernels.py")]
+            whole = kernels and package == "plugins"
+            chosen = [name for name in names if name.endswith(".py")] if whole else kernels
+            files += [Path(folder, name) for name in chosen]
     return sorted(files)
 
 

@@ -1,4 +1,8 @@
-"""Code of others: functions named by the user, entry points of packages, libraries of extras."""
+"""Code beside the core: entry points of packages, functions named by the user, libraries of extras.
+
+The plug-ins of this distribution, folders of `eventsweep.plugins`, come through the same entry
+points as those of other packages.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,50 @@ import runpy
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
+import eventsweep
 from eventsweep.emvs.errors import InputError, heed_interrupt, said
 from eventsweep.emvs.utils.release import install_extra
 
 Value = TypeVar("Value")
 FUNCTION = "MODULE:FUNCTION or FILE.py:FUNCTION"
+_OURS = "eventsweep.plugins."
+
+
+@cache
+def points(group: str) -> tuple[EntryPoint, ...]:
+    """The entry points of a group, by name, those of our own plug-ins first.
+
+    A plug-in whose folder was taken out of a checkout takes its entry points along.
+    """
+    found = sorted(entry_points(group=group), key=lambda point: (not is_ours(point), point.name))
+    return tuple(point for point in found if not is_ours(point) or _is_there(point))
+
+
+def is_ours(point: EntryPoint) -> bool:
+    """Whether it is of a plug-in of this distribution."""
+    return point.module.startswith(_OURS)
+
+
+def _is_there(point: EntryPoint) -> bool:
+    folder = point.module.removeprefix(_OURS).partition(".")[0]
+    return Path(eventsweep.__path__[0], "plugins", folder, "__init__.py").is_file()
+
+
+def modules_of(points: Iterable[EntryPoint]) -> tuple[str, ...]:
+    """The modules of our own plug-ins that entry points lie in: their code counts by imports."""
+    return tuple(dict.fromkeys(point.module for point in points if is_ours(point)))
+
+
+def loaded(point: EntryPoint, what: str) -> Any:
+    """What an entry point names; errors are those of `run_point`."""
+    return run_point(point, what, lambda found: found)
 
 
 def run_point(point: EntryPoint, what: str, run: Callable[[Any], Value]) -> Value:
@@ -59,12 +96,12 @@ def extra_module(name: str, purpose: str, extra: str, cure: str = "") -> Any:
 
 
 def files_of(points: Iterable[EntryPoint]) -> list[Path]:
-    """All files of the packages that entry points lie in, but for what Python compiled of them.
+    """All files of other packages that entry points lie in, but for what Python compiled of them.
 
     None of them is imported; a package that is not there has none.
     """
     files: set[Path] = set()
-    for name in {point.module.partition(".")[0] for point in points}:
+    for name in {point.module.partition(".")[0] for point in points if not is_ours(point)}:
         spec = find_spec(name)
         folders = [] if spec is None else spec.submodule_search_locations or []
         if spec is not None and spec.origin and not folders:

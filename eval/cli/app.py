@@ -10,7 +10,7 @@ import sys
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Group, Parameter
 from pydantic import BaseModel
@@ -38,7 +38,8 @@ TrajectoryFlags = Annotated[TrajectoryConfig, Parameter(name="*", group=_TRAJECT
 NO_NEGATIVE = Parameter(negative=())
 """Of a flag that has no `--no-` or `--empty-` beside it."""
 Methods = Annotated[tuple[str, ...], Parameter(negative=(), completer=names.method_names)]
-Poses = Literal["true", "track"]
+Poses = Annotated[str, Parameter(completer=names.poses)]
+DeviceName = Annotated[str | None, Parameter(completer=names.devices), RARE]
 Scenes = Annotated[tuple[str, ...], Parameter(negative=(), completer=names.scenes)]
 Scene = Annotated[str, Parameter(completer=names.scenes)]
 RigName = Annotated[str | None, Parameter(completer=names.rigs)]

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from eventsweep.eval.jobs.scheduler import Workers
     from eventsweep.eval.progress import Display
     from eventsweep.eval.scoring.predictions import NamedFolder
-    from eventsweep.eval.suite.archive import SequenceArchive
     from eventsweep.eval.suite.definition import Suite
     from eventsweep.eval.suite.results import SuiteResult
+    from eventsweep.eval.suite.source import SequenceSource
 
 _JobFlag = Parameter(group=JOBS)
 _JobSwitch = Parameter(group=JOBS, negative=())
@@ -107,7 +107,7 @@ def seed_numbers(text: str | None, flag: str) -> tuple[int, ...] | None:
 def run_with_flags(
     suite: Suite, subset: str, flags: JobFlags, progress: Display, *,
     seeds: tuple[int, ...] | None = None, cases: tuple[str, ...] = (), speed: bool = True,
-    predictions: Sequence[NamedFolder] = (), archive: SequenceArchive | None = None,
+    predictions: Sequence[NamedFolder] = (), archive: SequenceSource | None = None,
 ) -> SuiteResult:  # fmt: skip
     """Runs a suite's subset; `speed` times the mapper on its first case, always on this machine."""
     from eventsweep.eval.suite.run import run_suite, with_speed

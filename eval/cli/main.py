@@ -5,23 +5,45 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from importlib.metadata import EntryPoint
+from typing import Annotated
 
-from cyclopts import CycloptsError
+from cyclopts import CycloptsError, Parameter
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.parameters import explain
+from eventsweep.emvs.utils.plugins import loaded, points
 from eventsweep.eval import config
 from eventsweep.eval.cli.app import app
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.cli.help import refusal
 
 VERBS = (
-    "archive", "calibrate", "check", "compare", "completion", "convert", "events", "fit", "fuse",
-    "gate", "info", "list", "map", "ranking", "realism", "report", "run", "score", "simulate",
-    "study", "submission", "suite", "track", "train",
+    "compare", "completion", "convert", "fuse", "gate", "info", "list", "map", "report", "run",
+    "score", "simulate", "study", "suite",
 )  # fmt: skip
+GROUP = "eventsweep.verbs"
+"""Modules of plug-ins, which register verbs as those of `eval.cli.verbs` do."""
+
 for _verb in VERBS:  # importing its module registers a verb
     import_module(f"eventsweep.eval.cli.verbs.{_verb}")
+
+
+def _add_verb(point: EntryPoint) -> None:
+    """Imports a plug-in's verb; one that fails says so where it is called, and nowhere else."""
+    try:
+        loaded(point, "its verb {} cannot be loaded")
+    except InputError as error:
+        reason = str(error)
+
+        def broken(*_words: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> None:
+            raise InputError(reason)
+
+        app.command(broken, name=point.name, help="Cannot be loaded.")
+
+
+for _point in points(GROUP):
+    _add_verb(_point)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

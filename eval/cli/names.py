@@ -49,10 +49,10 @@ def methods(_: Any = None) -> Mapping[str, str]:
 
 def method_names(_: Any = None) -> Mapping[str, str]:
     """Methods that a shell can complete: of families, whose names are made by a grammar, some."""
-    from eventsweep.emvs.methods import FAMILIES, overview
+    from eventsweep.emvs.methods import families, overview
 
     whole = {name: text for name, text in overview().items() if " " not in name}
-    examples = {name: family.summary for family in FAMILIES.values() for name in family.examples}
+    examples = {name: family.summary for family in families().values() for name in family.examples}
     return whole | examples
 
 
@@ -93,6 +93,20 @@ def formats(_: Any = None) -> Mapping[str, str]:
         name: f"{event_format.what}, {'read and written' if event_format.writes else 'read only'}"
         for name, event_format in FORMATS.items()
     }
+
+
+def devices(_: Any = None) -> Mapping[str, str]:
+    """Devices that sweeps run on."""
+    from eventsweep.emvs.dsi.device import names
+
+    return dict.fromkeys(names(), "")
+
+
+def poses(_: Any = None) -> Mapping[str, str]:
+    """Where poses come from."""
+    from eventsweep.eval.trackers import names
+
+    return dict.fromkeys(names(), "")
 
 
 KINDS: dict[str, Callable[[], Mapping[str, str]]] = {

@@ -19,6 +19,7 @@ from eventsweep.eval.figures.images import data_uri
 
 Kind = Literal["", "better", "worse", "other", "best"]
 REPORT_NAME = "report.html"
+_OWN, _FOLDER = "eventsweep.eval.report", "templates"
 # The colours of `report.css`, which does not reach into an image.
 INK_STYLE = (
     "<style>svg { color: #1d2328 } "
@@ -146,13 +147,14 @@ def page_text(page: Page) -> str:
     return render("tables.html.j2", "tables", "player", most=most, player_js=player_js, **content)
 
 
-def render(template: str, *styles: str, **content: Any) -> str:
+def render(template: str, *styles: str, package: str = _OWN, **content: Any) -> str:
     """A page as HTML; names from files are escaped, and nothing is loaded from elsewhere.
 
-    `styles` name style sheets beside that of all pages.
+    `styles` name style sheets beside that of all pages; a plug-in's `package` has a template, and
+    style sheets, in its folder `templates`.
     """
-    css = Markup("").join(inline(f"{name}.css") for name in ("report", *styles))
-    page = environment().get_template(template)
+    css = Markup("").join(inline(f"{name}.css", package) for name in ("report", *styles))
+    page = environment(package).get_template(template)
     return page.render(content, css=css, js=inline("report.js"))
 
 
@@ -195,17 +197,20 @@ def svg_uri(drawing: str) -> str:
 
 
 @cache
-def environment() -> jinja2.Environment:
-    """Templates that escape everything that is not marked as safe."""
+def environment(package: str = _OWN) -> jinja2.Environment:
+    """Templates, of a package before ours, that escape everything that is not marked as safe."""
+    places = dict.fromkeys((package, _OWN))
     return jinja2.Environment(
-        loader=jinja2.PackageLoader("eventsweep.eval.report", "templates"),
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(each, _FOLDER) for each in places]),
         autoescape=True,
         trim_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
 
 
-def inline(name: str) -> Markup:
-    """A file beside the templates, as it stands."""
-    file = resources.files("eventsweep.eval.report").joinpath("templates", name)
+def inline(name: str, package: str = _OWN) -> Markup:
+    """A file beside the templates of a package, or else of ours, as it stands."""
+    file = resources.files(package).joinpath(_FOLDER, name)
+    if not file.is_file():
+        file = resources.files(_OWN).joinpath(_FOLDER, name)
     return Markup(file.read_text(encoding="utf-8"))

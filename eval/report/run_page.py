@@ -444,7 +444,7 @@ def page_text(data: RunData, files: Sequence[str] = ()) -> str:
     several = len(data.cases) > 1
     overall = mean_over_cases(pooled, "mean") if several else pooled
     cases = [case_context(data, case, k, with_table=several) for k, case in enumerate(data.cases)]
-    content = {
+    content: dict[str, Any] = {
         "title": ", ".join(case.name for case in data.cases),
         "subtitle": _subtitle(data),
         "metric": data.ranking_metric,

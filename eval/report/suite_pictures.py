@@ -28,17 +28,22 @@ from eventsweep.eval.figures.images import (
     point_size_px,
 )
 from eventsweep.eval.jobs.job import SEQUENCE, Job, stored
-from eventsweep.eval.ranking.entries import shown_name
 from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import ranked_methods
 from eventsweep.eval.report.run_data import CaseData, MethodData, WindowData, window_data
 from eventsweep.eval.scoring.predictions import FAMILY, NamedFolder, Prediction, TargetView, plain
 from eventsweep.eval.scoring.results import POOLED, each
-from eventsweep.eval.suite.archive import SequenceArchive
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.predictions import assignment, open_predictions
-from eventsweep.eval.suite.results import PICTURES_FOLDER, Sample, SuiteResult, mapper_method
+from eventsweep.eval.suite.results import (
+    PICTURES_FOLDER,
+    Sample,
+    SuiteResult,
+    mapper_method,
+    shown_name,
+)
 from eventsweep.eval.suite.run import suite_jobs
+from eventsweep.eval.suite.source import SequenceSource
 from eventsweep.eval.suite.stages.predict import opened
 from eventsweep.eval.suite.stages.score import mapped_window
 
@@ -50,7 +55,7 @@ _PANEL_PX, _GAP_PX, _QUALITY = 346, 4, 60
 
 def write_pictures(
     folder: Path, suite: Suite, result: SuiteResult, predictions: Sequence[NamedFolder],
-    cache: Path, archive: SequenceArchive | None = None,
+    cache: Path, archive: SequenceSource | None = None,
 ) -> None:  # fmt: skip
     """Writes `pictures/CASE.png`, and of each method its best and worst case for a ranking.
 
@@ -79,7 +84,7 @@ class CaseViews:
     suite: Suite
     predictions: Sequence[NamedFolder]
     cache: Cache
-    archive: SequenceArchive | None
+    archive: SequenceSource | None
 
     def score_job(self, sample: Sample) -> Job:
         """The job that made a sample."""

@@ -114,7 +114,7 @@ def page_text(case: str, truth: Trajectory, scored: Scored, command: str, folder
     """The page as HTML."""
     libraries = versions()
     return render(
-        "trajectory.html.j2", "tables", "calibrate",
+        "trajectory.html.j2", "tables", "sides",
         title=f"Trajectories of {case}", subtitle=how(next(iter(scored.values()))),
         sentences=list(sentences(scored)), notes=list(notes(scored)),
         overview=overview_grid(scored), everything=metrics_grid(scored),

@@ -66,11 +66,12 @@ class StudyResult:
 
 def run_study(
     study: Study, methods: Sequence[str], cases: Sequence[str], seeds: Sequence[int], workers: Open,
-    progress: Display, seconds: float = SECONDS, *, track: bool = False,
+    progress: Display, seconds: float = SECONDS, *, track: str | None = None,
 ) -> StudyResult:  # fmt: skip
     """Maps and scores every case, seed and amount, in sequences of so many seconds.
 
-    With `track` poses are found from the events, too; they, and maps on them, are scored.
+    With `track`, a tracker's name, poses are found from the events, too; they, and maps on them,
+    are scored.
     """
     jobs = study_jobs(study, methods, cases, seeds, seconds, track=track)
     methods = (*methods, *(method_on_own_poses(name) for name in methods if track))
@@ -158,7 +159,7 @@ def _numbers(values: Any) -> list[float | None]:
 
 def study_jobs(
     study: Study, methods: Sequence[str], cases: Sequence[str], seeds: Sequence[int],
-    seconds: float = SECONDS, *, track: bool = False,
+    seconds: float = SECONDS, *, track: str | None = None,
 ) -> dict[tuple[str, int, float], Job]:  # fmt: skip
     """The scoring job of every case, seed and amount, with all that it needs.
 
@@ -167,7 +168,7 @@ def study_jobs(
     if not seconds > 3 * MARGIN_S:
         raise InputError(f"seconds is {seconds:g}: a study needs more than {3 * MARGIN_S:g}")
     for case in cases:
-        check_case(case, None, MapperConfig(methods=tuple(methods)), track=track)
+        check_case(case, None, MapperConfig(methods=tuple(methods)), track=track is not None)
     return {
         (case, seed, amount): _score_job(study, methods, case, seed, amount, seconds, track=track)
         for case in cases
@@ -178,7 +179,7 @@ def study_jobs(
 
 def _score_job(
     study: Study, methods: Sequence[str], case: str, seed: int, amount: float, seconds: float, *,
-    track: bool,
+    track: str | None,
 ) -> Job:  # fmt: skip
     change = study.change(amount)
     length = {"duration_s": seconds, "truth_times_s": [seconds / 2]}
@@ -211,7 +212,7 @@ def _score_job(
     needs: tuple[Job, ...] = (sequence, mapped)
     if track:
         wrong = {"perturb": change.perturb, "seed": seed}
-        needs = (*needs, track_job(place, sequence, [mapped], [DEFAULT_MAPPER], wrong))
+        needs = (*needs, track_job(place, sequence, [mapped], [DEFAULT_MAPPER], wrong, track))
         scoring["track"] = True
     return Job(f"score/{place}", "eventsweep.eval.suite.stages.score", scoring, needs)
 

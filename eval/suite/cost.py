@@ -14,17 +14,17 @@ from typing import Any
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.eval.jobs.local import ONE_THREAD, environment
 from eventsweep.eval.progress import Display
-from eventsweep.eval.suite.archive import SequenceArchive
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.results import MeasuredCost, SuiteResult, mapper_method
 from eventsweep.eval.suite.run import speed_job
+from eventsweep.eval.suite.source import SequenceSource
 
 REPEATS = 3
 
 
 def measured_costs(
     result: SuiteResult, suite: Suite, cache: Path, progress: Display,
-    archive: SequenceArchive | None = None,
+    archive: SequenceSource | None = None,
 ) -> dict[str, MeasuredCost]:  # fmt: skip
     """Maps the first window of the suite's speed case with each method alone.
 

@@ -11,7 +11,6 @@ from eventsweep.emvs.utils.cache import Cache
 from eventsweep.emvs.utils.outputs import check_files, files_together, output_folder
 from eventsweep.eval.jobs.job import SEQUENCE, stored
 from eventsweep.eval.scoring.results import write_csv
-from eventsweep.eval.suite.archive import SequenceArchive
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.predictions import assignment
 from eventsweep.eval.suite.results import (
@@ -22,6 +21,7 @@ from eventsweep.eval.suite.results import (
     write_suite,
 )
 from eventsweep.eval.suite.run import extent, suite_jobs
+from eventsweep.eval.suite.source import SequenceSource
 
 _CSV_COLUMNS = ("case", "seed", "window", "method", "metric", "value", "unit", "direction")
 
@@ -47,7 +47,7 @@ def write(folder: Path, result: SuiteResult, *, force: bool = False) -> None:
 
 def assignments(
     suite: Suite, subset: str, seeds: Sequence[int] | None, cases: Sequence[str] | None,
-    archive: SequenceArchive | None, cache: Path,
+    archive: SequenceSource | None, cache: Path,
 ) -> dict[str, Any]:  # fmt: skip
     """What a prediction must hold, and where the cache has the sequences, as plain JSON values."""
     listed = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, overload
@@ -226,3 +226,16 @@ def _with_one_table(content: dict[str, Any]) -> dict[str, Any]:
         samples.append(about)
         rows += [{"seed": about["seed"], **row} for row in rows_of_version_1(sample["rows"])]
     return {**content, "samples": samples, "rows": rows}
+
+
+def shown_name(method: str, mappers: Mapping[str, Mapping[str, Any]]) -> str:
+    """A method without the name of its mapper, where that differs from the default in nothing else.
+
+    A suite lists methods that are not run on every case under a mapper of their own.
+    """
+    name, space, mapper = method.partition(" ")
+    default = mappers.get(DEFAULT_MAPPER, {})
+    if not space or mapper not in mappers:
+        return method
+    own, usual = ({**one, "methods": None} for one in (mappers[mapper], default))
+    return name if own == usual and name not in default.get("methods", ()) else method

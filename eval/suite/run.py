@@ -23,17 +23,19 @@ from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.utils.cache import Cache
+from eventsweep.eval.found_poses import TRACK
 from eventsweep.eval.jobs.job import SEQUENCE, Done, Failed, Job, Outcome, entry
 from eventsweep.eval.jobs.scheduler import Open, run_jobs
 from eventsweep.eval.pipeline import check_case
 from eventsweep.eval.progress import Display
 from eventsweep.eval.scoring.predictions import NamedFolder
 from eventsweep.eval.scoring.results import together
-from eventsweep.eval.suite.archive import SequenceArchive, simulated
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.predictions import assignment, open_predictions
 from eventsweep.eval.suite.results import JobNote, Sample, SuiteResult, sample_from
+from eventsweep.eval.suite.source import SequenceSource, simulated
 from eventsweep.eval.suite.speed_kernels import calibration
+from eventsweep.eval.trackers import tracker
 from eventsweep.sim.config import SimConfig
 
 if TYPE_CHECKING:
@@ -46,7 +48,7 @@ _VOTES, _CELLS = 60_000_000, 1 << 17
 def run_suite(
     suite: Suite, subset: str, workers: Open, progress: Display, *,
     seeds: Sequence[int] | None = None, cases: Sequence[str] | None = None,
-    predictions: Sequence[NamedFolder] = (), archive: SequenceArchive | None = None,
+    predictions: Sequence[NamedFolder] = (), archive: SequenceSource | None = None,
 ) -> SuiteResult:  # fmt: skip
     """Does all jobs of a suite's subset, or of some of its cases and other seeds.
 
@@ -77,7 +79,7 @@ def run_suite(
 
 def extent(
     suite: Suite, subset: str, seeds: Sequence[int] | None, cases: Sequence[str] | None,
-    archive: SequenceArchive | None = None,
+    archive: SequenceSource | None = None,
 ) -> tuple[tuple[str, ...], tuple[int, ...]]:  # fmt: skip
     """The cases and seeds of a run: some of a subset's cases, its seeds or others.
 
@@ -118,7 +120,7 @@ def _note(outcome: Outcome) -> JobNote:
 
 
 def suite_jobs(
-    suite: Suite, cases: Sequence[str], seeds: Sequence[int], archive: SequenceArchive | None = None
+    suite: Suite, cases: Sequence[str], seeds: Sequence[int], archive: SequenceSource | None = None
 ) -> list[Job]:
     """One scoring job per case and seed, with all that it needs."""
     for case in cases:
@@ -174,18 +176,18 @@ def _score_job(suite: Suite, case: str, seed: int, sequence: Job, digest: str) -
 
 def track_job(
     place: str, sequence: Job, maps: Sequence[Job], mappers: Sequence[str],
-    wrong: Mapping[str, Any],
+    wrong: Mapping[str, Any], name: str = TRACK,
 ) -> Job:  # fmt: skip
-    """The job that finds a sequence's poses from its events and maps on them as `maps` do."""
+    """The job by which a tracker finds a sequence's poses, and maps on them as `maps` do."""
     settings: dict[str, dict[str, Any]] = {}
     for job, mapper in zip(maps, mappers, strict=True):
         settings.setdefault(mapper, {})[job.parameters["window"]] = job.parameters["map"]
     wanted = {"track": {}, "maps": settings, **wrong}
-    return Job(f"track/{place}", "eventsweep.eval.suite.stages.track", wanted, (sequence,))
+    return Job(f"track/{place}", tracker(name).STAGE, wanted, (sequence,))
 
 
 def with_speed(
-    result: SuiteResult, suite: Suite, cache: Path, archive: SequenceArchive | None = None
+    result: SuiteResult, suite: Suite, cache: Path, archive: SequenceSource | None = None
 ) -> SuiteResult:
     """The result, with the ratio of the suite's speed case; unchanged if that was not run."""
     timed = speed_job(result, suite, cache, archive)
@@ -197,7 +199,7 @@ def with_speed(
 
 
 def speed_job(
-    result: SuiteResult, suite: Suite, cache: Path, archive: SequenceArchive | None = None
+    result: SuiteResult, suite: Suite, cache: Path, archive: SequenceSource | None = None
 ) -> tuple[Job, Path] | None:
     """The first scoring job of the suite's speed case, and its sequence; None if it was not run."""
     case = suite.speed_case

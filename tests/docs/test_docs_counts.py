@@ -10,8 +10,8 @@ import pytest
 from eventsweep.emvs.dsi.fusion import MEANS
 from eventsweep.emvs.formats import FORMATS
 from eventsweep.eval.cli.main import app
-from eventsweep.eval.learning.sequences import sequences
 from eventsweep.eval.suite.definition import load
+from eventsweep.plugins.learned.training.sequences import sequences
 from eventsweep.scenes import summaries
 from places import ROOT, TOOLS
 from program import COMMANDS, command

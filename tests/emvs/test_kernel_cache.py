@@ -63,8 +63,8 @@ print([picture.tolist() for picture in passage.pictures([3000, 6000])])
 """
 LINES = """
 import numpy as np
-from eventsweep.emvs.odometry.registration.lines import LineFields
-from eventsweep.emvs.odometry.registration.residuals_kernels import map_to_events
+from eventsweep.plugins.track.odometry.registration.lines import LineFields
+from eventsweep.plugins.track.odometry.registration.residuals_kernels import map_to_events
 fields = LineFields([(160, 120)], 1)
 fields.begin()
 fields.fill(0, np.c_[np.arange(50, 110, 0.25), np.full(240, 60.2), np.ones(240)], 240, 1)
@@ -76,9 +76,9 @@ print(found, H.tolist(), g.tolist())
 """
 EQUATIONS = """
 import numpy as np
-from eventsweep.emvs.odometry.registration.events_kernels import compensate
-from eventsweep.emvs.odometry.registration.lines import LineFields
-from eventsweep.emvs.odometry.registration.gauss_newton_kernels import equations
+from eventsweep.plugins.track.odometry.registration.events_kernels import compensate
+from eventsweep.plugins.track.odometry.registration.lines import LineFields
+from eventsweep.plugins.track.odometry.registration.gauss_newton_kernels import equations
 out, eye = np.zeros((1, 3)), np.eye(4)
 twist, lens, size = np.array([1.0, 0, 0, 0, 0, 0]), np.array([9.0, 9, 4, 3]), np.array([9.0, 7])
 found = compensate(np.array([[5.0, 3.0, 0.1]]), 1, np.ones((7, 9)), 1.0, twist, lens, size, out)
@@ -126,8 +126,8 @@ sys.stdin.read()
 # The caller that shows an edit in a file, and the edit where adding 1 to what is returned is none.
 CALLERS = {
     "emvs/dsi/fusion_kernels.py": FOLD,
-    "emvs/odometry/registration/lines_kernels.py": LINES,
-    "emvs/odometry/registration/residuals_kernels.py": EQUATIONS,
+    "plugins/track/odometry/registration/lines_kernels.py": LINES,
+    "plugins/track/odometry/registration/residuals_kernels.py": EQUATIONS,
     "emvs/utils/vectors_kernels.py": VARIANCE,
     "sim/sensor/esim_kernels.py": PIXELS,
     "sim/compensation/edge_reach_kernels.py": CARRIED,

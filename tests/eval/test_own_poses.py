@@ -16,14 +16,11 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.maps.folder import RecordingInfo, read_map
 from eventsweep.emvs.maps.sliding import map_windows
-from eventsweep.emvs.odometry.pose import Status
-from eventsweep.emvs.odometry.recorded import Change, Tracked
 from eventsweep.emvs.windows import Window
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.found_poses import method_on_own_poses
 from eventsweep.eval.own_poses import map_on_poses
 from eventsweep.eval.progress import Silent
-from eventsweep.eval.ranking.entries import of_suite
 from eventsweep.eval.report.ranking import findings
 from eventsweep.eval.scoring.results import each, read_results
 from eventsweep.eval.scoring.trajectories.own_poses import own_estimates, pose_rows
@@ -31,6 +28,9 @@ from eventsweep.eval.studies.curves import POSE_METRICS
 from eventsweep.eval.studies.definitions import study_named
 from eventsweep.eval.studies.run import run_study
 from eventsweep.eval.suite.results import read_suite
+from eventsweep.plugins.ranking.entries import of_suite
+from eventsweep.plugins.track.odometry.pose import Status
+from eventsweep.plugins.track.odometry.recorded import Change, Tracked
 from in_process import in_process
 from small_pair import small_sequence
 from small_suite import case, suite_text
@@ -139,7 +139,7 @@ def run_with(tracker, out):
     """`run planes --poses track`, with a tracker of ours."""
     flags = ["--rig", "rpg", "--seconds", "0.06", "--method", "Alg1/H", "--map.planes", "20"]
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("eventsweep.eval.odometry.track", tracker)
+        patched.setattr("eventsweep.plugins.track.folder.track", tracker)
         command = ["run", "planes", "--poses", "track", "--out", str(out), *flags, "--quiet"]
         assert main(command) == 0
     return out
@@ -193,7 +193,7 @@ def test_a_mapper_called_track_would_be_mistaken_for_poses(tmp_path, capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("tracker", [perfect, no_place])
 def test_a_suite_may_ask_for_poses_of_its_own(tmp_path, monkeypatch, jobs_in_this_process, tracker):
-    monkeypatch.setattr("eventsweep.eval.suite.stages.track.track", tracker)
+    monkeypatch.setattr("eventsweep.plugins.track.stage.track", tracker)
     mappers = {
         name: {"methods": ["Alg1/H"], "planes": planes}
         for name, planes in (("default", 12), ("few", 6))
@@ -227,7 +227,7 @@ def test_a_study_may_ask_for_poses_of_its_own(tmp_path, monkeypatch):
         given.append(recording.rig.T_body_cam[1])
         return perfect(recording)
 
-    monkeypatch.setattr("eventsweep.eval.suite.stages.track.track", asked)
+    monkeypatch.setattr("eventsweep.plugins.track.stage.track", asked)
     study = study_named("stereo-yaw")
     study = replace(study, amounts=study.amounts[:2])
     workers = partial(in_process, 1, tmp_path)

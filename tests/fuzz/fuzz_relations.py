@@ -24,8 +24,8 @@ import numpy as np
 
 import fuzz_results
 from eventsweep.emvs.utils.cache import Cache, key_of
-from eventsweep.eval.archives.tarball import sha256_of
 from eventsweep.eval.cli.main import main as verb
+from eventsweep.plugins.ranking.archives.tarball import sha256_of
 
 PLACES = ("a", "b", "a/in", "b/in", "a/deep/er", "ours", "theirs", "theirs/pictures", "link")
 

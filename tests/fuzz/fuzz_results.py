@@ -22,12 +22,7 @@ import fuzz_datasets
 import fuzz_events
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.cache import Cache, key_of
-from eventsweep.eval.archives.manifest import ArchiveManifest, PackedFile, PackedSequence
-from eventsweep.eval.archives.manifest import parse as parse_archive
-from eventsweep.eval.archives.tarball import pack
-from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, read_source
 from eventsweep.eval.report.compare.page import write_comparison
-from eventsweep.eval.report.standings.page import write_ranking
 from eventsweep.eval.report.suite_page import write_suite_report
 from eventsweep.eval.report.suite_pictures import METHODS_NAME
 from eventsweep.eval.scoring.results import POOLED, tidy, together
@@ -41,7 +36,17 @@ from eventsweep.eval.suite.results import (
     SuiteResult,
     write_suite,
 )
-from eventsweep.eval.suite.submission import MANIFEST, Asked, SubmissionFacts, unpack_submission
+from eventsweep.plugins.ranking.archives.manifest import ArchiveManifest, PackedFile, PackedSequence
+from eventsweep.plugins.ranking.archives.manifest import parse as parse_archive
+from eventsweep.plugins.ranking.archives.tarball import pack
+from eventsweep.plugins.ranking.entries import DATA_NAME, RankingData, read_source
+from eventsweep.plugins.ranking.pages.page import write_ranking
+from eventsweep.plugins.ranking.submission import (
+    MANIFEST,
+    Asked,
+    SubmissionFacts,
+    unpack_submission,
+)
 from ranking_entries import entry
 from score_rows import score_row
 from small_suite import case, suite_text

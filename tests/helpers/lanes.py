@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eventsweep.emvs.learned.kept_votes import LANES
+from eventsweep.emvs.depth.kept_votes import LANES
 
 
 def in_blocks(pixels):
@@ -14,6 +14,6 @@ def in_blocks(pixels):
 
 
 def as_rays(patches):
-    """(M, 3, DEPTH, SIDE_PX, SIDE_PX) patches as `emvs.learned.inputs.channels` gives them."""
+    """(M, 3, DEPTH, SIDE_PX, SIDE_PX) patches as `networks.inputs.channels` gives them."""
     ends = ((0, 0), (0, 0), (0, 0), (0, 0), (1, 1))
     return in_blocks(np.pad(np.moveaxis(patches, 2, -1), ends))

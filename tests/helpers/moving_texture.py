@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.eval.sensing.frames import FrameStack
-from eventsweep.eval.sensing.pixel_events import PixelEvents
+from eventsweep.plugins.diagnose.sensing.frames import FrameStack
+from eventsweep.plugins.diagnose.sensing.pixel_events import PixelEvents
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.sensor.sensor import Sensor
 

@@ -1,4 +1,4 @@
-"""The slow twin of `emvs.sharpness_kernels`: one vote at a time."""
+"""The slow twin of `plugins.diagnose.sharpness_kernels`: one vote at a time."""
 
 import numpy as np
 

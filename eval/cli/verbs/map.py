@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from eventsweep.emvs.config import DeviceName
 from eventsweep.eval.cli.app import (
     CONFIGURED,
     MAP,
     AllowSkipped,
     Configured,
+    DeviceName,
     Force,
     MapFlags,
     Methods,
@@ -27,7 +27,6 @@ from eventsweep.eval.cli.help import RARE
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from eventsweep.emvs.check.findings import Finding
     from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
     from eventsweep.eval.cli.console import Part
 
@@ -41,7 +40,7 @@ def map(  # noqa: A001 - the verb's name
     *,
     out: Path,
     method: Methods = (),
-    device: Annotated[DeviceName | None, RARE] = None,
+    device: DeviceName = None,
     allow_skipped: AllowSkipped = False,
     check: Annotated[bool, Parameter(negative="--no-check"), RARE] = True,
     force: Force = False,
@@ -81,10 +80,10 @@ def map(  # noqa: A001 - the verb's name
     return incomplete([stored.info], allowed=allow_skipped)
 
 
-def _warn(finding: Finding) -> None:
+def _warn(doubt: str) -> None:
     from eventsweep.eval.cli.exit_codes import with_flags
 
-    sys.stderr.write(f"check: {with_flags(finding.line())}\n")
+    sys.stderr.write(f"check: {with_flags(doubt)}\n")
 
 
 def _facts(stored: StoredMap) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from eventsweep.emvs.config import DeviceName
 from eventsweep.eval.cli.app import (
     CONFIGURED,
     MAP,
@@ -13,6 +12,7 @@ from eventsweep.eval.cli.app import (
     SIM,
     AllowSkipped,
     Configured,
+    DeviceName,
     Force,
     MapFlags,
     Methods,
@@ -40,7 +40,7 @@ def run(
     poses: Annotated[Poses, RARE] = "true",
     workers: int = 1,
     method: Methods = (),
-    device: Annotated[DeviceName | None, RARE] = None,
+    device: DeviceName = None,
     allow_skipped: AllowSkipped = False,
     force: Force = False,
     common: Configured = CONFIGURED,
@@ -68,9 +68,9 @@ def run(
     from eventsweep.eval.cli.exit_codes import incomplete
     from eventsweep.eval.cli.verbs.report import report_stage
     from eventsweep.eval.cli.verbs.score import show_results
-    from eventsweep.eval.odometry import track_stage
     from eventsweep.eval.pipeline import run_cases
     from eventsweep.eval.scoring.run_folder import MAP_FOLDER
+    from eventsweep.eval.trackers import TRUE, tracker
     from eventsweep.scenes import case_name
 
     wanted = common.settings(
@@ -90,7 +90,7 @@ def run(
         force=force,
         workers=workers,
         finish=report_stage(console.progress),
-        track=track_stage(console.progress) if poses == "track" else None,
+        track=None if poses == TRUE else tracker(poses).track_stage(console.progress),
         progress=console.progress,
     )
     show_results(console, results, wanted.score.ranking_metric)

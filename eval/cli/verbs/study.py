@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from eventsweep.eval.studies.run import StudyResult
+    from eventsweep.eval.trackers import TRUE
 
 _FAILED = 1
 
@@ -60,7 +61,7 @@ def study(
         for chosen_study in studies:
             result = run_study(
                 chosen_study, *samples, job_flags.open, console.progress, seconds,
-                track=poses == "track",
+                track=None if poses == TRUE else poses,
             )  # fmt: skip
             written = write_study(out, result)
             failed += len(result.failures)

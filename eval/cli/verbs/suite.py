@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from eventsweep.eval.cli.console import Part
-    from eventsweep.eval.scoring.predictions import NamedFolder
-    from eventsweep.eval.suite.archive import SequenceArchive
     from eventsweep.eval.suite.definition import Suite
+    from eventsweep.eval.suite.packages import Wanted
     from eventsweep.eval.suite.results import SuiteResult
     from eventsweep.eval.suite.series import Series
+    from eventsweep.eval.suite.source import SequenceSource
 
 _FAILED = 1
 _SHOWN = ("points", "median_error", "mean_error", "abs_rel", "bad_published", "completeness")
@@ -57,11 +57,11 @@ def suite(
         speed: Time the mapper at the end.
         cost: Measure time and memory of each method alone, for a ranking; takes two minutes more.
     """
-    from eventsweep.eval.suite.archive import SequenceArchive
     from eventsweep.eval.suite.definition import load
     from eventsweep.eval.suite.output import assignments
+    from eventsweep.eval.suite.source import open_source
 
-    source = SequenceArchive(archive) if archive else None
+    source = open_source(archive) if archive else None
     parts = Parts(*load(name), seed_numbers(seeds, "--seeds"), case, source)
     if list_cases and (out is not None or prediction):
         raise InputError("--list-cases with --out or --prediction: it only lists; leave one out")
@@ -84,7 +84,15 @@ class Parts(NamedTuple):
     subset: str
     seeds: tuple[int, ...] | None
     cases: tuple[str, ...]
-    archive: SequenceArchive | None
+    archive: SequenceSource | None
+
+    def wanted(self) -> Wanted:
+        """What a prediction must hold."""
+        from eventsweep.eval.suite.packages import Wanted
+        from eventsweep.eval.suite.run import extent
+
+        version = self.archive.facts.version if self.archive else ""
+        return Wanted(self.suite, *extent(*self), version)
 
 
 def _run(
@@ -99,15 +107,17 @@ def _run(
     cost: bool,
     force: bool,
 ) -> int:
+    from eventsweep.emvs.utils.cache import Cache
     from eventsweep.eval.report.suite_pictures import write_pictures
     from eventsweep.eval.scoring.predictions import NamedFolder
     from eventsweep.eval.suite import output
     from eventsweep.eval.suite.cost import measured_costs
-    from eventsweep.eval.suite.submission import perfect_scores
+    from eventsweep.eval.suite.packages import open_packages
+    from eventsweep.eval.suite.predictions import perfect_scores
 
     suite, cache, console = parts.suite, job_flags.cache_folder(), common.console()
-    entered = [_package(NamedFolder.of(one)) for one in prediction]
-    given, stated = _opened(parts, entered, cache)
+    entered = [NamedFolder.of(one) for one in prediction]
+    given, stated = open_packages(entered, parts.wanted(), Cache(cache))
     inputs = (Path(name), *(one.path for one in entered))
     with output.prepare_folder(out, force=force, inputs=inputs) as folder:
         result = run_with_flags(
@@ -128,27 +138,6 @@ def _run(
     console.result(_facts(result), _summary(result, cache))
     console.wrote(folder / "suite.json")
     return _FAILED if result.failures else 0
-
-
-def _package(given: NamedFolder) -> NamedFolder:
-    """Of an entry to a ranking its package; anything else as it is."""
-    from eventsweep.eval.suite.entry import is_entry, package_of
-
-    return given._replace(path=package_of(given.path)) if is_entry(given.path) else given
-
-
-def _opened(
-    parts: Parts, entered: Sequence[NamedFolder], cache: Path
-) -> tuple[list[NamedFolder], dict[str, Any]]:
-    """Predictions as folders, and what submissions among them state."""
-    from eventsweep.emvs.utils.cache import Cache
-    from eventsweep.eval.suite.run import extent
-    from eventsweep.eval.suite.submission import Asked, opened
-
-    version = parts.archive.manifest.version if parts.archive else ""
-    cases, seeds = extent(*parts)
-    asked = Asked(parts.suite, cases, seeds, version)
-    return opened(entered, asked, Cache(cache)) if entered else ([], {})
 
 
 def _facts(result: SuiteResult) -> dict[str, Any]:

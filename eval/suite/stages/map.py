@@ -6,23 +6,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from eventsweep.emvs.baselines import modules_of
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.depth.precision import PRECISION
+from eventsweep.emvs.dsi.device import modules_of_device
 from eventsweep.emvs.maps.sliding import map_into, one_window, without
 from eventsweep.emvs.maps.store import write_entry
-from eventsweep.emvs.methods import files_of_methods
+from eventsweep.emvs.methods import code_of_methods
 from eventsweep.eval.jobs.job import SEQUENCE
 from eventsweep.eval.perturbations import Perturbation, perturbed
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
-    """The modules of its baselines, and the weights, tables and packages of others it reads."""
+    """The modules of its methods and device, and the weights, tables and packages it reads."""
     config = MapperConfig.model_validate(parameters["map"])
-    files = (*files_of_methods(config), PRECISION)
-    return modules_of(config.methods), files
+    modules, files = code_of_methods(config)
+    return (*modules, *modules_of_device(config.device)), (*files, PRECISION)
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:

@@ -26,8 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep import scenes
-from eventsweep.emvs.calibrate.parameters import Correction, Parameter, parameters_of
-from eventsweep.emvs.calibrate.refine import RefineConfig, Refinement, refine
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
@@ -36,6 +34,8 @@ from eventsweep.emvs.utils.cache import default_cache
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.windows import Window
 from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.plugins.diagnose.calibrate.parameters import Correction, Parameter, parameters_of
+from eventsweep.plugins.diagnose.calibrate.refine import RefineConfig, Refinement, refine
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.motion import Motion
 from eventsweep.sim.motion.curves import HeadSway, Wave
@@ -66,7 +66,7 @@ class Study:
     """What is spoilt and refined.
 
     Attributes:
-        refine: keys of `emvs.calibrate.parameters.NAMES`.
+        refine: keys of `plugins.diagnose.calibrate.parameters.NAMES`.
         sizes: kind of parameter -> by how much it is spoilt at most: deg, ms.
         twins: scenes.
         quick: whether quick turns are added to the scenes' motions.

@@ -5,7 +5,7 @@ import pytest
 
 import calibrate_recovery
 from calibrate_recovery import STUDIES, TWINS, lag_ms, per_twin, spoilt, summary
-from eventsweep.emvs.calibrate.parameters import parameters_of
+from eventsweep.plugins.diagnose.calibrate.parameters import parameters_of
 
 
 def result(name, left, refused="", lag_ms=None, what=("cam1 yaw", "stereo")):

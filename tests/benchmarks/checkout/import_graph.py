@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-PACKAGES = ("emvs", "sim", "scenes", "eval", "eventsweep")
+PACKAGES = ("emvs", "sim", "scenes", "eval", "eventsweep", "plugins")
 
 Graph = dict[str, set[str]]
 
@@ -48,7 +48,8 @@ class Module:
 
 def read_modules(root: Path) -> dict[str, Module]:
     """All modules of a checkout's product packages, by dotted name, sorted."""
-    paths = [path for package in PACKAGES for path in (root / package).rglob("*.py")]
+    files = (path for package in PACKAGES for path in (root / package).rglob("*.py"))
+    paths = [path for path in files if "tests" not in path.relative_to(root).parts]
     modules = [_module(path, root) for path in paths]
     return {module.name: module for module in sorted(modules, key=lambda one: one.name)}
 
@@ -179,7 +180,7 @@ def longest_chain(graph: Graph) -> list[str]:
 
 
 def subpackage(name: str) -> str:
-    """The part of the architecture that a module belongs to: `emvs.dsi` for `emvs.dsi.cuda.arrays`.
+    """The part of the architecture that a module belongs to: `emvs.dsi` for `plugins.cuda.arrays`.
 
     A module directly in a top-level package, such as `emvs.mapper`, is a part by itself.
     """

@@ -30,7 +30,7 @@ import ast
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -78,7 +78,11 @@ def measure(root: Path) -> dict[str, Any]:
     return {
         **{name: _sizes(files) for name, files in files_by_kind(root).items()},
         "median_module_lines": median(module.lines for module in modules.values()),
-        "packages": {name: _sizes(_python(root / name)) for name in PACKAGES},
+        "packages": {
+            name: _sizes([one.path for one in modules.values() if is_below(one, name)])
+            for name in (*PACKAGES, *plug_ins(modules))
+        },
+        "into_plug_ins": into_plug_ins(graph),
         "folders": {
             name: _sizes([module.path for module in inside])
             for name, inside in sorted(folders.items())
@@ -96,6 +100,26 @@ def measure(root: Path) -> dict[str, Any]:
     }
 
 
+def is_below(module: Module, package: str) -> bool:
+    """Whether a module lies in a package, at any depth."""
+    return f"{module.name}.".startswith(f"{package}.")
+
+
+def plug_ins(modules: Mapping[str, Module]) -> list[str]:
+    """The packages below `plugins`."""
+    return sorted(name for name in modules if name.startswith("plugins.") and name.count(".") == 1)
+
+
+def into_plug_ins(graph: Graph) -> list[str]:
+    """Imports that lead into a plug-in from anywhere outside it."""
+
+    def owner(name: str) -> str:
+        return ".".join(name.split(".")[:2]) if name.startswith("plugins.") else "core"
+
+    edges = [(a, b) for a in graph for b in graph[a] if b.startswith("plugins.")]
+    return sorted(f"{a} -> {b}" for a, b in edges if owner(a) != owner(b))
+
+
 def chains(graph: Graph) -> dict[str, list[str]]:
     """One longest chain in each package, and in all; the scenes hardly import each other."""
     inside = {name: longest_chain(within(graph, name)) for name in ("emvs", "sim", "eval")}
@@ -104,14 +128,15 @@ def chains(graph: Graph) -> dict[str, list[str]]:
 
 def files_by_kind(root: Path) -> dict[str, list[Path]]:
     """Python files of the product, of the tests, of tests of tools among them, and of the tools."""
-    tests, tools = (
-        _python(root / "tests"),
-        [path for name in TOOLS for path in _python(root / name)],
-    )
+    everything = [path for name in PACKAGES for path in _python(root / name)]
+    product = [path for path in everything if "tests" not in path.relative_to(root).parts]
+    tests = [*_python(root / "tests"), *(path for path in everything if path not in product)]
+    tools = [path for name in TOOLS for path in _python(root / name)]
     of_tools = [path for path in tools if path.name.startswith("test_")]
     tools = [path for path in tools if path not in of_tools]
     return {
-        "product": [path for name in PACKAGES for path in _python(root / name)],
+        "product": product,
+        "core": [path for path in product if path.relative_to(root).parts[0] != "plugins"],
         "tests": [path for path in tests if path not in tools],
         "tests of tools": of_tools,
         "tools": tools,
@@ -191,6 +216,8 @@ def rows(found: dict[str, Any]) -> dict[str, str]:
     """The table's rows: what was measured -> the value as it is shown."""
     return {
         "product: modules, lines": _size(found["product"]),
+        "core (all but `plugins`): modules, lines": _size(found["core"]),
+        "imports into plug-ins from outside them": str(len(found["into_plug_ins"])),
         "tests: modules, lines": _size(found["tests"]),
         "tests of developer tools among them": _size(found["tests of tools"]),
         "developer tools: modules, lines": _size(found["tools"]),

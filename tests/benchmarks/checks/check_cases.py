@@ -10,7 +10,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import planting as pl
-from eventsweep.emvs.check.alternatives import CONVENTIONS, Chosen, MirroredRecording
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording
@@ -18,6 +17,7 @@ from eventsweep.emvs.datasets.export import RecordingExport, write_recording
 from eventsweep.emvs.datasets.raw_streams import open_readable
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.plugins.diagnose.check.alternatives import CONVENTIONS, Chosen, MirroredRecording
 from planting import Fault, Matrix, Planter, Rng, with_poses
 
 

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.stats import beta
 
 import eventsweep as es
-import eventsweep.emvs.check
+import eventsweep.plugins.diagnose.check
 from check_cases import (
     DEVELOPMENT,
     FAULTS,
@@ -46,11 +46,11 @@ from check_opened import OPENED
 from check_shown import SHOWN
 from check_tried import TRIED
 from check_unseen import UNSEEN
-from eventsweep.emvs.check.findings import Report
-from eventsweep.emvs.check.recording import check
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.plugins.diagnose.check.findings import Report
+from eventsweep.plugins.diagnose.check.recording import check
 from markdown_blocks import into_page
 from planting import UNKNOWN, Planter
 
@@ -222,7 +222,7 @@ def _of_file(case: Case, path: Path, out: Path) -> Report:
 
 def code_version() -> str:
     """A hash of the code whose verdicts these are, without comments, docstrings and types."""
-    folder = Path(str(eventsweep.emvs.check.__file__)).parent
+    folder = Path(str(eventsweep.plugins.diagnose.check.__file__)).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py"))]
     here = Path(__file__)
     planted = ("cases", "last", "opened", "shown", "tried", "unseen")

@@ -19,12 +19,12 @@ import numpy as np
 import eventsweep as es
 from check_cases import DEVELOPMENT
 from check_faults import sequence
-from eventsweep.emvs.check.alternatives import Chosen
-from eventsweep.emvs.check.amounts import Amount, amounts_of_one, amounts_of_pair
-from eventsweep.emvs.check.trial_windows import TrialWindows
-from eventsweep.emvs.check.trials import CameraTrials
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
+from eventsweep.plugins.diagnose.check.alternatives import Chosen
+from eventsweep.plugins.diagnose.check.amounts import Amount, amounts_of_one, amounts_of_pair
+from eventsweep.plugins.diagnose.check.trial_windows import TrialWindows
+from eventsweep.plugins.diagnose.check.trials import CameraTrials
 from markdown_blocks import show
 
 _SIGNS = (-1.0, 1.0)

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 import planting as pl
 from check_cases import PLANTERS, pair
-from eventsweep.emvs.check.alternatives import turns
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.plugins.diagnose.check.alternatives import turns
 from planting import Fault, Planter, Rng, unknown, with_poses
 
 _OTHER_AXES = sorted(name for name in turns() if name.startswith("axes "))[7]

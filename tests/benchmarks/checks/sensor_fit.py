@@ -22,7 +22,7 @@ from eventsweep import scenes
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.eval.sensing.fit import SensorFit, fit_sensor
+from eventsweep.plugins.diagnose.sensing.fit import SensorFit, fit_sensor
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.simulate import simulate
 from markdown_blocks import show

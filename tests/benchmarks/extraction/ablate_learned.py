@@ -22,13 +22,18 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth.depth_map import extract
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.learned.judgement import Judgement, at_reference_px, judge, on_own_surface
-from eventsweep.emvs.learned.network import Float32s, Network, network
 from eventsweep.emvs.methods.focus import FOCUS as BY_FOCUS
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig
-from eventsweep.eval.learning.samples import Shown, shown_of, swept_window
 from eventsweep.eval.scoring.run_folder import truth_of
+from eventsweep.plugins.learned.networks.judgement import (
+    Judgement,
+    at_reference_px,
+    judge,
+    on_own_surface,
+)
+from eventsweep.plugins.learned.networks.network import Float32s, Network, network
+from eventsweep.plugins.learned.training.samples import Shown, shown_of, swept_window
 from markdown_blocks import show
 from study_cache import load_sequence
 from study_extraction import Numbers

@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.learned import network
-from eventsweep.emvs.learned.network import CHANNELS, Float32s, Network
-from eventsweep.emvs.learned.weights import write_weights
 from eventsweep.emvs.utils.processes import end_with_parent
 from eventsweep.emvs.utils.release import install_extra
-from eventsweep.eval.learning import data
-from eventsweep.eval.learning.config import TrainingConfig
-from eventsweep.eval.learning.samples import Samples
-from eventsweep.eval.learning.sequences import Part, TrainingSequence
-from eventsweep.eval.learning.tasks import TASKS
 from eventsweep.eval.progress import Bars
+from eventsweep.plugins.learned.networks import network
+from eventsweep.plugins.learned.networks.network import CHANNELS, Float32s, Network
+from eventsweep.plugins.learned.networks.weights import write_weights
+from eventsweep.plugins.learned.training import data
+from eventsweep.plugins.learned.training.config import TrainingConfig
+from eventsweep.plugins.learned.training.samples import Samples
+from eventsweep.plugins.learned.training.sequences import Part, TrainingSequence
+from eventsweep.plugins.learned.training.tasks import TASKS
 from eventsweep.sim.sensor_presets import PresetName
 
 JUDGED = 200
@@ -195,7 +195,7 @@ def train(folder: Path, variant: Variant, samples: Path, budget: Budget) -> None
     Raises:
         InputError: no samples there.
     """
-    from eventsweep.eval.learning.fit import Fitting
+    from eventsweep.plugins.learned.training.fit import Fitting
 
     config = variant.config(budget)
     training = masked(_read(samples, "training", config, variant.sequences()), variant)

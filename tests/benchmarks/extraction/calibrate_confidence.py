@@ -22,18 +22,18 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth import precision
 from eventsweep.emvs.depth.precision import Precision, table_name, tables
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.learned.network import NAME, network
-from eventsweep.emvs.learned.weights import write_weights
 from eventsweep.emvs.mapper import map_window
-from eventsweep.emvs.methods.learned import precision_of
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig
-from eventsweep.eval.learning import confidence
-from eventsweep.eval.learning.confidence import Scored
-from eventsweep.eval.learning.data import simulate_sequence
-from eventsweep.eval.learning.sequences import TrainingSequence, sequences
 from eventsweep.eval.scoring.run_folder import truth_of
+from eventsweep.plugins.learned.methods.learned import precision_of
+from eventsweep.plugins.learned.networks.network import NAME, network
+from eventsweep.plugins.learned.networks.weights import write_weights
+from eventsweep.plugins.learned.training import confidence
+from eventsweep.plugins.learned.training.confidence import Scored
+from eventsweep.plugins.learned.training.data import simulate_sequence
+from eventsweep.plugins.learned.training.sequences import TrainingSequence, sequences
 from markdown_blocks import into_page, show
 from study_cache import load_sequence
 from study_samples import SETS, SampleSpec, chosen_samples

@@ -20,7 +20,6 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.depth.depth_map import DepthMap, without_border
 from eventsweep.emvs.dsi.method import MethodName
-from eventsweep.emvs.learned.judgement import at_reference_px
 from eventsweep.emvs.mapper import map_window
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig
@@ -28,6 +27,7 @@ from eventsweep.eval.perturbations import Perturbation, amounts, perturbed
 from eventsweep.eval.scoring.method_scores import ALL_METRICS
 from eventsweep.eval.scoring.pairing import Truth, pair
 from eventsweep.eval.scoring.run_folder import truth_of
+from eventsweep.plugins.learned.networks.judgement import at_reference_px
 from markdown_blocks import show
 from study_cache import load_sequence
 from study_extraction import METRICS, Numbers, blocks_with_points

@@ -14,7 +14,11 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth.depth_map import without_border
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.learned.network import (
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.utils import release
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.scoring.run_folder import truth_of
+from eventsweep.plugins.learned.networks.network import (
     CHANNELS,
     CUES,
     DEPTH,
@@ -23,16 +27,12 @@ from eventsweep.emvs.learned.network import (
     Architecture,
     Network,
 )
-from eventsweep.emvs.learned.network import network as shipped
-from eventsweep.emvs.learned.weights import Weights, write_weights
-from eventsweep.emvs.mapper import map_window
-from eventsweep.emvs.utils import release
-from eventsweep.eval.config import EvalConfig
-from eventsweep.eval.learning import data
-from eventsweep.eval.learning.config import TrainingConfig
-from eventsweep.eval.learning.samples import Samples, show
-from eventsweep.eval.learning.sequences import FIRST_SEED, TrainingSequence, sequences
-from eventsweep.eval.scoring.run_folder import truth_of
+from eventsweep.plugins.learned.networks.network import network as shipped
+from eventsweep.plugins.learned.networks.weights import Weights, write_weights
+from eventsweep.plugins.learned.training import data
+from eventsweep.plugins.learned.training.config import TrainingConfig
+from eventsweep.plugins.learned.training.samples import Samples, show
+from eventsweep.plugins.learned.training.sequences import FIRST_SEED, TrainingSequence, sequences
 from lanes import as_rays
 from naive_network import judged
 from study_learned import METHODS, most_reliable, numbers
@@ -245,7 +245,7 @@ def test_weights_of_another_variant_are_refused(tmp_path):
 def test_networks_are_trained_once_and_never_see_what_is_hidden(tmp_path, monkeypatch, capsys):
     """Weights of what is hidden get no gradient: the decay of weights alone scales them."""
     torch = pytest.importorskip("torch", reason="torch is an extra, [train]")
-    from eventsweep.eval.learning.network import Network as TorchNetwork
+    from eventsweep.plugins.learned.training.network import Network as TorchNetwork
 
     few = TrainingSequence("planes", "oblique", FIRST_SEED, "ideal", SECONDS)
     monkeypatch.setattr(data, "sequences", lambda part: (few,))

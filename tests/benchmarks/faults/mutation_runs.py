@@ -27,7 +27,7 @@ HERE = Path(__file__).parent
 VERDICTS, REASONS = HERE / "mutation_verdicts.jsonl", HERE / "mutation_reasons.json"
 ROUNDS = (("oblique", "plain", "low-texture"), ("boxes",), ("planes", "desk"), ("boxes-ranked",))
 """Cases of `quick`, the cheap ones first: what is red there needs no others."""
-RANKED = ("emvs/baselines/", "emvs/learned/")
+RANKED = ("emvs/baselines/", "plugins/learned/networks/")
 """What only the last of them runs."""
 NEEDED = ("tests", "docs", "reports", "pyproject.toml", "README.md", "Makefile", "CONTRIBUTING.md")
 _FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)

@@ -29,7 +29,7 @@ AREAS = {
     )),
     "extraction": (4, (
         "emvs/depth/depth_map.py", "emvs/depth/focus.py", "emvs/depth/precision.py",
-        "emvs/depth/*_kernels.py", "emvs/learned/*.py",
+        "emvs/depth/*_kernels.py", "plugins/learned/networks/*.py",
     )),
     "baselines": (2, ("emvs/baselines/*.py",)),
     "scoring": (2, (
@@ -42,7 +42,7 @@ AREAS = {
 """How many are drawn of each area, about as it has lines, and its files."""
 LEFT_OUT = (
     "sim/sensor/frame_camera.py", "sim/sensor/imu.py", "sim/sensor/labels.py", "emvs/dsi/device.py",
-    "emvs/geometry/warp.py", "emvs/learned/weights.py",
+    "emvs/geometry/warp.py", "plugins/learned/networks/weights.py",
 )  # fmt: skip
 """Pictures, inertial samples, labels, GPUs, other data sets' truth, reading a file of weights."""
 

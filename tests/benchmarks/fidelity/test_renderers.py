@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.eval.ranking.entries import RENDERERS_DIFFER_PERCENT
 from eventsweep.eval.suite.results import Sample, SampleFacts
+from eventsweep.plugins.ranking.entries import RENDERERS_DIFFER_PERCENT
 from places import ROOT
 from renderers import compare, seed_change, text
 

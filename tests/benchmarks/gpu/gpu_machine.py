@@ -28,7 +28,7 @@ def check_device(kind: str) -> None:
     """
     if kind != "cuda":
         return
-    if "device" not in MapperConfig.model_fields or find_spec("eventsweep.emvs.dsi.cuda") is None:
+    if "device" not in MapperConfig.model_fields or find_spec("eventsweep.plugins.cuda") is None:
         raise InputError(
             "this version's mapper has no CUDA backend: take one that has it, or try "
             "the script with --device cpu"
@@ -59,7 +59,7 @@ def cpu_name() -> str:
 def gpu() -> dict[str, Any]:
     """The GPU as CUDA and its driver name it."""
     cuda: Any = importlib.import_module("numba.cuda")
-    library: Any = importlib.import_module("eventsweep.emvs.dsi.cuda.device")
+    library: Any = importlib.import_module("eventsweep.plugins.cuda.device")
     used, device = library.gpu(), cuda.current_context().device
     driver = "numba.cuda.cudadrv.driver"
     return {

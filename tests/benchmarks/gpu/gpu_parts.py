@@ -47,7 +47,7 @@ class Bench:
         """Atomic additions per second."""
         if self.device != "cuda":
             raise InputError("no GPU was asked for")
-        from eventsweep.emvs.dsi.cuda import device as library
+        from eventsweep.plugins.cuda import device as library
         from gpu_atomics import atomic_rates
 
         rates = atomic_rates(self.plan, library.gpu().l2_bytes)

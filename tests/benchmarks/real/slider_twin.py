@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.eval.cli.exit_codes import exit_code
-from eventsweep.eval.sensing.fit import effective_thresholds, fit_pixels
-from eventsweep.eval.sensing.folder import realism_page
-from eventsweep.eval.sensing.frames import FrameStack, frames_of
-from eventsweep.eval.sensing.pixel_events import PixelEvents
-from eventsweep.eval.sensing.realism import Portrait, Realism, compared, portrait
+from eventsweep.plugins.diagnose.sensing.fit import effective_thresholds, fit_pixels
+from eventsweep.plugins.diagnose.sensing.folder import realism_page
+from eventsweep.plugins.diagnose.sensing.frames import FrameStack, frames_of
+from eventsweep.plugins.diagnose.sensing.pixel_events import PixelEvents
+from eventsweep.plugins.diagnose.sensing.realism import Portrait, Realism, compared, portrait
 from eventsweep.sim.config import PixelConfig
 from eventsweep.sim.sensor.sensor import Sensor
 from markdown_blocks import show

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from eventsweep.eval.sensing.frames import FrameStack
-from eventsweep.eval.sensing.realism import compared, portrait
+from eventsweep.plugins.diagnose.sensing.frames import FrameStack
+from eventsweep.plugins.diagnose.sensing.realism import compared, portrait
 from places import SHARED
 from slider_twin import between, main, moved, sideways_px, table_of, watched
 

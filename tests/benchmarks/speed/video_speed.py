@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.plugins.video.film import TOO_FAST, Pace
+from eventsweep.plugins.video.record import RecordedVideo, record
 from eventsweep.sim.config import PixelConfig, VideoConfig
 from eventsweep.sim.sensor.esim import EventSimulator
 from eventsweep.sim.sensor_presets import PresetName, SensorConfig
-from eventsweep.sim.video.film import TOO_FAST, Pace
-from eventsweep.sim.video.record import RecordedVideo, record
 from markdown_blocks import into_page
 from study_cost import machine
 

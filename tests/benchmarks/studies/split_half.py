@@ -18,10 +18,10 @@ from scipy.stats import kendalltau
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.exit_codes import exit_code
-from eventsweep.eval.ranking.entries import Merged, read_source
-from eventsweep.eval.ranking.standings import Table, places, standings
-from eventsweep.eval.ranking.summary import MAIN, direction_of, parts, ranked, table_of
 from eventsweep.eval.scoring.direction import Direction
+from eventsweep.plugins.ranking.entries import Merged, read_source
+from eventsweep.plugins.ranking.standings import Table, places, standings
+from eventsweep.plugins.ranking.summary import MAIN, direction_of, parts, ranked, table_of
 from markdown_blocks import show
 
 MARK = "stability"

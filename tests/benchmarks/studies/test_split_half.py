@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.eval.ranking.entries import join
+from eventsweep.plugins.ranking.entries import join
 from ranking_entries import entry
 from split_half import split_half, stability_text
 

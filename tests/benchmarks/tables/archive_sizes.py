@@ -7,8 +7,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from eventsweep.eval.archives.manifest import ArchiveManifest, PackedSequence, read
 from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.plugins.ranking.archives.manifest import ArchiveManifest, PackedSequence, read
 from markdown_blocks import show
 
 MARK = "sizes"

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from eventsweep.eval.cli.exit_codes import exit_code
-from eventsweep.eval.ranking import summary
-from eventsweep.eval.ranking.entries import read_data
 from eventsweep.eval.report.html import Grid, plural
-from eventsweep.eval.report.standings.sections import RankingPage, data, overview
+from eventsweep.plugins.ranking import summary
+from eventsweep.plugins.ranking.entries import read_data
+from eventsweep.plugins.ranking.pages.sections import RankingPage, data, overview
 from markdown_blocks import refresh
 
 DATA = Path("docs/standings")

@@ -25,7 +25,6 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.maps.folder import RecordingInfo, read_map
-from eventsweep.emvs.odometry.pose import Status
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.windows import Window
 from eventsweep.eval.cli import job_flags
@@ -37,6 +36,7 @@ from eventsweep.eval.own_poses import map_on_poses
 from eventsweep.eval.scoring.results import POOLED
 from eventsweep.eval.scoring.score import score_windows
 from eventsweep.eval.scoring.trajectories.own_poses import own_estimates
+from eventsweep.plugins.track.odometry.pose import Status
 from markdown_blocks import show
 
 MARK = "track-scores"

@@ -82,7 +82,7 @@ def test_an_unknown_code_is_refused(code):
 
 
 def test_both_back_ends_have_the_same_means_in_the_same_order():
-    from eventsweep.emvs.dsi.cuda import fusion_kernels as cuda_kernels
+    from eventsweep.plugins.cuda import fusion_kernels as cuda_kernels
 
     row = fusion_kernels._mean_row.py_func
     names = [name for name in row.__code__.co_names if name.startswith("_")]

@@ -21,7 +21,7 @@ SAME = """
 import numpy as np
 from eventsweep.emvs.dsi.maxima import FocusPeak
 from lanes import as_rays
-from eventsweep.emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX, network
+from eventsweep.plugins.learned.networks.network import CHANNELS, CUES, DEPTH, SIDE_PX, network
 from eventsweep.emvs.utils.vectors_kernels import WIDTH
 rng = np.random.default_rng(0)
 shares = rng.gamma(0.5, 0.5, (21, len(CHANNELS), DEPTH, SIDE_PX, SIDE_PX)).astype(np.float32)

@@ -15,10 +15,10 @@ import h5py
 import numpy as np
 import pytest
 
-from eventsweep.emvs.dsi.cuda import device
 from eventsweep.eval import pipeline
 from eventsweep.eval.cli.exit_codes import with_flags
 from eventsweep.eval.cli.main import main
+from eventsweep.plugins.cuda import device
 from places import ROOT
 from small_pair import small_sequence
 from tiers import often

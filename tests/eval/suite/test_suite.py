@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.emvs.dsi.cuda import device as library
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.cache import Cache, default_cache, key_of
 from eventsweep.eval.cli.main import main
@@ -20,6 +19,7 @@ from eventsweep.eval.suite.definition import FOLDER, load, read
 from eventsweep.eval.suite.results import FILE_NAME, read_suite
 from eventsweep.eval.suite.run import suite_jobs
 from eventsweep.eval.suite.stages import map as stage
+from eventsweep.plugins.cuda import device as library
 from eventsweep.sim.rigs import rig as named_rig
 from places import ROOT
 from point_world import fronto_parallel

@@ -6,8 +6,8 @@ import pytest
 
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.jobs.local import ONE_THREAD
-from eventsweep.eval.ranking.entries import of_suite
 from eventsweep.eval.suite.results import read_suite
+from eventsweep.plugins.ranking.entries import of_suite
 from small_suite import WHOLE, case, suite_text
 
 MAPPERS = {

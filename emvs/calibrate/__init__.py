@@ -1,1 +1,0 @@
-"""Refines calibration, clocks and hand-eye from events and poses alone: `emvs.calibrate.refine`."""

@@ -1,0 +1,53 @@
+"""Depth maps of others as they are handed in: folders, or what a plug-in can unpack.
+
+A plug-in offers a function that takes what was given, what is wanted and the cache, and returns
+what `open_packages` does:
+
+    [project.entry-points."eventsweep.predictions"]
+    mine = "my_package.predictions:opened"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from eventsweep.emvs.utils.cache import Cache
+from eventsweep.emvs.utils.plugins import loaded, points
+from eventsweep.eval.scoring.predictions import NamedFolder
+from eventsweep.eval.suite.definition import Suite
+
+GROUP = "eventsweep.predictions"
+Stated = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a prediction must hold: cases and seeds of a suite, of an archive's version if any."""
+
+    suite: Suite
+    cases: tuple[str, ...]
+    seeds: tuple[int, ...]
+    archive: str = ""
+
+
+def open_packages(
+    given: Sequence[NamedFolder], wanted: Wanted, cache: Cache
+) -> tuple[list[NamedFolder], Stated]:
+    """Unpacks, into the cache, what is no plain folder of depth maps.
+
+    Returns:
+        The folders, in the order given; and by the method's name in scores, facts of those that
+        state them.
+
+    Raises:
+        InputError: a package that is damaged, or holds something else than is wanted.
+    """
+    folders = list(given)
+    stated: Stated = {}
+    for point in points(GROUP) if given else ():
+        opened = loaded(point, "its predictions {} cannot be used")
+        folders, facts = opened(folders, wanted, cache)
+        stated |= facts
+    return folders, stated

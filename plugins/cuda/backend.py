@@ -1,0 +1,143 @@
+"""A sweep on the GPU: rays go up, maxima come down, planes stay there, as many as fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.dsi.backend import SweepResult, Task
+from eventsweep.emvs.dsi.fusion import Target
+from eventsweep.emvs.dsi.maxima import FocusMaxima, RunningMaxima
+from eventsweep.emvs.dsi.rays import Rays
+from eventsweep.emvs.dsi.slices import SliceRecorder
+from eventsweep.emvs.dsi.voting import VoteCounts
+from eventsweep.emvs.errors import InputError
+from eventsweep.plugins.cuda import arrays, device, fusion_kernels
+from eventsweep.plugins.cuda.arrays import DeviceRays
+from eventsweep.plugins.cuda.device import Gpu
+from eventsweep.plugins.cuda.maxima import (
+    SCRATCH_IMAGES,
+    STATE_BYTES,
+    DeviceFocusMaxima,
+    DeviceMaxima,
+)
+from eventsweep.plugins.cuda.voting import VoteVolume
+
+Float32s = NDArray[np.float32]
+_CACHE_SHARE = 0.6  # of the second-level cache, for the sums that votes are added to
+_MEMORY_SHARE = 0.9  # of the free memory; the rest is lost to its division into blocks
+_MOST_PLANES = 16
+_SUM_BYTES = {"fixed": 8, "float": 4, "nearest": 4}
+
+
+class CudaBackend:
+    """The twin of `emvs.dsi.backend.CpuBackend` on a GPU; rays that are not there are uploaded.
+
+    Functions of a user's own are Python: their planes come down, batch by batch, and are fused and
+    folded by the CPU.
+
+    Raises:
+        InputError: too little memory on the GPU for a single plane.
+    """
+
+    def __init__(self, task: Task, rays: Sequence[Rays | DeviceRays]) -> None:
+        self._rays = [r if isinstance(r, DeviceRays) else DeviceRays.of(r) for r in rays]
+        size, planes, config = (task.width_px, task.height_px), len(task.rho), task.config
+        self._task, volumes, polarities = task, len(rays), config.polarities
+        own = [target for target in task.sought if target.fusion.function is not None]
+        compiled = [target for target in task.sought if target.fusion.function is None]
+        focused = sum(target.in_focus for target in compiled)
+        self.planes_in_flight = planes_in_flight(task, volumes, focused, device.gpu())
+        self._volume = VoteVolume(volumes, self.planes_in_flight, *size, sums=config.sums)
+        self._maxima = DeviceMaxima(compiled, volumes, *size, planes, polarities)
+        self._focus = DeviceFocusMaxima(
+            compiled, task.cameras, volumes, self.planes_in_flight, *size,
+            config.focus.sigma_px,
+            planes=planes, polarities=polarities,
+        )  # fmt: skip
+        self._rows = arrays.empty((volumes, planes, size[0]), np.float32)
+        self._own = _HostMaxima(own, task) if own else None
+        self._rho = arrays.up(task.rho)
+        self._votes = [VoteCounts()] * volumes
+        self._first = self._last = 0
+
+    def cast(self, first: int, last: int) -> None:
+        """Casts the votes of every volume in planes `first` to `last`, exclusive."""
+        self._first, self._last = first, last
+        votes = self._volume.cast(self._rays, self._rho[first:last], last - first)
+        self._votes = [a + b for a, b in zip(self._votes, votes, strict=True)]
+
+    def fuse(self) -> None:
+        """Fuses these planes for every target, and takes them into the running maxima."""
+        votes, planes = self._volume.votes, self._last - self._first
+        self._maxima.update(votes, planes)
+        self._focus.update(votes, planes)
+        width = self._task.width_px
+        fusion_kernels.keep_row[device.strided(width, len(self._rays))](
+            votes, width, self._task.row_px, self._first, planes, self._rows
+        )
+        if self._own is not None:
+            self._own.update(self.images())
+
+    def images(self) -> Float32s:
+        """(V, P, H, W) votes of these planes, copied from the GPU."""
+        return self._volume.on_host(self._last - self._first)
+
+    def result(self) -> SweepResult:
+        """What all planes so far leave, copied from the GPU."""
+        task = self._task
+        rows = arrays.down(self._rows)
+        slices = SliceRecorder(task.shown, len(task.rho), task.width_px, 0, task.config.polarities)
+        slices.take(0, rows[:, :, np.newaxis])
+        maxima, focus = self._maxima.result(), self._focus.result()
+        if self._own is not None:
+            maxima |= {target.name: self._own.maxima.of(k) for k, target in self._own.numbered}
+            focus |= self._own.focus.result()
+        in_order = {target.name: maxima[target.name] for target in task.sought}
+        return SweepResult(in_order, focus, slices.values, task.per_camera(self._votes))
+
+
+class _HostMaxima:
+    """What the CPU remembers of the volumes that are functions of a user's own."""
+
+    def __init__(self, targets: Sequence[Target], task: Task) -> None:
+        size, config = (task.width_px, task.height_px), task.config
+        passing: dict[str, Any] = {"planes": len(task.rho), "polarities": config.polarities}
+        self.numbered = tuple(enumerate(targets))
+        self.maxima = RunningMaxima([target.fusion for target in targets], *size, **passing)
+        self.focus = FocusMaxima(targets, task.cameras, *size, config.focus.sigma_px, **passing)
+
+    def update(self, images: Float32s) -> None:
+        """Takes in the next planes of (V, P, H, W) votes, in order."""
+        self.maxima.update(images.reshape(*images.shape[:2], -1), images.shape[1])
+        self.focus.update(images)
+
+
+def planes_in_flight(task: Task, volumes: int, focused: int, gpu: Gpu) -> int:
+    """How many planes make one batch, with `focused` targets that need a focus measure.
+
+    Votes are added at random places of one volume's planes of a batch. Where these fit into the
+    cache, an addition never waits for memory.
+
+    Raises:
+        InputError: too little memory for a single plane.
+    """
+    cells = task.width_px * task.height_px
+    sums = _SUM_BYTES[task.config.sums] * cells
+    cached = max(1, int(_CACHE_SHARE * gpu.l2_bytes) // sums)
+    per_plane = sums + 4 * cells * (volumes + (SCRATCH_IMAGES if focused else 0))
+    states = len(task.sought) + (focused + task.cameras if focused else 0)
+    always = states * STATE_BYTES * cells + 4 * volumes * len(task.rho) * task.width_px
+    free = _MEMORY_SHARE * gpu.memory_bytes
+    if always + per_plane > free:
+        raise InputError(
+            f"{gpu.name} has {gpu.memory_bytes / 1e9:.3g} GB of memory free, one plane of "
+            f"{task.width_px} x {task.height_px} px needs {(always + per_plane) / 1e9:.3g} GB with "
+            f"{len(task.sought)} methods and {volumes} volumes: choose device cpu, or fewer "
+            "methods or sub-intervals"
+        )
+    fit = min(len(task.rho), cached, _MOST_PLANES)
+    return fit if always + fit * per_plane <= free else int((free - always) // per_plane)

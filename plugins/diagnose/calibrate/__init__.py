@@ -1,0 +1,1 @@
+"""Refines calibration, clocks and hand-eye from events and poses alone."""

@@ -1,0 +1,155 @@
+"""Checks a recording: events, poses and calibration first, then by mapping alternatives.
+
+`quick_check` reads a second of events, and is part of every `map`; `check` reads all of them and
+maps alternatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording, events_span_us
+from eventsweep.emvs.datasets import NoRecordingError, opened
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.runtime import Progress, silent
+from eventsweep.plugins.diagnose.check.by_mapping import check_by_mapping
+from eventsweep.plugins.diagnose.check.cameras import check_cameras, check_rectification
+from eventsweep.plugins.diagnose.check.events import check_events
+from eventsweep.plugins.diagnose.check.findings import Finding, Report, judged
+from eventsweep.plugins.diagnose.check.parallax import check_parallax
+from eventsweep.plugins.diagnose.check.poses import check_poses
+from eventsweep.plugins.diagnose.check.streams import pieces, read_streams
+
+_RECTIFIED_US = 400_000
+Unchecked = list[tuple[str, str]]
+
+
+def check(
+    recording: Recording | str | Path,
+    config: MapperConfig | None = None,
+    *,
+    mapping: bool = True,
+    progress: Progress = silent,
+) -> Report:
+    """Finds faults in a recording's events, poses, calibration and conventions.
+
+    Args:
+        recording: what `open_recording` gave, a recording of your own, or the path of one; without
+            poses it is checked as far as possible.
+        config: depth range, window and threads count; by default as for mapping.
+        mapping: whether to map it with other settings, too: cameras swapped, poses inverted, clocks
+            shifted, other axes, and so on.
+        progress: called with the stages `events` and `alternatives`, how much is done and how much
+            there is.
+
+    Returns:
+        Findings with verdicts, evidence and cures. What opening or reading a path refuses is a
+        finding, too.
+
+    Raises:
+        InputError: no recording at the path, or neither a path nor a recording.
+    """
+    config = MapperConfig.or_default(config)
+    try:
+        given = opened(recording)
+    except InputError as error:
+        if isinstance(error, NoRecordingError) or not isinstance(recording, str | Path):
+            raise
+        return Report(Path(recording).resolve().name, (_refused("opening", error),))
+    return _checked(given, config, True, mapping, progress)
+
+
+def quick_check(recording: Recording, config: MapperConfig) -> list[Finding]:
+    """Doubtful or wrong findings from a second of events, poses and calibration; takes 0.1 s.
+
+    What the recording refuses to read is left out: mapping refuses it as well, with the reason.
+    """
+    findings = _checked(recording, config, False, False, silent).findings
+    return [f for f in findings if f.verdict != "good" and f.name != "reading"]
+
+
+def _checked(
+    recording: Recording, config: MapperConfig, thorough: bool, mapping: bool, progress: Progress
+) -> Report:
+    unchecked: Unchecked = []
+    findings = _events(recording, thorough, progress) + check_cameras(recording.rig)
+    wrong = {finding.name for finding in findings if finding.verdict == "wrong"}
+    readable, posed = not wrong & {"reading", "events", "events-sensor"}, has_poses(recording)
+    if posed:
+        findings += _try(
+            "poses", lambda: check_poses(recording, events_span_us(recording)), unchecked
+        )
+        findings += _try("parallax", lambda: check_parallax(recording, config), unchecked)
+    else:
+        unchecked += [(name, "there are no poses") for name in ("poses", "parallax", "mapping")]
+    if mapping and posed:
+        findings += _by_mapping(recording, config, findings, unchecked, progress)
+    elif posed:
+        unchecked.append(
+            ("mapping", "it was left out: clocks, conventions and extrinsics may be wrong")
+        )
+    if readable and len(recording.rig) > 1:
+        findings += _try("rectification", lambda: [_rectification(recording)], unchecked)
+    return Report(recording.name, tuple(findings), tuple(unchecked))
+
+
+def has_poses(recording: Recording) -> bool:
+    """Whether a recording has poses."""
+    try:
+        return len(recording.trajectory) > 0
+    except InputError:
+        return False
+
+
+def _events(recording: Recording, thorough: bool, progress: Progress) -> list[Finding]:
+    try:
+        streams = read_streams(recording, pieces(recording, thorough=thorough), progress)
+        return check_events(recording, streams)
+    except InputError as error:
+        return [_refused("reading", error)]
+
+
+def _refused(name: str, error: InputError) -> Finding:
+    """The reader's refusal as a finding."""
+    return judged(
+        name, "wrong", None, "", str(error), meaning="it cannot be mapped in this state",
+        suspect="refused by the reader",
+    )  # fmt: skip
+
+
+def _try(name: str, checks: Callable[[], list[Finding]], unchecked: Unchecked) -> list[Finding]:
+    """The findings; where the checks are impossible, none and a note in `unchecked`."""
+    try:
+        return checks()
+    except InputError as error:
+        unchecked.append((name, str(error)))
+        return []
+
+
+def _rectification(recording: Recording) -> Finding:
+    first_us, last_us = events_span_us(recording)
+    middle_us = (first_us + last_us) // 2
+    t0_us = max(middle_us - _RECTIFIED_US // 2, first_us)
+    return check_rectification(recording, t0_us, min(t0_us + _RECTIFIED_US, last_us + 1))
+
+
+# If one of these is wrong, comparing alternatives is meaningless: none of them mends it.
+_BEFORE_MAPPING = (
+    "distortion", "events", "events-rate", "events-sensor", "extrinsics missing", "field-of-view",
+    "focal-ratio", "hot-pixels", "parallax", "poses-coverage", "poses-frozen", "poses-jumps",
+    "poses-noise", "poses-rate", "reading",
+)  # fmt: skip
+
+
+def _by_mapping(
+    recording: Recording, config: MapperConfig, findings: list[Finding], unchecked: Unchecked,
+    progress: Progress,
+) -> list[Finding]:  # fmt: skip
+    wrong = [finding for finding in findings if finding.verdict == "wrong"]
+    first = [f.name for f in wrong if {f.name, f.suspect} & set(_BEFORE_MAPPING)]
+    if first:
+        unchecked.append(("mapping", f"cure {', '.join(first)} first"))
+        return []
+    return _try("mapping", lambda: check_by_mapping(recording, config, progress), unchecked)

@@ -1,0 +1,69 @@
+"""The page of a check: what is wrong first, evidence and cures, nothing that runs from names."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eventsweep.plugins.diagnose.check.findings import TIME, Finding, Report, Series
+from eventsweep.plugins.diagnose.check_page import (
+    _since_zero,
+    check_page_text,
+    summary,
+    write_check_page,
+)
+from report_data import WellFormed
+
+
+def _report(name="rec"):
+    curve = Series(np.array([1.0, 2.0]), np.array([0.0, 1.0]), "t, s", "v, m/s", (1.5, 1e9))
+    image = Series(np.array([[0.0, 1.0], [np.nan, 2.0]]), y_label="events")
+    return Report(
+        name,
+        (
+            Finding("fine", "good", 1.0, "m", "it is 1 m", series=image),
+            Finding("odd", "doubtful", 2.0, "m", "it is 2 m", "may hurt", "", "stray"),
+            Finding("bad", "wrong", 3.0, "m", "it is 3 m", "it hurts", "mend it", "unit", curve),
+        ),
+        (("mapping", "there are no poses"),),
+    )
+
+
+def test_what_is_wrong_comes_first_with_its_cure(tmp_path):
+    text = write_check_page(tmp_path, _report()).read_text()
+    WellFormed(text)
+    assert text.index('id="bad"') < text.index('id="odd"') < text.index('id="fine"')
+    for words in ("it is 3 m", "it hurts", "mend it", "there are no poses", "<svg", "image/png"):
+        assert words in text
+    assert text.count("<dt>Means") == 2
+    assert text.count("<dt>Cure") == 1
+    assert 'src="http' not in text
+    assert 'href="http' not in text
+    assert json.loads((tmp_path / "check.json").read_text())["suspects"] == ["unit"]
+
+
+def test_names_are_escaped():
+    text = check_page_text(_report("<script>alert(1)</script>"))
+    WellFormed(text)
+    assert "<script>alert" not in text
+
+
+def test_the_summary_counts_and_names():
+    assert summary(_report()) == "3 findings: 1 wrong (unit), 1 doubtful."
+    fine = Report("rec", _report().findings[:1])
+    assert summary(fine) == "1 finding: nothing is wrong."
+    part = replace(fine, unchecked=_report().unchecked)
+    assert summary(part) == "1 finding: nothing is wrong in what was checked."
+
+
+@pytest.mark.parametrize(
+    ("first_s", "label"), [(0.25, TIME), (1.7e9, "time since 1700000000.000 s, s")]
+)
+def test_times_of_a_clock_are_shown_from_the_first_on(first_s, label):
+    series = Series(np.ones(3), first_s + np.arange(3), TIME, "events per second")
+    x, shown = _since_zero(series)
+    assert shown == label
+    np.testing.assert_allclose(x, np.arange(3) + (first_s if label == TIME else 0))
+    other = Series(np.ones(3), first_s + np.arange(3), "shift, px", "correlation")
+    assert _since_zero(other)[1] == "shift, px"

@@ -1,0 +1,1 @@
+"""The verbs `check`, `calibrate`, `fit` and `realism`."""

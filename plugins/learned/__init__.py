@@ -1,0 +1,1 @@
+"""Learned extractions of depth, and their training."""

@@ -1,0 +1,1 @@
+"""Frozen sequences, submissions of others, and the public ranking."""

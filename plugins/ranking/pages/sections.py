@@ -1,0 +1,469 @@
+"""What the page of a ranking shows, section by section."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from eventsweep.emvs.methods import named
+from eventsweep.emvs.methods.method import Method
+from eventsweep.eval.figures.colormaps import line_style
+from eventsweep.eval.figures.plots import causes_figure, svg
+from eventsweep.eval.report.html import (
+    Grid,
+    GridCell,
+    Head,
+    Picture,
+    Section,
+    plural,
+    svg_uri,
+    versions_grid,
+)
+from eventsweep.eval.report.ranking import column, definition, value_cell
+from eventsweep.eval.scoring.direction import Direction, best
+from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.plugins.ranking import summary
+from eventsweep.plugins.ranking.entries import (
+    COVERAGES,
+    POSE_METRICS,
+    Merged,
+    RankingEntry,
+    finite_mean,
+)
+from eventsweep.plugins.ranking.figure import cost_figure, coverage_figure, history_figure
+from eventsweep.plugins.ranking.standings import Standing
+from eventsweep.plugins.ranking.summary import CONDITIONS, MAIN, OTHERS, Ranked
+
+_RELATIVE = "× median method"
+
+
+@dataclass(frozen=True)
+class RankingPage:
+    """What a page is made of; entries are oldest first, and ranks are by the main metric.
+
+    `pages` are addresses of pages of single methods.
+    """
+
+    entries: tuple[RankingEntry, ...]
+    public: Ranked
+    hidden: Ranked | None
+    pictures: Mapping[str, tuple[Picture, ...]]
+    pages: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def joined(self) -> Merged:
+        """The public part."""
+        return self.public.joined
+
+    @property
+    def methods(self) -> list[str]:
+        """Those that have a rank, the first one first."""
+        return [one.method for one in self.public.standings]
+
+
+def _name(method: str) -> GridCell:
+    return GridCell(method, colour=line_style(method).css)
+
+
+def _rank(one: Standing | None) -> tuple[GridCell, GridCell]:
+    if one is None:
+        return GridCell("–"), GridCell("–")
+    ends = f"{one.low_rank}–{one.high_rank}" if one.low_rank else "–"
+    ends = str(one.low_rank) if one.low_rank and one.low_rank == one.high_rank else ends
+    return GridCell(str(one.rank), one.rank), GridCell(ends, one.high_rank or math.nan)
+
+
+def _number(value: float, digits: int = 2, *, is_best: bool = False) -> GridCell:
+    text = "–" if math.isnan(value) else f"{value:,.{digits}f}"
+    return GridCell(text, value, "best" if is_best else "")
+
+
+def data(entry: RankingEntry) -> str:
+    """Which sequences an entry is of."""
+    return f"archive {entry.archive.version}" if entry.archive else "drawn anew, not archived"
+
+
+def overview(page: RankingPage) -> Grid:
+    """Ranks with ties, error, coverage and cost: a line for each method."""
+    joined, hidden = page.joined, page.hidden
+    heads = [
+        Head("method", text=True), Head("rank"), Head("other seeds"), Head("mean place"),
+        Head("relative error", "%", arrow=True), Head("coverage", "%", "higher", arrow=True),
+        Head("outliers", "%", arrow=True),
+    ]  # fmt: skip
+    if hidden:
+        heads += [Head("rank, hidden part"), Head("error, hidden part", "%", arrow=True)]
+    heads += [Head("time", "s per window"), Head("memory", "MB"), Head("note", text=True)]
+    errors = [summary.geometric(joined, m, "abs_rel", joined.cases) for m in page.methods]
+    best_error = best(errors, "lower")
+    lines = []
+    for one, error in zip(page.public.standings, errors, strict=True):
+        coverage = summary.arithmetic(joined, one.method, "completeness", joined.cases)
+        outliers = summary.arithmetic(joined, one.method, "outlier_share", joined.cases)
+        named = replace(_name(one.method), link=page.pages.get(one.method, ""))
+        cells = [
+            named, *_rank(one), _number(one.place, 2),
+            _number(error, is_best=error == best_error), _number(coverage),
+            _number(outliers),
+        ]  # fmt: skip
+        if hidden:
+            there = hidden.by_method.get(one.method)
+            cells += [_rank(there)[0], _number(_hidden_error(hidden, one.method))]
+        lines.append((*cells, *_cost_cells(joined, one.method), _note(page, one.method)))
+    return Grid(tuple(heads), tuple(lines))
+
+
+def _hidden_error(hidden: Ranked, method: str) -> float:
+    if method not in hidden.by_method:
+        return math.nan
+    return summary.geometric(hidden.joined, method, "abs_rel", hidden.joined.cases)
+
+
+def _cost_cells(joined: Merged, method: str) -> tuple[GridCell, GridCell]:
+    """Time and memory: measured here, else as stated, which is marked."""
+    entry = joined.owner[method]
+    if method in entry.cost:
+        one = entry.cost[method]
+        return GridCell(f"{one.cpu_seconds:.3g}", one.cpu_seconds), GridCell(
+            f"{one.peak_memory_mb:,.0f}", one.peak_memory_mb
+        )
+    if method not in entry.stated:
+        return GridCell("–"), GridCell("–")
+    cost = entry.stated[method].cost
+    return (
+        GridCell(f"{cost.seconds_per_window:.3g} stated", cost.seconds_per_window, "other"),
+        GridCell(f"{cost.peak_memory_mb:,.0f} stated", cost.peak_memory_mb, "other"),
+    )
+
+
+def _note(page: RankingPage, method: str) -> GridCell:
+    where = [
+        place
+        for ranked in (page.public, page.hidden)
+        if ranked and method in ranked.joined.owner
+        for place in ranked.joined.owner[method].perfect.get(method, ())
+    ]
+    if where:
+        return GridCell(f"perfect in {plural(len(where), 'sequence')}: copied truth?", kind="worse")
+    stated = page.joined.owner[method].stated.get(method)
+    if stated is not None:
+        return GridCell(f"by {', '.join(stated.authors)}")
+    known = named(method)
+    trained = isinstance(known, Method) and known.extraction.trained
+    return GridCell("trained on other motions of these scenes" if trained else "")
+
+
+def _standing_grid(ranked: Ranked, about: str) -> Grid:
+    head = column(ranked.metric)
+    heads = (
+        Head("method", text=True), Head("rank"), Head("other seeds"), Head("mean place"),
+        head.head(f"{head.title}, mean of cases"),
+    )  # fmt: skip
+    unit = ranked.joined.base.units[ranked.metric][0]
+    means = {
+        one.method: sum(one.values) / len(one.values) if one.values else math.nan
+        for one in ranked.standings
+    }
+    best_mean = best(means.values(), head.direction)
+    lines = tuple(
+        (
+            _name(one.method), *_rank(one), _number(one.place),
+            value_cell(means[one.method], unit, best_mean),
+        )
+        for one in ranked.standings
+    )  # fmt: skip
+    return Grid(heads, lines, about)
+
+
+def hidden(page: RankingPage) -> Iterator[Section]:
+    """Ranks on the hidden part; nothing where there is none."""
+    if page.hidden is None:
+        return
+    base = page.hidden.joined.base
+    assert base.archive is not None  # that is how it is known to be hidden
+    text = (
+        "Motions and noise that no public archive holds: "
+        f"{plural(len(page.hidden.joined.cases), 'case')} with {plural(len(base.seeds), 'seed')} "
+        f"each, archive {base.archive.version}, from a secret whose SHA-256 is "
+        f"{base.archive.secret_sha256}."
+    )
+    grid = _standing_grid(page.hidden, definition(MAIN))
+    yield Section("hidden", "Hidden part", (column(MAIN).title,), (grid,), text)
+
+
+def ranks(page: RankingPage) -> Section:
+    """Ranks by each metric."""
+    known = [metric for metric in OTHERS if metric in page.joined.base.units]
+    ranked = [summary.ranked(page.joined, metric) for metric in known]
+    return Section(
+        "ranks",
+        "Ranks by other metrics",
+        tuple(column(metric).title for metric in known),
+        tuple(_standing_grid(one, definition(one.metric)) for one in ranked),
+    )
+
+
+def coverage(page: RankingPage) -> Section:
+    """Error over coverage."""
+    joined = page.joined
+    curves = {m: summary.coverage_curve(joined, m, page.methods) for m in page.methods}
+    reached = {x for curve in curves.values() for x, _ in curve[:-1]}
+    shown = [share for share in COVERAGES if share in reached]
+    heads = (
+        Head("method", text=True),
+        Head("coverage", "%", "higher", arrow=True),
+        Head("error on all its pixels", _RELATIVE, arrow=True),
+        *(Head(f"surest {share} %", _RELATIVE, arrow=True) for share in shown),
+    )
+    lines = []
+    for method, curve in curves.items():
+        known = dict(curve[:-1])
+        last = curve[-1] if curve else (math.nan, math.nan)
+        cells = (_number(known.get(float(share), math.nan)) for share in shown)
+        lines.append((_name(method), _number(last[0]), _number(last[1]), *cells))
+    return Section(
+        "coverage",
+        "Error over coverage",
+        ("error",),
+        (Grid(heads, tuple(lines)),),
+        "A method that reports few pixels can choose easy ones. Each curve shows the error over "
+        "the most confident pixels, as a share of all true pixels, relative in each case to the "
+        "median method's error on all its pixels; a point is drawn where half of the cases have "
+        "that many. Methods without a confidence have one point.",
+        svg_uri(svg(coverage_figure, curves)),
+        "error over coverage, a curve per method",
+    )
+
+
+def conditions(page: RankingPage) -> Section:
+    """Places, error and coverage under each condition."""
+    joined = page.joined
+    cases = {condition: summary.cases_of(joined, condition) for condition in CONDITIONS}
+    plain = tuple(c for c in joined.cases if not joined.base.cases[c].conditions)
+    groups = {**{name: found for name, found in cases.items() if found}, "none of these": plain}
+    groups = {name: found for name, found in groups.items() if found}
+    heads = [Head("method", text=True)]
+    heads += [Head(name, plural(len(found), "case")) for name, found in groups.items()]
+    tables = {
+        "mean place": {
+            name: summary.mean_places(joined, page.methods, found) for name, found in groups.items()
+        },
+        "relative error [%]": {
+            name: {m: summary.geometric(joined, m, "abs_rel", found) for m in page.methods}
+            for name, found in groups.items()
+        },
+        "coverage [%]": {
+            name: {m: summary.arithmetic(joined, m, "completeness", found) for m in page.methods}
+            for name, found in groups.items()
+        },
+    }
+    about = "; ".join(f"{name}: {', '.join(found)}" for name, found in groups.items())
+    grids = tuple(_by_column(page, heads, found, title) for title, found in tables.items())
+    return Section("conditions", "Conditions", tuple(tables), grids, f"{about}.", choice="Shows")
+
+
+def _by_column(
+    page: RankingPage, heads: Sequence[Head], columns: Mapping[str, Mapping[str, float]], title: str
+) -> Grid:
+    direction: Direction = "higher" if title.startswith("coverage") else "lower"
+    tops = {name: best(found.values(), direction) for name, found in columns.items()}
+    lines = tuple(
+        (
+            _name(method),
+            *(_number(found[method], is_best=found[method] == tops[name])
+              for name, found in columns.items()),
+        )
+        for method in page.methods
+    )  # fmt: skip
+    arrows = [Head(h.title, h.unit, direction, h.text, arrow=not h.text) for h in heads]
+    return Grid(tuple(arrows), lines)
+
+
+def scenes(page: RankingPage) -> Section:
+    """Numbers of every case."""
+    joined = page.joined
+    cases = [case for case in joined.base.cases if joined.seeds[case]]
+    metrics = [
+        m for m in ("abs_rel", MAIN, "completeness", "outlier_share") if m in joined.base.units
+    ]
+    others = [m for m in joined.owner if m not in page.methods]
+    grids = tuple(_scene_grid(joined, [*page.methods, *others], cases, m) for m in metrics)
+    return Section(
+        "scenes",
+        "Scenes",
+        tuple(column(metric).title for metric in metrics),
+        grids,
+        "Means over the seeds; the best of each case is marked.",
+    )
+
+
+def _scene_grid(joined: Merged, methods: Sequence[str], cases: Sequence[str], metric: str) -> Grid:
+    head, unit = column(metric), joined.base.units[metric][0]
+    heads = (Head("method", text=True), *map(head.head, cases))
+    values = {
+        (method, case): finite_mean(joined.of_case(method, metric, case))
+        for method in methods
+        for case in cases
+    }
+    tops = {case: best((values[m, case] for m in methods), head.direction) for case in cases}
+    lines = []
+    for method in methods:
+        found = [(values[method, case], tops[case]) for case in cases]
+        if any(math.isfinite(value) for value, _ in found):
+            lines.append((_name(method), *(value_cell(value, unit, top) for value, top in found)))
+    return Grid(heads, tuple(lines), definition(metric))
+
+
+def poses(page: RankingPage) -> Iterator[Section]:
+    """How well poses were found from events, case by case; nothing where none were."""
+    base = page.joined.base
+    metrics = [m for m in POSE_METRICS if any(m in found for found in base.poses.values())]
+    if not metrics:
+        return
+    heads = (Head("case", text=True), *(column(m).head(column(m).title) for m in metrics))
+    grids = [Grid(heads, _pose_lines(base, found, metrics)) for found in base.poses.values()]
+    text = "Means over the seeds; where one had no poses, only the time covered has one."
+    yield Section("poses", "Poses from events", tuple(base.poses), tuple(grids), text)
+
+
+def _pose_lines(
+    base: RankingEntry, found: Mapping[str, Mapping[str, Sequence[float]]], metrics: Sequence[str]
+) -> tuple[tuple[GridCell, ...], ...]:
+    cases = dict.fromkeys(case for metric in metrics for case in found.get(metric, {}))
+    return tuple(
+        (
+            GridCell(case),
+            *(
+                value_cell(finite_mean(found.get(m, {}).get(case, ())), base.units[m][0], math.nan)
+                for m in metrics
+            ),
+        )
+        for case in cases
+    )
+
+
+def cost(page: RankingPage) -> Section:
+    """Error against cost, measured beside stated."""
+    joined = page.joined
+    heads = (
+        Head("method", text=True), Head("measured here: time", "CPU s per window"),
+        Head("memory", "MB"), Head("stated: time", "s per window"), Head("stated: memory", "MB"),
+        Head("stated: hardware", text=True), Head("relative error", "%", arrow=True),
+    )  # fmt: skip
+    lines, points = [], {}
+    for method in page.methods:
+        entry = joined.owner[method]
+        ours, stated = entry.cost.get(method), entry.stated.get(method)
+        error = summary.geometric(joined, method, "abs_rel", joined.cases)
+        theirs_s = stated.cost.seconds_per_window if stated else math.nan
+        theirs_mb = stated.cost.peak_memory_mb if stated else math.nan
+        ours_s = ours.cpu_seconds if ours else math.nan
+        lines.append((
+            _name(method), _number(ours_s, 3),
+            _number(ours.peak_memory_mb if ours else math.nan, 0), _number(theirs_s, 3),
+            _number(theirs_mb, 0), GridCell(stated.cost.hardware if stated else ""),
+            _number(error),
+        ))  # fmt: skip
+        seconds = theirs_s if math.isnan(ours_s) else ours_s
+        if math.isfinite(seconds) and math.isfinite(error):
+            points[method] = seconds, error, math.isnan(ours_s)
+    cases = {c.case for m in page.methods for c in [joined.owner[m].cost.get(m)] if c}
+    where = f" of {', '.join(sorted(cases))}, on {joined.base.platform}" if cases else ""
+    return Section(
+        "cost",
+        "Accuracy against cost",
+        ("cost",),
+        (Grid(heads, tuple(lines)),),
+        f"Measured: the first window{where}, each method alone in one thread, the whole "
+        "process's memory. Stated: as reported by submitters, not checked.",
+        svg_uri(svg(cost_figure, points)) if points else "",
+        "relative error against time for a window",
+    )
+
+
+def causes(page: RankingPage) -> Iterator[Section]:
+    """Why outliers are outliers; nothing where that is not known."""
+    found = {m: summary.causes(page.joined, m) for m in page.methods}
+    shares = {method: one for method, one in found.items() if one is not None}
+    if not shares:
+        return
+    heads = (
+        Head("method", text=True), Head("outliers", "% of its points", arrow=True),
+        *(Head(cause.replace("_", " "), "% of these") for cause in CAUSES),
+    )  # fmt: skip
+    lines = tuple(
+        (_name(m), _number(share), *(_number(parts[cause], 1) for cause in CAUSES))
+        for m, (share, parts) in shares.items()
+    )
+    yield Section(
+        "causes",
+        "Why points are wrong",
+        ("causes",),
+        (Grid(heads, lines),),
+        "Points whose error is above a tenth of the true depth, by their most likely cause; all "
+        "points of all cases together.",
+        svg_uri(svg(causes_figure, shares)),
+        "outliers by cause",
+    )
+
+
+def gallery(page: RankingPage) -> Iterator[Section]:
+    """Best and worst case of each method; nothing where no picture is there."""
+    pictures = [picture for method in page.methods for picture in page.pictures.get(method, ())]
+    if pictures:
+        yield Section(
+            "pictures",
+            "Best and worst case of each method",
+            (),
+            (),
+            "Depth, true depth and error, blue (none) to orange (the stated value or more), in "
+            "the first window of the first seed: the case with the smallest relative error, and "
+            "that with the largest.",
+            pictures=tuple(pictures),
+        )
+
+
+def history(page: RankingPage) -> Iterator[Section]:
+    """Errors over versions; nothing of a single one."""
+    public = [entry for entry in page.entries if entry.part == "public"]
+    found = summary.history(public, page.joined)
+    if not found.lines:
+        return
+    heads = (Head("method", text=True), *(Head(label, "%", arrow=True) for label in found.labels))
+    lines = tuple(
+        (_name(method), *(_number(value) for value in line)) for method, line in found.lines.items()
+    )
+    yield Section(
+        "history",
+        "History",
+        ("relative error",),
+        (Grid(heads, lines),),
+        "Relative error with each version of the code, on the same sequences, oldest first.",
+        svg_uri(svg(history_figure, found.labels, found.lines)),
+        "relative error over versions",
+    )
+
+
+def provenance(page: RankingPage) -> Grid:
+    """What made each result."""
+    entries = page.entries
+    grid = versions_grid([one.label for one in entries], [one.versions for one in entries])
+    stages = sorted({stage for one in entries for stage in one.code})
+    facts: dict[str, list[str]] = {
+        "suite": [f"{one.suite} ({one.digest})" for one in entries],
+        "part": [one.part for one in entries],
+        "sequences": [data(one) for one in entries],
+        "seeds": [
+            plural(len(one.seeds), "seed")
+            if one.part == "hidden"
+            else ", ".join(map(str, one.seeds))
+            for one in entries
+        ],
+        "platform": [one.platform for one in entries],
+        **{f"code of {stage}": [one.code.get(stage, "") for one in entries] for stage in stages},
+    }
+    more = tuple(
+        (GridCell(name), *(GridCell(text) for text in texts)) for name, texts in facts.items()
+    )
+    return Grid(grid.heads, (*more, *grid.lines))

@@ -1,0 +1,376 @@
+"""A submission: a method's depth maps for a suite in one file, with who made it and what it costs.
+
+Made from the folder of a [prediction](predictions) that holds a `submission.toml`, and checked as
+far as no truth is needed. Nothing in such a file is believed: what may be in it, and how large it
+may be, follows from the suite.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import tomli_w
+from pydantic import Field, FiniteFloat, ValidationError
+
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted, refused, repeated
+from eventsweep.emvs.parameters import FrozenModel, first_fault
+from eventsweep.emvs.utils.cache import Cache, key_of
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, inside, parse_toml, read_text
+from eventsweep.emvs.utils.outputs import output_file
+from eventsweep.eval.scoring.predictions import (
+    DESCRIPTION,
+    NamedFolder,
+    Prediction,
+    TargetView,
+    described,
+    method_name,
+    plain,
+    timed_files,
+)
+from eventsweep.eval.suite.definition import ALL, Suite
+from eventsweep.eval.suite.predictions import Assignment, assignment, open_predictions
+from eventsweep.plugins.ranking.archives.manifest import ArchiveManifest, PackedFile
+from eventsweep.plugins.ranking.archives.tarball import first_member, pack, sha256_of, unpack
+
+if TYPE_CHECKING:
+    pass
+
+FACTS = "submission.toml"
+MANIFEST = ".manifest.json"
+SCHEMA_VERSION = 1
+_MANIFEST_BYTES = 1 << 24
+_ARRAYS = {"depth_m.npy", "mask.npy", "confidence.npy"}
+# Depth, confidence and a mask of 8 bytes per pixel each, and what files say of themselves.
+_PIXEL_BYTES, _FILE_BYTES = 24, 1 << 16
+_Line = Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
+_Positive = Annotated[FiniteFloat, Field(gt=0)]
+
+
+class StatedCost(FrozenModel):
+    """What a submitter says that one window costs; nobody here measured it."""
+
+    seconds_per_window: _Positive = Field(description="time for one window, s, on average")
+    peak_memory_mb: _Positive = Field(description="memory at most, MB")
+    hardware: _Line = Field(description="processor and accelerator, in words")
+
+
+class SubmissionFacts(FrozenModel):
+    """`submission.toml`: what is submitted, by whom, under which licence, at which cost."""
+
+    method: _Line = Field(description="name of the method")
+    authors: Annotated[tuple[_Line, ...], Field(min_length=1, max_length=100)]
+    licence: _Line = Field(description="of the depth maps, as SPDX names it")
+    url: _Line | None = Field(None, description="where method or paper are found")
+    cost: StatedCost
+
+
+class SubmissionManifest(FrozenModel):
+    """The first file of a submission.
+
+    Attributes:
+        schema_version: of this layout.
+        suite: name of the suite.
+        archive: version of the archive that was read; empty where none was said.
+        seeds: of every case; numbers in a hidden part.
+        cases: of the suite.
+        may_be_empty: whether a depth map may hold no depth.
+        facts: what is submitted.
+        files: size and hash of every other file.
+    """
+
+    schema_version: int = SCHEMA_VERSION
+    suite: str
+    archive: str = ""
+    cases: Annotated[tuple[str, ...], Field(min_length=1, max_length=1000)]
+    seeds: Annotated[tuple[int, ...], Field(min_length=1, max_length=1000)]
+    may_be_empty: bool = False
+    facts: SubmissionFacts
+    files: dict[str, PackedFile]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a submission must hold.
+
+    Attributes:
+        suite: the definition.
+        cases: of it.
+        seeds: of every case.
+        archive: version of the archive of those sequences; empty where it does not matter.
+        subset: of the suite.
+    """
+
+    suite: Suite
+    cases: tuple[str, ...]
+    seeds: tuple[int, ...]
+    archive: str = ""
+    subset: str = ALL
+
+    @property
+    def name(self) -> str:
+        """Suite and subset, as `load` takes them."""
+        return self.suite.name if self.subset == ALL else f"{self.suite.name}:{self.subset}"
+
+    @classmethod
+    def of(cls, suite: Suite, subset: str, archive: ArchiveManifest | None) -> Asked:
+        """All of a subset; of an archive, what is in it."""
+        chosen = suite.subset(subset)
+        if archive is None:
+            return cls(suite, chosen.cases, chosen.seeds, subset=subset)
+        cases = tuple(case for case in chosen.cases if archive.seeds(case))
+        if not cases:
+            raise InputError(f"the archive of {archive.suite} has no case of {suite.name}")
+        hidden = archive.part == "hidden"
+        there = archive.seeds(cases[0])
+        seeds = tuple(seed for seed in there if hidden or seed in chosen.seeds)
+        return cls(suite, cases, seeds, archive.version, subset)
+
+    def assignments(self) -> list[Assignment]:
+        """One for each case and seed."""
+        return [assignment(self.suite, case, seed) for case in self.cases for seed in self.seeds]
+
+    def views(self) -> dict[str, TargetView]:
+        """The views, by the name of their file in a submission."""
+        return {
+            f"{one.place}/{view.t_us}.npz": view for one in self.assignments() for view in one.views
+        }
+
+
+def read_facts(folder: Path) -> SubmissionFacts:
+    """Reads `submission.toml` in a folder."""
+    path = inside(folder, FACTS)
+    try:
+        return SubmissionFacts.model_validate(parse_toml(read_text(path, SETTINGS_BYTES)))
+    except FileNotFoundError as error:
+        raise InputError(
+            f"{path}: is missing; needs method, authors, licence, and [cost] with "
+            f"{', '.join(StatedCost.model_fields)}"
+        ) from error
+    except ValidationError as error:
+        raise InputError(f"{path}: {_first(error)}") from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: not TOML ({error}): correct it") from error
+
+
+def _first(error: ValidationError) -> str:
+    one = error.errors()[0]
+    where = ".".join(map(str, one["loc"]))
+    costs = (f"cost.{name}" for name in StatedCost.model_fields)
+    known = ", ".join((*SubmissionFacts.model_fields, *costs))
+    more = "is missing" if one["type"] == "missing" else one["msg"]
+    return f"{where}: {more}; it holds {known}"
+
+
+def make_submission(folder: Path, asked: Asked, out: Path, *, force: bool) -> SubmissionManifest:
+    """Checks a folder with depth maps and `submission.toml`, and packs it into a file.
+
+    Depth is stored in metres as 32-bit numbers, whatever the folder's files hold.
+
+    Args:
+        folder: as `open_predictions` takes it.
+        asked: what it must hold.
+        out: the file to write.
+        force: whether a file that is there is replaced.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; needs one with depth maps and {FACTS}")
+    facts = read_facts(folder)
+    (found,) = open_predictions([NamedFolder(folder)], asked.suite, asked.assignments())
+    with output_file(out, force=force, inputs=(folder,)) as path:
+        stage = path.with_name("staged")  # a kill leaves it where the next call removes it
+        for one in asked.assignments():
+            files = timed_files(folder, found.description, one.place)
+            _export(Prediction(found.name, files, found.description), one, stage)
+        manifest = SubmissionManifest(
+            suite=asked.suite.name,
+            archive=asked.archive,
+            cases=asked.cases,
+            seeds=asked.seeds,
+            may_be_empty=found.description.may_be_empty,
+            facts=facts,
+            files=dict(_hashed(stage, asked.views())),
+        )
+        (stage / MANIFEST).write_text(manifest.model_dump_json(), encoding="utf-8")
+        # Sorted, the manifest comes first: nothing else begins with a dot.
+        pack(path, stage, [MANIFEST, *manifest.files])
+    return manifest
+
+
+def _export(prediction: Prediction, asked: Assignment, stage: Path) -> None:
+    for view in asked.views:
+        depth_m, _ = prediction.depth_m(view)
+        confidence = prediction.confidence(view)
+        arrays: dict[str, Any] = {"depth_m": depth_m}
+        if confidence is not None:
+            arrays["confidence"] = confidence.astype(np.float32)
+        path = stage / asked.place / f"{view.t_us}.npz"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(path, **arrays)
+
+
+def _hashed(stage: Path, names: Mapping[str, TargetView]) -> Iterator[tuple[str, PackedFile]]:
+    for name in sorted(names):
+        path = stage / name
+        yield name, PackedFile(sha256=sha256_of(path), bytes=path.stat().st_size)
+
+
+def read_manifest(path: Path) -> SubmissionManifest:
+    """Reads the first file of a submission, and nothing else of it."""
+    return _parsed(path, first_member(path, MANIFEST, _MANIFEST_BYTES))
+
+
+def _parsed(path: Path, text: bytes) -> SubmissionManifest:
+    try:
+        manifest = SubmissionManifest.model_validate_json(text)
+    except ValidationError as error:
+        fault = first_fault(error)
+        raise InputError(f"{path}: its manifest: {fault}: create it again") from error
+    if manifest.schema_version != SCHEMA_VERSION:
+        raise InputError(
+            f"{path}: schema version {manifest.schema_version}, needs {SCHEMA_VERSION}: create "
+            "it again"
+        )
+    return manifest
+
+
+def check_submission(path: Path, asked: Asked) -> SubmissionFacts:
+    """Reads all of a submission, or of a folder that one is to be made of; no truth is needed."""
+    if path.is_dir():
+        facts = read_facts(path)
+        open_predictions([NamedFolder(path)], asked.suite, asked.assignments())
+        return facts
+    with TemporaryDirectory() as place:
+        manifest = unpack_submission(path, asked, Path(place))
+        open_predictions([NamedFolder(Path(place))], asked.suite, asked.assignments())
+    return manifest.facts
+
+
+def unpack_submission(path: Path, asked: Asked, out: Path) -> SubmissionManifest:
+    """Unpacks a submission into an empty folder, as `open_predictions` takes it."""
+    text = first_member(path, MANIFEST, _MANIFEST_BYTES)
+    manifest = _parsed(path, text)
+    if manifest.suite != asked.suite.name:
+        raise InputError(f"{path}: is for {manifest.suite}, not for {asked.suite.name}")
+    if asked.archive and manifest.archive and manifest.archive != asked.archive:
+        raise InputError(
+            f"{path}: is for archive {manifest.archive}, not for {asked.archive}: those are "
+            "different sequences"
+        )
+    views = _claimed(path, manifest, asked).views()
+    _check_files(path, manifest, views)
+    own = PackedFile(sha256=hashlib.sha256(text).hexdigest(), bytes=len(text))
+    unpack(path, out, {MANIFEST: own, **manifest.files})
+    for name, view in views.items():
+        _check_arrays(path, out / name, name, view)
+    facts = {"name": manifest.facts.method, "may_be_empty": manifest.may_be_empty}
+    (out / DESCRIPTION).write_text(tomli_w.dumps(facts), encoding="utf-8")
+    return manifest
+
+
+def _claimed(path: Path, manifest: SubmissionManifest, asked: Asked) -> Asked:
+    """What a submission says it holds: known cases, and all that is asked for."""
+    # Every pair of a case and a seed is looked up: none twice, no seed that no suite asks for.
+    twice = repeated(manifest.cases) or repeated(map(str, manifest.seeds))
+    if twice is not None:
+        raise InputError(f"{path}: {quoted(twice)} is listed twice: create it again")
+    parts = [subset.seeds for subset in asked.suite.subsets.values()]
+    known = {*asked.seeds, *asked.suite.seeds, *chain.from_iterable(parts)}
+    strange = next((seed for seed in manifest.seeds if seed not in known), None)
+    for case in manifest.cases:
+        if case not in asked.suite.cases:
+            raise InputError(f"{path}: {asked.suite.name} has no case {case!r}: create it again")
+    for what, wanted, there in (
+        ("the case", asked.cases, manifest.cases),
+        ("the seed", asked.seeds, manifest.seeds),
+    ):
+        lacking = [str(one) for one in wanted if one not in there]
+        if lacking:
+            raise InputError(
+                f"{path}: {what} {', '.join(lacking)} is missing: create it with all of them"
+            )
+    if strange is not None:
+        raise InputError(f"{path}: {asked.suite.name} has no seed {strange}: create it again")
+    return Asked(asked.suite, manifest.cases, manifest.seeds)
+
+
+def _check_files(path: Path, manifest: SubmissionManifest, views: Mapping[str, TargetView]) -> None:
+    for name, view in views.items():
+        if name not in manifest.files:
+            raise InputError(f"{path}: {name} is missing: create it again")
+        size, most = manifest.files[name].bytes, _most_bytes(view)
+        if size > most:
+            raise InputError(f"{path}: {name} of {size} bytes, at most {most}: create it again")
+    strange = next((name for name in manifest.files if name not in views), None)
+    if strange is not None:
+        raise InputError(f"{path}: {quoted(strange)} is no view of the suite: create it again")
+
+
+def _most_bytes(view: TargetView) -> int:
+    return _FILE_BYTES + _PIXEL_BYTES * view.width_px * view.height_px
+
+
+def _check_arrays(path: Path, file: Path, name: str, view: TargetView) -> None:
+    """Refuses an npz that would unpack to more than its view has pixels, before it is read."""
+    what = f"{path}: {name} is damaged"
+    with refused(what, *DAMAGED_NPY, cure=": create it again"), zipfile.ZipFile(file) as arrays:
+        members = arrays.infolist()
+    most = _most_bytes(view)
+    names = [member.filename for member in members]
+    if not set(names) <= _ARRAYS or len(set(names)) < len(names):
+        raise InputError(f"{path}: {name} holds other arrays than depth_m, mask and confidence")
+    if sum(member.file_size for member in members) > most:
+        raise InputError(f"{path}: {name} unpacks to more than {most} bytes: create it again")
+
+
+def opened(
+    given: Sequence[NamedFolder], asked: Asked, cache: Cache
+) -> tuple[list[NamedFolder], dict[str, dict[str, Any]]]:
+    """Folders of predictions, submissions unpacked, and what each says of itself.
+
+    Args:
+        given: folders, or files of `make_submission`.
+        asked: what they must hold.
+        cache: where submissions are unpacked, once.
+
+    Returns:
+        The folders; and by the method's name in scores, facts of those that state them.
+    """
+    folders, stated = [], {}
+    for one in given:
+        facts = None
+        if one.path.is_file():
+            folder, facts = _in_cache(one, asked, cache)
+        else:
+            folder = one
+            if (one.path / FACTS).exists():
+                facts = read_facts(one.path)
+                name = one.name or plain(facts.method)
+                folder = NamedFolder(one.path, name)
+        folders.append(folder)
+        if facts is not None:
+            stated[method_name(folder, described(folder.path))] = facts.model_dump(mode="json")
+    return folders, stated
+
+
+def _in_cache(
+    given: NamedFolder, asked: Asked, cache: Cache
+) -> tuple[NamedFolder, SubmissionFacts]:
+    facts = {
+        "submission": sha256_of(given.path),
+        "suite": asked.suite.digest,
+        "asked": [asked.cases, asked.seeds, asked.archive],
+    }
+
+    def fill(out: Path) -> None:
+        unpack_submission(given.path, asked, out)
+
+    entry = cache.get(key_of(facts), facts, fill)
+    return NamedFolder(entry.path, given.name), read_manifest(given.path).facts

@@ -1,0 +1,1 @@
+"""The verbs `archive`, `submission` and `ranking`."""

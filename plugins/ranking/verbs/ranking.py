@@ -1,0 +1,58 @@
+"""`eventsweep ranking`: results of a suite as one page: who is ahead, where, and at what cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+
+if TYPE_CHECKING:
+    from eventsweep.eval.cli.console import Part
+    from eventsweep.plugins.ranking.summary import Ranked
+
+
+@app.command
+def ranking(
+    results: Annotated[tuple[str, ...], NO_NEGATIVE],
+    /,
+    *,
+    out: Path,
+    site: str = "",
+    common: Common = COMMON,
+) -> None:
+    """Rank the methods of one or more results; writes index.html, ranking.json and methods/.
+
+    Args:
+        results: Folders of `suite` or of earlier rankings, oldest first, or LABEL=FOLDER.
+        out: Folder to write: index.html, ranking.json, a page for every method and pictures.
+        site: Address or folder of the documentation, for links to the rules and home.
+    """
+    from eventsweep.plugins.ranking.entries import read_source
+    from eventsweep.plugins.ranking.pages.page import HTML_NAME, write_ranking
+
+    page = write_ranking([read_source(result) for result in results], out, site)
+    console = common.console()
+    console.result(_facts(page.public), _summary(page.public))
+    console.wrote(out / HTML_NAME)
+
+
+def _facts(ranked: Ranked) -> dict[str, Any]:
+    standings = [
+        {"method": row.method, "rank": row.rank, "other_seeds": [row.low_rank, row.high_rank],
+         "mean_place": round(row.place, 4)}
+        for row in ranked.standings
+    ]  # fmt: skip
+    refused = dict(ranked.joined.refused)
+    return {"standings": standings, "not_ranked": ranked.lacking, "refused": refused}
+
+
+def _summary(ranked: Ranked) -> Iterator[Part]:
+    from eventsweep.eval.cli.console import table
+
+    rows = ((row.method, str(row.rank), f"{row.place:.2f}") for row in ranked.standings)
+    title = f"ranks by {ranked.metric.replace('_', ' ')}"
+    yield table(title, ("method", ">rank", ">mean place"), rows)
+    for label, why in ranked.joined.refused:
+        yield f"{label}: {why}"

@@ -1,0 +1,1 @@
+"""Poses from events alone: the tracker, its verb, its stage of jobs and its page."""

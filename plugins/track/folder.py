@@ -1,0 +1,204 @@
+"""Tracks a recording into a folder: poses, what happened, the cloud of all maps, and the page."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.data.poses import write_tum
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.depth.point_cloud import (
+    PointCloud,
+    VoxelCloud,
+    back_project_map,
+    without_outliers,
+    write_ply,
+)
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.files import made_parent, work_folder
+from eventsweep.emvs.utils.outputs import atomic_dir, check_output, inputs_of, real
+from eventsweep.emvs.utils.runtime import versions
+from eventsweep.eval.found_poses import write_failure
+from eventsweep.eval.jobs.code_version import code_version
+from eventsweep.eval.progress import Display
+from eventsweep.eval.report.html import REPORT_NAME
+from eventsweep.plugins.track.odometry.checkpoint import State, read_state, write_state
+from eventsweep.plugins.track.odometry.config import TrackConfig
+from eventsweep.plugins.track.odometry.online import OnlineMap
+from eventsweep.plugins.track.odometry.pose import Status
+from eventsweep.plugins.track.odometry.recorded import Tracked, track
+from eventsweep.plugins.track.page import track_page
+
+SCHEMA_VERSION = 1
+_KEEP_EVERY_S, _KEEP_SHARE = 5.0, 0.05
+_VOXEL_M, _RADIUS_M, _NEIGHBOURS = 0.01, 0.05, 3
+
+
+def track_recording(
+    recording: Recording, path: Path, out: Path, config: TrackConfig, progress: Display, *,
+    first_map: DepthMap | None = None, T_world_body: NDArray[np.float64] | None = None,
+    force: bool = False,
+) -> Tracked:  # fmt: skip
+    """Writes `trajectory.txt`, `track.json`, `cloud.ply` and `report.html`; returns the poses.
+
+    While it works, its state is kept in a hidden folder beside `out`: after a kill the same call
+    goes on from there, and ends with the same bytes.
+    """
+    voxels, inputs = VoxelCloud(_VOXEL_M), inputs_of(path)
+    check_output(out, force=force, inputs=inputs)
+
+    @cache
+    def identity() -> str:
+        return _identity(recording, config, first_map, T_world_body)
+
+    with (
+        _kept(out, voxels, identity) as kept,
+        atomic_dir(out, force=force, inputs=inputs) as folder,
+    ):
+        with progress.stage("track", 1.0) as update:
+            tracked = track(
+                recording, config, first_map=first_map, T_world_body=T_world_body,
+                on_map=_into(voxels), progress=_moving(update), checkpoints=kept,
+            )  # fmt: skip
+            update(1.0, f"{len(tracked.trajectory)} poses, {tracked.maps} maps")
+        cloud, _ = voxels.cloud()
+        write_tum(folder / "trajectory.txt", tracked.trajectory)
+        write_ply(folder / "cloud.ply", cloud)
+        facts = {
+            "schema_version": SCHEMA_VERSION,
+            "recording": recording.name,
+            "config": config.model_dump(mode="json"),
+            "versions": versions(),
+            **facts_of(tracked),
+        }
+        text = json.dumps(facts, indent=2, ensure_ascii=False) + "\n"
+        (folder / "track.json").write_text(text, encoding="utf-8")
+        page = track_page(recording.name, tracked, cloud)
+        (folder / REPORT_NAME).write_text(page, encoding="utf-8")
+    return tracked
+
+
+class _Kept:
+    """The state of a run in a file, with the cloud of its maps so far."""
+
+    def __init__(self, file: Path, voxels: VoxelCloud, identity: Callable[[], str]) -> None:
+        self._file, self._voxels, self._identity = file, voxels, identity
+        self._next_s = time.monotonic() + _KEEP_EVERY_S
+
+    def is_due(self) -> bool:
+        """Whether the last state is old enough."""
+        return time.monotonic() >= self._next_s
+
+    def save(self, state: State) -> None:
+        """Keeps a state."""
+        own = {"of": self._identity(), "voxels": self._voxels.state()}
+        began_s = time.monotonic()
+        write_state(self._file, {**own, "state": state})
+        ended_s = time.monotonic()
+        self._next_s = ended_s + max(_KEEP_EVERY_S, (ended_s - began_s) / _KEEP_SHARE)
+
+    def load(self) -> State | None:
+        """The state of the same work; without one the work begins anew and ends the same."""
+        try:
+            kept = read_state(self._file) if self._file.exists() else None
+        except InputError:
+            return None
+        if kept is None or kept.get("of") != self._identity():
+            return None
+        self._voxels.restore(kept["voxels"])
+        state: State = kept["state"]
+        return state
+
+
+@contextmanager
+def _kept(out: Path, voxels: VoxelCloud, identity: Callable[[], str]) -> Iterator[_Kept]:
+    """Where the state of a run is kept; nothing stays of one that ended, in whatever way."""
+    hidden = real(out).with_name(f"{real(out).name}.track")
+    with made_parent(hidden), work_folder(hidden, resume=True) as work:
+        file = work / "state.npz"
+        try:
+            yield _Kept(file, voxels, identity)
+        except Exception:  # a kill or an interrupt is none
+            file.unlink(missing_ok=True)
+            raise
+
+
+def _identity(
+    recording: Recording, config: TrackConfig, first_map: DepthMap | None,
+    T_world_body: NDArray[np.float64] | None,
+) -> str:  # fmt: skip
+    """A hash of all that decides poses and cloud, quick, whatever the recording's length."""
+    cameras = range(len(recording.rig))
+    count = getattr(recording, "event_count", None)
+    facts = {
+        "recording": [recording.name, recording.rig.to_json(), recording.depth_range_m],
+        "spans": [recording.event_span_us(k) for k in cameras],
+        "counts": [] if count is None else [int(count(k)) for k in cameras],
+        "config": config.model_dump(mode="json", exclude={"threads"}),
+        "start": None if T_world_body is None else np.asarray(T_world_body).tolist(),
+        "versions": versions(),
+        "code": code_version(["eventsweep.plugins.track.odometry.recorded"]),
+    }
+    digest = hashlib.sha256(json.dumps(facts, sort_keys=True, default=str).encode())
+    if first_map is not None:
+        for array in (first_map.depth_m, first_map.mask, first_map.T_world_rv):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def track_stage(progress: Display) -> Callable[[Path, Path], None]:
+    """Tracks a recording into a folder as a stage of a run, in which a failure is a result."""
+
+    def stage(path: Path, out: Path) -> None:
+        try:
+            track_recording(open_recording(path), path, out, TrackConfig(), progress)
+        except InputError as error:
+            write_failure(out, error)
+
+    return stage
+
+
+def facts_of(tracked: Tracked) -> dict[str, Any]:
+    """Plain values of `track.json`."""
+    steps_m = np.diff(tracked.trajectory.positions_m, axis=0)
+    return {
+        "span_us": list(tracked.span_us),
+        "poses": len(tracked.trajectory),
+        "poses_by_status": {
+            status.value: sum(each is status for each in tracked.statuses) for status in Status
+        },
+        "covered": tracked.covered,
+        "way_m": float(np.linalg.norm(steps_m, axis=1).sum()),
+        "maps": tracked.maps,
+        "changes": [
+            {"t_us": change.t_us, "status": change.status.value, "reason": change.reason}
+            for change in tracked.changes
+        ],
+    }
+
+
+def _into(voxels: VoxelCloud) -> Callable[[OnlineMap], None]:
+    def add(online: OnlineMap) -> None:
+        for depth_map in online.result.depth_maps.values() if online.result else ():
+            cloud: PointCloud = back_project_map(depth_map)
+            voxels.add(without_outliers(cloud, _RADIUS_M, _NEIGHBOURS))
+
+    return add
+
+
+def _moving(update: Callable[[float, str], None]) -> Callable[[str, int, int], None]:
+    def show(_stage: str, done: int, total: int) -> None:
+        update(done / max(total, 1), f"{done / 1000:.1f} of {total / 1000:.1f} s")
+
+    return show

@@ -1,0 +1,284 @@
+"""Maps while events and poses arrive: the batch mapper's windows, each once it is covered.
+
+Beside tracking they are made in a thread of their own and taken a fixed time later. When a map is
+taken depends on the times of events alone, never on how fast it was made: the poses are the same on
+every machine. Who asks for a map that is not finished waits for it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.reference_view import depth_range_m
+from eventsweep.emvs.window_result import WindowResult
+from eventsweep.emvs.windows import Window, check_poses
+from eventsweep.plugins.track.odometry.checkpoint import State
+from eventsweep.plugins.track.odometry.cloud import MapCloud, points_of
+from eventsweep.plugins.track.odometry.config import TrackConfig
+from eventsweep.plugins.track.odometry.stream import Arrived
+
+_DELAY_US, _DELAY_OF_STRIDE = 120_000, 0.6
+_PLANES = 40, 100
+_MOST_VIEW_COLUMNS = 640
+
+
+@dataclass(frozen=True, eq=False)
+class OnlineMap:
+    """One window of an `OnlineMapper`.
+
+    Attributes:
+        window: its stretch of time.
+        result: its depth maps; None where it could not be mapped.
+        reason: why it could not; empty where it could.
+        latency_us: how much later than the window's end the events and poses had come, µs, that it
+            waited for; `result.seconds` is what the mapping took beyond that.
+    """
+
+    window: Window
+    result: WindowResult | None
+    reason: str
+    latency_us: int
+
+
+class OnlineMapper:
+    """Maps sliding windows while events and poses arrive, in any packets.
+
+    A window is mapped once events have come up to its end and poses reach beyond it. It has the
+    bits that `map_windows` makes of the same window; memory holds no more than the windows that are
+    not finished.
+
+    Args:
+        rig: the cameras.
+        config: `window_s`, `stride_s` and everything else of sliding windows by time.
+        depth_range_m: nearest and farthest depth where the configuration has none.
+        start_us: when the first window begins; by default at the first event that a pose covers.
+        most_events: events of each camera that a window uses at most, evenly through it.
+
+    Raises:
+        InputError: settings that need a whole recording.
+    """
+
+    def __init__(
+        self, rig: Rig, config: MapperConfig, *, depth_range_m: tuple[float, float] | None = None,
+        start_us: int | None = None, most_events: int | None = None,
+    ) -> None:  # fmt: skip
+        _check(config)
+        self._config, self._next_us = config, start_us
+        self._arrived = Arrived(rig, depth_range_m, most_events=most_events)
+        self._until_us: int | None = None
+
+    def push(
+        self, events: Sequence[Events], t_us: int, poses: Trajectory | None = None
+    ) -> list[OnlineMap]:
+        """Takes what has come since the last call, and maps what that completes.
+
+        Args:
+            events: one per camera, those since the last call, all before `t_us`.
+            t_us: up to when the events are all there, µs.
+            poses: `T_world_body`, those since the last call; they may lag behind the events.
+
+        Raises:
+            InputError: events or poses out of order, or not one stream per camera.
+        """
+        check_packet(events, self._arrived.rig, self._until_us, t_us)
+        self._until_us = t_us
+        for stream, packet in zip(self._arrived.streams, events, strict=True):
+            stream.push(packet)
+        if poses is not None:
+            self._arrived.add_poses(poses)
+        return list(self._completed())
+
+    def state(self) -> State:
+        """All that decides what it does from now on."""
+        times = {"next_us": self._next_us, "until_us": self._until_us}
+        return {**times, "arrived": self._arrived.state()}
+
+    def restore(self, state: State) -> None:
+        """Goes on from a `state` of the same rig and settings, where nothing was pushed yet."""
+        self._next_us, self._until_us = state["next_us"], state["until_us"]
+        self._arrived.restore(state["arrived"])
+
+    def _completed(self) -> Iterator[OnlineMap]:
+        length_us, stride_us = window_us(self._config)
+        while (window := self._next_window(length_us)) is not None:
+            yield self._map(window)
+            self._next_us = window.t0_us + stride_us
+            self._arrived.drop_before(self._next_us)
+
+    def _next_window(self, length_us: int) -> Window | None:
+        """The next window, if it is covered."""
+        poses = self._arrived.poses
+        if poses is None or self._until_us is None:
+            return None
+        if self._next_us is None:
+            self._next_us = self._first_us(poses)
+        if self._next_us is None:
+            return None
+        t0_us, t1_us = self._next_us, self._next_us + length_us
+        at_end = self._config.reference == "end"
+        if self._until_us < t1_us or poses.span_us[1] < (t1_us if at_end else t1_us - 1):
+            return None
+        t_ref_us = t1_us if at_end else (t0_us + t1_us) // 2
+        return Window(t0_us, t1_us, t_ref_us, (0,) * len(self._arrived.rig))
+
+    def _first_us(self, poses: Trajectory) -> int | None:
+        first = [stream.between(-(1 << 62), 1 << 62).t_us[:1] for stream in self._arrived.streams]
+        times = np.concatenate(first)
+        return max(int(times.min()), poses.span_us[0]) if len(times) else None
+
+    def _map(self, window: Window) -> OnlineMap:
+        arrived = self._arrived
+        result, reason = None, ""
+        try:
+            check_poses(arrived.trajectory, window.t0_us, window.t1_us, self._config)
+            result = map_window(arrived, self._config, window=window)
+        except InputError as error:
+            reason = str(error)
+        assert self._until_us is not None
+        return OnlineMap(window, result, reason, self._until_us - window.t1_us)
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A map, and the (N, 3) points to track from it on; None where there is nothing new."""
+
+    online: OnlineMap
+    points: NDArray[np.float64] | None
+
+
+class BackgroundMaps:
+    """Feeds an `OnlineMapper`, and gathers the points of its maps.
+
+    Args:
+        mapper: of one method.
+        cloud: gathers; nobody else may use it any more.
+        most_points: that are tracked.
+        stride_us: from map to map. They are taken 0.12 s after their window was covered, or, with
+            shorter strides, so early that none is under way when the next window ends.
+        alone: whether there is no thread to spare; maps are then made at once.
+    """
+
+    def __init__(
+        self, mapper: OnlineMapper, cloud: MapCloud, most_points: int, stride_us: int, *,
+        alone: bool,
+    ) -> None:  # fmt: skip
+        self.mapper, self.cloud, self._most = mapper, cloud, most_points
+        self._delay_us = min(_DELAY_US, round(_DELAY_OF_STRIDE * stride_us))
+        self._thread = None if alone else ThreadPoolExecutor(1, "mapper")
+        self._coming: deque[tuple[int, Future[list[Made]]]] = deque()
+
+    def push(self, events: Sequence[Events], t_us: int, poses: Trajectory) -> None:
+        """Hands over what has come up to `t_us`; see `OnlineMapper.push`."""
+        coming: Future[list[Made]]
+        if self._thread is None:
+            coming = Future()
+            coming.set_result(self._made(events, t_us, poses))
+        else:
+            coming = self._thread.submit(self._made, events, t_us, poses)
+        self._coming.append((t_us + self._delay_us, coming))
+
+    def is_idle(self) -> bool:
+        """Whether no map is under way: then nothing is left but what the mapper and cloud hold."""
+        return all(coming.done() and not coming.result() for _, coming in self._coming)
+
+    def due(self, t_us: int) -> list[Made]:
+        """The maps that are to be taken up to `t_us`, in order; waits for them."""
+        made: list[Made] = []
+        while self._coming and self._coming[0][0] <= t_us:
+            made += self._coming.popleft()[1].result()
+        return made
+
+    def _made(self, events: Sequence[Events], t_us: int, poses: Trajectory) -> list[Made]:
+        return [
+            Made(online, self._points(online)) for online in self.mapper.push(events, t_us, poses)
+        ]
+
+    def _points(self, online: OnlineMap) -> NDArray[np.float64] | None:
+        if online.result is None:
+            return None
+        for depth_map in online.result.depth_maps.values():
+            self.cloud.add(points_of(depth_map))
+        return self.cloud.chosen(self._most)
+
+
+def map_config(config: TrackConfig, arrived: Arrived) -> MapperConfig:
+    """Settings of the maps that are tracked, for the depths of what has arrived."""
+    rig = arrived.rig
+    settings = MapperConfig(
+        methods=("Focus/H" if len(rig) > 1 else "Focus/cam0",),
+        window_s=config.map_s, stride_s=1 / config.map_rate_hz,
+        min_depth_m=config.min_depth_m, max_depth_m=config.max_depth_m, threads=config.threads,
+    )  # fmt: skip
+    planes = config.planes or planes_for(rig, depth_range_m(arrived, settings))
+    return settings.model_copy(update={"planes": planes, **small_view(rig)})
+
+
+def planes_for(rig: Rig, range_m: tuple[float, float]) -> int:
+    """Depth planes of a map: one per pixel of disparity between both ends of the range, bounded."""
+    fewest, most = _PLANES
+    if len(rig) < 2:
+        return most
+    near_m, far_m = range_m
+    disparity_px = rig.cameras[0].fx_px * rig.baseline_m() * (1 / near_m - 1 / far_m)
+    return min(max(math.ceil(disparity_px), fewest), most)
+
+
+def small_view(rig: Rig) -> dict[str, float]:
+    """Settings of the view of maps, where camera 0 has more columns than lines are drawn from."""
+    camera = rig.cameras[0]
+    if camera.width_px <= _MOST_VIEW_COLUMNS:
+        return {}
+    scale = _MOST_VIEW_COLUMNS / camera.width_px
+    height_px = round(scale * camera.height_px)
+    return {
+        "view_width_px": _MOST_VIEW_COLUMNS, "view_height_px": height_px,
+        "view_focal_px": scale * camera.fx_px, "view_focal_y_px": scale * camera.fy_px,
+    }  # fmt: skip
+
+
+def window_us(config: MapperConfig) -> tuple[int, int]:
+    """Length and stride of sliding windows by time, µs."""
+    length_s = config.window_s or 0.0
+    return round(length_s * 1e6), round((config.stride_s or length_s) * 1e6)
+
+
+def check_packet(events: Sequence[Events], rig: Rig, since_us: int | None, t_us: int) -> None:
+    """Refuses events that are not one packet per camera, in order, `since_us <= t < t_us`."""
+    if len(events) != len(rig):
+        raise InputError(f"events of {len(events)} cameras: needs a packet for each of {len(rig)}")
+    if since_us is not None and t_us < since_us:
+        raise InputError(f"pushed up to {since_us} µs, then to {t_us} µs: push in time order")
+    for name, camera, packet in zip(rig.camera_names, rig.cameras, events, strict=True):
+        packet.checked(camera.width_px, camera.height_px)
+        if not len(packet):
+            continue
+        first_us, last_us = int(packet.t_us[0]), int(packet.t_us[-1])
+        if (since_us is not None and first_us < since_us) or last_us >= t_us:
+            since = "any time" if since_us is None else f"{since_us} µs"
+            raise InputError(
+                f"camera {name}: events from {first_us} to {last_us} µs in a packet from {since} "
+                f"to before {t_us} µs: push in time order, every event once"
+            )
+
+
+def _check(config: MapperConfig) -> None:
+    if config.window_s is None or min(window_us(config)) < 1:
+        raise InputError("OnlineMapper maps sliding windows by time: set window_s, at least 1 µs")
+    for name in ("hot_pixels", "save_dsi", "start_s", "duration_s"):
+        if getattr(config, name):
+            raise InputError(
+                f"{name} is set: OnlineMapper has no whole recording to apply it to; leave it out"
+            )

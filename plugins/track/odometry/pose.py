@@ -1,0 +1,61 @@
+"""What a tracker says: a pose at a time, and what it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.plugins.track.odometry.motion import Motion
+from eventsweep.plugins.track.odometry.registration.fit import Fit
+
+Matrix = NDArray[np.float64]
+
+
+class Status(Enum):
+    """What a tracker does at the moment."""
+
+    STARTING = "starting"
+    TRACKING = "tracking"
+    STILL = "still"
+    COASTING = "coasting"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """One pose of a tracker.
+
+    Attributes:
+        t_us: the time that it belongs to, µs: the middle of the events that it is made of, less
+            their delay.
+        T_world_body: (4, 4).
+        twist: (6,) velocity and turn of the body in its own frame, m/s and rad/s.
+        status: what it comes from.
+        fit: how well events and map agree.
+        belief: the motion that the filter found, its own time and certainty; None where no filter
+            led to it: at the beginning, without events that count, or just found again.
+    """
+
+    t_us: int
+    T_world_body: Matrix
+    twist: Matrix
+    status: Status
+    fit: Fit
+    belief: Motion | None = None
+
+
+def smoothed(poses: Sequence[Pose]) -> list[Pose]:
+    """Poses as those after them say, too, as far as one filter led from each to the next."""
+    done, later = [], None
+    for pose in reversed(poses):
+        here = pose.belief
+        if here is not None and later is not None:
+            here = here.given(later)
+            pose = replace(pose, T_world_body=here.T_world_body, twist=here.twist)
+        done.append(pose)
+        later = here
+    return done[::-1]

@@ -1,0 +1,128 @@
+"""Compiled loops over events: which have company, where they lie in the undistorted image."""
+
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-overload"
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.plugins.track.odometry.registration.lines_kernels import (
+    NEAREST_M,
+    add_points,
+    line_at,
+)
+from eventsweep.plugins.track.odometry.registration.residuals_kernels import later
+
+NEVER_US = -(1 << 62)
+
+
+@njit(cache=True, nogil=True)
+def in_company(x, y, t_us, within_us, last_us, out):
+    """Says of each event whether one of the 8 pixels around fired at most `within_us` before.
+
+    `last_us`, (H + 2, W + 2) int64, holds the time of every pixel's last event, in a frame of one
+    pixel that never fires, and is kept up to date.
+    """
+    for k in range(len(t_us)):
+        i, j, t = np.int64(x[k]) + 1, np.int64(y[k]) + 1, t_us[k]
+        since = t - within_us
+        out[k] = (
+            last_us[j, i - 1] >= since or last_us[j, i + 1] >= since
+            or last_us[j - 1, i] >= since or last_us[j + 1, i] >= since
+            or last_us[j - 1, i - 1] >= since or last_us[j - 1, i + 1] >= since
+            or last_us[j + 1, i - 1] >= since or last_us[j + 1, i + 1] >= since
+        )  # fmt: skip
+        last_us[j, i] = t
+
+
+@njit(cache=True, nogil=True)
+def place(x, y, t_us, t_mid_us, table, out):
+    """Fills rows (u, v, dt_s) of `out` with the events that have a place; returns how many.
+
+    `table` is (H, W, 2) float32, the undistorted pixel of every pixel, below 0 where there is none.
+    """
+    n = 0
+    for k in range(len(t_us)):
+        u, v = table[y[k], x[k], 0], table[y[k], x[k], 1]
+        if u >= 0 and v >= 0:
+            out[n, 0], out[n, 1], out[n, 2] = u, v, (t_us[k] - t_mid_us) * 1e-6
+            n += 1
+    return n
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def _seen(u, v, rho, rho_cell_px, per_fx, per_fy, cx, cy):
+    """The point that a pixel sees at the depth of `rho` there: x, y, z, and its inverse depth."""
+    inverse = rho[int(v / rho_cell_px + 0.5), int(u / rho_cell_px + 0.5)]
+    z = 1 / inverse
+    return (u - cx) * per_fx * z, (v - cy) * per_fy * z, z, inverse
+
+
+@njit(cache=True, nogil=True)
+def compensate(placed, count, rho, rho_cell_px, twist, intrinsics, size, out):
+    """Moves (u, v, dt) events to dt 0 at the depths of `rho`: rows (u, v, rho); returns how many.
+
+    `twist` is that of the camera, (v, w) in its own frame, m/s and rad/s; `size` is width and
+    height.
+    """
+    fx, fy, cx, cy = intrinsics
+    focal = rho_cell_px, 1 / fx, 1 / fy, cx, cy
+    n = 0
+    for k in range(count):
+        x, y, z, inverse = _seen(placed[k, 0], placed[k, 1], rho, *focal)
+        x, y, z = later(x, y, z, twist, -placed[k, 2])
+        if z < NEAREST_M:
+            continue
+        per_z = 1 / z
+        u, v = fx * x * per_z + cx, fy * y * per_z + cy
+        if u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1:
+            out[n, 0], out[n, 1], out[n, 2] = u, v, inverse
+            n += 1
+    return n
+
+
+@njit(cache=True, nogil=True)
+def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, drawing, field):
+    """Fills columns 3 to 7 of `events`: n_u, n_v of the line that each lies on, or 0, and x, y, z.
+
+    Rows begin with u, v, dt; the lines are those of compensated events, `compensate`; the point is
+    what the event sees at the depth of `rho`.
+    """
+    fx, fy, cx, cy = intrinsics
+    focal = rho_cell_px, 1 / fx, 1 / fy, cx, cy
+    sums, _, made, lines, scratch = field
+    for k in range(count):
+        x, y, z, _ = _seen(events[k, 0], events[k, 1], rho, *focal)
+        events[k, 5], events[k, 6], events[k, 7] = x, y, z
+        x, y, z = later(x, y, z, twist, -events[k, 2])
+        events[k, 3] = events[k, 4] = 0
+        if z < NEAREST_M:
+            continue
+        u, v = fx * x / z + cx, fy * y / z + cy
+        weight, n_u, n_v, _, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
+        if weight > 0:
+            events[k, 3], events[k, 4] = n_u, n_v
+
+
+@njit(cache=True, nogil=True)
+def draw(
+    x, y, t_us, t_mid_us, table, rho, rho_cell_px, twist, intrinsics, size, places, drawing, field,
+    placed, carried, events,
+):  # fmt: skip
+    """Adds a batch to line fields at the scales of `places`, (L, 4).
+
+    `placed` and `carried`, (N, 3), are scratch. At most as many events as `events` has rows, evenly
+    through the batch, fill these, see `event_normals`; returns how many.
+    """
+    count = place(x, y, t_us, t_mid_us, table, placed)
+    taken = min(count, len(events))
+    for k in range(taken):
+        for column in range(3):
+            events[k, column] = placed[k * count // taken, column]
+    inside = compensate(placed, count, rho, rho_cell_px, twist, intrinsics, size, carried)
+    for level in range(len(places)):
+        add_points(carried, inside, places[level], field)
+    event_normals(events, taken, rho, rho_cell_px, twist, intrinsics, places[0], drawing, field)
+    return taken

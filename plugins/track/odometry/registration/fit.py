@@ -1,0 +1,176 @@
+"""Registers a batch of events with a map: Gauss-Newton over a pose and a twist, coarse to fine.
+
+With the belief of `motion` this is the update of an iterated extended Kalman filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.geometry import se3
+from eventsweep.plugins.track.odometry.checkpoint import State
+from eventsweep.plugins.track.odometry.motion import Motion
+from eventsweep.plugins.track.odometry.registration.gauss_newton_kernels import gauss_newton
+from eventsweep.plugins.track.odometry.registration.views import DrawnEvents, DrawnMap, View
+
+Matrix = NDArray[np.float64]
+LEAST_INLIERS = 100
+AGREES, FOUND_AGAIN = 0.6, 0.65
+"""Mean weight of residuals: 0.36 by chance. Once lost, more is needed to go on."""
+_NEAR_PX = 1.0  # so little beside what was expected needs no coarser level
+_REDRAW_PX = 6.0  # the map is drawn anew once it has moved by so much
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How well a registration went, over all cameras, at the finest level.
+
+    Attributes:
+        events: events looked at that the map could explain: those that it is in view of.
+        events_near: of those, the ones near a line of the map.
+        points: map points in view.
+        points_near: of those, the ones near a line of the events.
+        closeness: mean weight of the residuals, 0.36 where they are as large as it happens, 1 where
+            they are 0.
+    """
+
+    events: int = 0
+    events_near: int = 0
+    points: int = 0
+    points_near: int = 0
+    closeness: float = 0.0
+
+    @classmethod
+    def of(cls, counts: Matrix) -> Fit:
+        """From events, those near a line and their closeness, and the same of points: (6,)."""
+        near = max(counts[1] + counts[4], 1)
+        events, events_near, points, points_near = (round(float(counts[k])) for k in (0, 1, 3, 4))
+        closeness = float(counts[2] + counts[5]) / near
+        return cls(events, events_near, points, points_near, closeness)
+
+    @property
+    def inliers(self) -> int:
+        """Residuals that decided."""
+        return self.events_near + self.points_near
+
+    def is_good(self, closeness: float) -> bool:
+        """Whether enough residuals decided, and their closeness is at least this."""
+        return self.inliers >= LEAST_INLIERS and self.closeness >= closeness
+
+    def in_words(self) -> str:
+        """How well it went, and what that counts."""
+        return (
+            f"events and map agree to {self.closeness:.2f} (0.36 is chance): {self.events_near} of "
+            f"{self.events} events are near lines of the map, {self.points_near} of {self.points} "
+            "map points near lines of events"
+        )
+
+    @property
+    def events_share(self) -> float:
+        """Share of events near a line of the map."""
+        return self.events_near / max(self.events, 1)
+
+    @property
+    def points_share(self) -> float:
+        """Share of map points near a line of the events."""
+        return self.points_near / max(self.points, 1)
+
+
+class Registration:
+    """Registers batches with a map; keeps its drawing while the body has moved little.
+
+    Args:
+        views: the cameras.
+        levels: scales of line fields; a wide search has one more.
+        most_events: events of each camera that take part by themselves.
+    """
+
+    def __init__(self, views: Sequence[View], levels: int, most_events: int) -> None:
+        self._levels = levels
+        names = "T_cam_body", "T_body_cam", "adjoint", "intrinsics", "size"
+        self._cameras = tuple(np.stack([getattr(v, name) for v in views]) for name in names)
+        self._focal_px = max(float(view.intrinsics[0]) for view in views)
+        self._map = DrawnMap(views, levels + 1)
+        self._events = DrawnEvents(views, levels + 1, most_events)
+        self._drawn_at: Matrix | None = None
+        self._drawn_levels = 0
+        self._points = self._few = np.empty((0, 3))
+        self._normals = np.empty((len(views), 0, 2))
+
+    def use_map(self, points_world: Matrix, few_world: Matrix) -> None:
+        """Takes (N, 3) points for lines, and (M, 3) of them for distances, instead of the last."""
+        self._points, self._few, self._drawn_at = points_world, few_world, None
+
+    def state(self) -> State:
+        """The map, and where it is drawn."""
+        drawn = {"drawn_at": self._drawn_at, "levels": self._drawn_levels}
+        return {"points": self._points, "few": self._few, **drawn}
+
+    def restore(self, state: State) -> None:
+        """Takes the map of a `state`, and draws it where it was."""
+        self.use_map(state["points"], state["few"])
+        if state["drawn_at"] is not None:
+            self._draw_map(state["drawn_at"], state["levels"])
+
+    def __call__(
+        self, batches: Sequence[Events], expected: Motion, *, wide: bool = False
+    ) -> tuple[Motion, Fit]:
+        """The motion that fits a batch of every camera best, near what is expected, or wider."""
+        return self._from_level(self._levels + wide, batches, expected)
+
+    def nearby(self, batches: Sequence[Events], expected: Motion) -> tuple[Motion, Fit]:
+        """The same by the finest level alone, where that agrees and is near what is expected."""
+        motion, fit = self._from_level(1, batches, expected)
+        poses = se3.inverse(motion.T_world_body), se3.inverse(expected.T_world_body)
+        if fit.is_good(AGREES) and self._moved_px(*poses) < _NEAR_PX:
+            return motion, fit
+        return self(batches, expected)
+
+    def _from_level(
+        self, levels: int, batches: Sequence[Events], expected: Motion
+    ) -> tuple[Motion, Fit]:
+        """The motion that the finest so many levels give, the coarsest of them first."""
+        T_body_world = se3.inverse(expected.T_world_body)
+        T_drawn_world = self._draw_map(T_body_world, levels)
+        self._events.draw(batches, expected.t_us, self._map, expected.twist, levels)
+        T_now_drawn, twist = np.empty((4, 4)), np.empty(6)
+        H, counts = np.linalg.inv(expected.covariance), np.zeros(6)
+        map_lines, event_lines = self._map.lines, self._events.lines
+        gauss_newton(
+            self._events.events, self._events.counts, self._few, self._normals,
+            (map_lines.drawing, map_lines.field), (event_lines.drawing, event_lines.field),
+            map_lines.places, self._cameras, levels,
+            T_body_world @ se3.inverse(T_drawn_world), T_drawn_world, expected.twist, H.copy(),
+            T_now_drawn, twist, H, counts,
+        )  # fmt: skip
+        # Rounding errors of products of poses would otherwise grow from batch to batch.
+        T_world_body = se3.nearest_rigid(se3.inverse(T_now_drawn @ T_drawn_world))
+        covariance = np.linalg.inv(H)
+        found = replace(expected, T_world_body=T_world_body, twist=twist, covariance=covariance)
+        return found, Fit.of(counts)
+
+    def _draw_map(self, T_body_world: Matrix, levels: int) -> Matrix:
+        """Draws the map at a pose, unless it is drawn at one nearby; returns where."""
+        drawn_at = self._drawn_at
+        if (
+            drawn_at is not None
+            and levels <= self._drawn_levels
+            and self._moved_px(T_body_world, drawn_at) < _REDRAW_PX
+        ):
+            return drawn_at
+        self._drawn_at, self._drawn_levels = T_body_world, levels
+        self._map.draw(self._points, T_body_world, levels)
+        self._normals = self._map.normals(self._few, T_body_world)
+        return T_body_world
+
+    def _moved_px(self, T_body_world: Matrix, drawn_at: Matrix) -> float:
+        """About how far the map has moved in the images since it was drawn."""
+        xi = se3.log(T_body_world @ se3.inverse(drawn_at))
+        return self._focal_px * float(
+            self._map.rho * np.linalg.norm(xi[:3]) + np.linalg.norm(xi[3:])
+        )

@@ -1,0 +1,153 @@
+"""The first map and the first poses: static stereo, then maps on the poses that it gives.
+
+Static stereo knows no motion, so some of its points are wrong. It is used from the middle of the
+first stretch of events, forwards and backwards in time; then the whole stretch is mapped on those
+poses and tracked anew, from the middle again. Nothing of the stereo map remains.
+
+A stretch in which the rig has hardly moved has no parallax to map: it grows until it has, up to
+`LONGEST_START_US`, so that its poses are found in the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.windows import Window
+from eventsweep.plugins.track.odometry.batches import Batch, Sizes
+from eventsweep.plugins.track.odometry.cloud import points_of
+from eventsweep.plugins.track.odometry.motion import Motion
+from eventsweep.plugins.track.odometry.registration.fit import LEAST_INLIERS, Fit, Registration
+from eventsweep.plugins.track.odometry.stream import Arrived
+
+Matrix = NDArray[np.float64]
+START_US, LONGEST_START_US = 200_000, 400_000
+LEAST_POINTS = 500
+_STEREO = "SGM/ts"
+_ROUNDS, _EVERY = 2, 2  # of mapping the stretch, on poses of every so many batches
+_SETTLING = 3  # registrations of the first batch, whose twist nothing predicts
+_LEAST_SHARE = 0.6  # of the batches, around the middle one
+
+
+def begin(
+    arrived: Arrived, batches: Sequence[Batch], registration: Registration, sizes: Sizes,
+    config: MapperConfig, given: tuple[Motion, Matrix] | None = None, reach: float = 1.0,
+) -> tuple[list[Motion], list[Fit], Matrix] | str:  # fmt: skip
+    """Motions at the batches, how well each fits, and the (N, 3) points of the map.
+
+    Args:
+        arrived: events; its poses are replaced.
+        batches: those of the first stretch, times rising.
+        registration: what registers; in the end it uses the map that is returned.
+        sizes: numbers that follow from the sensor.
+        config: of the maps.
+        given: a pose and the points of a map, instead of static stereo; it begins there.
+        reach: of motions.
+
+    Returns:
+        A reason where there is no beginning yet.
+    """
+    times = np.array([batch.t_us for batch in batches])
+    k_start = len(batches) // 2 if given is None else int(np.abs(times - given[0].t_us).argmin())
+    middle = batches[k_start]
+    try:
+        start, points = _stereo(arrived, middle, config, reach) if given is None else given
+    except InputError as error:
+        return str(error)
+    if len(points) < LEAST_POINTS:
+        return f"the first map has {len(points)} points: needs {LEAST_POINTS}"
+    for _ in range(_ROUNDS if given is None else 0):
+        found = _tracked(batches, k_start, _EVERY, start, points, registration, sizes)
+        if isinstance(found, str):
+            return found
+        start, points = _mapped(arrived, found[0], middle, config, reach)
+        if len(points) < LEAST_POINTS:
+            return f"the map of the first poses has {len(points)} points: needs {LEAST_POINTS}"
+    found = _tracked(batches, k_start, 1, start, points, registration, sizes)
+    return found if isinstance(found, str) else (*found, points)
+
+
+def _tracked(
+    batches: Sequence[Batch], k_start: int, every: int, start: Motion, points: Matrix,
+    registration: Registration, sizes: Sizes,
+) -> tuple[list[Motion], list[Fit]] | str:  # fmt: skip
+    """Tracks each so many batches on a map, from `k_start` both ways; a reason where few fit."""
+    some = batches[k_start % every :: every]
+    registration.use_map(points, few(points, sizes))
+    motions, fits = _both_ways(some, k_start // every, start, registration)
+    if len(motions) < _LEAST_SHARE * len(some):
+        return f"only {len(motions)} of {len(some)} batches fit the first map"
+    return motions, fits
+
+
+def few(points: Matrix, sizes: Sizes) -> Matrix:
+    """Of points in any order as many as take part in distances."""
+    return np.ascontiguousarray(points[:: max(1, len(points) // sizes.distances)])
+
+
+def _stereo(
+    arrived: Arrived, middle: Batch, config: MapperConfig, reach: float
+) -> tuple[Motion, Matrix]:
+    """The map of a rig that stands at the origin, at the time of a batch.
+
+    Of all events: pixels whose newest one is left out differ between the cameras.
+    """
+    arrived = arrived.whole()
+    first_us = min(arrived.event_span_us(k)[0] for k in range(len(arrived.rig)))
+    standing = np.array([[0, 0, 0, 1.0]] * 2)
+    arrived.poses = Trajectory(np.array([first_us, middle.t_us + 1]), np.zeros((2, 3)), standing)
+    window = Window(first_us, middle.t_us, middle.t_us, (0,) * len(arrived.rig))
+    names = "width_px", "height_px", "focal_px", "focal_y_px"
+    of_camera = dict.fromkeys([f"view_{name}" for name in names])
+    stereo = config.model_copy(update={"methods": (_STEREO,), **of_camera})
+    points = points_of(map_window(arrived, stereo, window=window).depth_maps[_STEREO])
+    return Motion.unknown(middle.t_us, np.eye(4), reach), points
+
+
+def _mapped(
+    arrived: Arrived, motions: Sequence[Motion], middle: Batch, config: MapperConfig, reach: float
+) -> tuple[Motion, Matrix]:
+    """The map of the stretch on the poses of motions, and the one at a batch, to begin from."""
+    arrived.poses = trajectory_of(motions)
+    first_us, last_us = arrived.poses.span_us
+    window = Window(first_us, last_us, (first_us + last_us) // 2, (0,) * len(arrived.rig))
+    result = map_window(arrived, config, window=window)
+    pose = arrived.poses.at([middle.t_us])[0]
+    points = points_of(result.depth_maps[config.methods[0]])
+    return Motion.unknown(middle.t_us, pose, reach), points
+
+
+def trajectory_of(motions: Sequence[Motion]) -> Trajectory:
+    """Motions as poses."""
+    poses = np.stack([motion.T_world_body for motion in motions])
+    return Trajectory.from_matrices([motion.t_us for motion in motions], poses)
+
+
+def _both_ways(
+    batches: Sequence[Batch], k: int, start: Motion, registration: Registration
+) -> tuple[list[Motion], list[Fit]]:
+    """Tracks from batch `k` to both ends, as far as the map goes."""
+    fit = Fit()
+    for _ in range(_SETTLING):
+        settled, fit = registration(batches[k].events, start)
+        unknown = Motion.unknown(start.t_us, settled.T_world_body, start.reach)
+        start = replace(unknown, twist=settled.twist)
+    motions, fits = [settled], [fit]
+    for batch in batches[k + 1 :]:
+        motion, fit = registration(batch.events, motions[-1].at(batch.t_us))
+        if fit.inliers < LEAST_INLIERS:
+            break
+        motions, fits = [*motions, motion], [*fits, fit]
+    for batch in reversed(batches[:k]):
+        motion, fit = registration(batch.events, motions[0].at(batch.t_us))
+        if fit.inliers < LEAST_INLIERS:
+            break
+        motions, fits = [motion, *motions], [fit, *fits]
+    return motions, fits

@@ -1,0 +1,401 @@
+"""The odometry: fed packets of events, it says where the body is, and how sure of that it is."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.tables import ImuSamples
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.reference_view import depth_range_m
+from eventsweep.emvs.utils.runtime import thread_count
+from eventsweep.plugins.track.odometry.batches import (
+    LONGEST_US,
+    Batch,
+    Sizes,
+    batch_before,
+    never_fired,
+    rising,
+    without_lone,
+)
+from eventsweep.plugins.track.odometry.checkpoint import State
+from eventsweep.plugins.track.odometry.cloud import MapCloud, points_of
+from eventsweep.plugins.track.odometry.config import TrackConfig
+from eventsweep.plugins.track.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion, reach_for
+from eventsweep.plugins.track.odometry.online import (
+    BackgroundMaps,
+    OnlineMap,
+    OnlineMapper,
+    check_packet,
+    map_config,
+    window_us,
+)
+from eventsweep.plugins.track.odometry.past import Found, Past, earlier
+from eventsweep.plugins.track.odometry.pose import Pose, Status
+from eventsweep.plugins.track.odometry.registration.fit import (
+    AGREES,
+    FOUND_AGAIN,
+    Fit,
+    Registration,
+)
+from eventsweep.plugins.track.odometry.registration.views import View
+from eventsweep.plugins.track.odometry.start import (
+    LONGEST_START_US,
+    START_US,
+    begin,
+    few,
+    trajectory_of,
+)
+from eventsweep.plugins.track.odometry.stream import Arrived
+
+Matrix = NDArray[np.float64]
+_KEPT_POSES = 1024
+_COAST_US = 100_000
+END_US = 1 << 62
+_PLAIN = (
+    "_searched", "_until_us", "_begin_us", "_next_us", "_fed_us", "reason", "since_us",
+)  # fmt: skip
+
+
+class Tracker:
+    """Finds poses from events alone.
+
+    Packets of any size give the same poses. Memory is bounded, however long it runs.
+
+    Args:
+        rig: the cameras; with one camera a `first_map` is needed, since one camera sees no scale.
+        config: rates, sizes of maps, depth range.
+        depth_range_m: nearest and farthest depth where the configuration has none.
+        first_map: a depth map of what is seen first, whose world is that of the poses.
+        T_world_body: (4, 4) where the first pose lies; by default the origin. Not with `first_map`.
+        past: gives again what was pushed, one packet per camera of `t0_us <= t < t1_us`. With it
+            poses begin with the first events, and not with the stretch of the first map.
+        on_pose: called with every pose.
+        on_map: called with every map.
+
+    Raises:
+        InputError: a rig of one camera without a first map.
+    """
+
+    def __init__(
+        self, rig: Rig, config: TrackConfig | None = None, *,
+        depth_range_m: tuple[float, float] | None = None, first_map: DepthMap | None = None,
+        T_world_body: Matrix | None = None, past: Past | None = None,
+        on_pose: Callable[[Pose], None] | None = None,
+        on_map: Callable[[OnlineMap], None] | None = None,
+    ) -> None:  # fmt: skip
+        if len(rig) == 1 and first_map is None:
+            raise InputError(
+                "rig of 1 camera: one camera cannot determine scale; give a first_map of the scene"
+            )
+        self._rig, self._config = rig, TrackConfig.or_default(config)
+        self._sizes, self._first_map = Sizes.of(rig), first_map
+        self._origin = np.eye(4) if T_world_body is None else np.asarray(T_world_body, np.float64)
+        self._past, self._on_pose, self._on_map = past, on_pose, on_map
+        views = [View.of(c, T) for c, T in zip(rig.cameras, rig.T_body_cam, strict=True)]
+        self._registration = Registration(views, self._sizes.levels, self._sizes.own_time)
+        self._map_events = self._config.map_events or self._sizes.map
+        self._arrived = Arrived(rig, depth_range_m, most_events=self._map_events)
+        self._fired_us = [never_fired(camera) for camera in rig.cameras]
+        self._gyroscope = Gyroscope()
+        self._cloud = MapCloud(self._config.maps)
+        self._maps: BackgroundMaps | None = None
+        self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
+        self._motion: Motion | None = None
+        self._seen_from: deque[Matrix] = deque(maxlen=self._config.maps)
+        self._searched = 0
+        self._until_us: int | None = None
+        self._begin_us: int | None = None
+        self._step_us = round(1e6 / self._config.rate_hz)
+        self._delay_us = round(1e6 * self._config.delay_s)
+        self._next_us = self._fed_us = 0
+        self.status, self.reason, self.since_us = Status.STARTING, "no events yet", 0
+
+    def push(
+        self, events: Sequence[Events], t_us: int, imu: ImuSamples | None = None
+    ) -> Pose | None:
+        """Takes the events since the last call, and finds the poses that they allow.
+
+        Args:
+            events: one packet per camera, all before `t_us`.
+            t_us: up to when the events are all there, µs.
+            imu: inertial samples since the last call, on the same clock; only the gyroscope's part
+                is used, and nothing depends on there being any.
+
+        Returns:
+            The newest pose that this call found, if any.
+
+        Raises:
+            InputError: events out of order, or not one packet per camera.
+        """
+        check_packet(events, self._rig, self._until_us, t_us)
+        self._until_us = t_us
+        for camera, packet in enumerate(events):
+            self._take(camera, packet)
+        if imu is not None:
+            self._gyroscope.push(imu)
+        if self._begin_us is None:
+            first = [int(packet.t_us[0]) for packet in events if len(packet)]
+            if not first:
+                return None
+            self._begin_us = min(first)
+            self._next_us = self._begin_us + START_US
+        newest = None
+        while self._next_us <= t_us:
+            newest = self._step(self._next_us) or newest
+            self._next_us += self._step_us
+        return newest
+
+    def state(self) -> State | None:
+        """All that decides what it does from now on; None while a map is under way.
+
+        Of poses only the newest is in it.
+        """
+        maps = self._maps
+        if maps is not None and not maps.is_idle():
+            return None
+        return {
+            "plain": {name: getattr(self, name) for name in _PLAIN},
+            "status": self.status.value,
+            "arrived": self._arrived.state(),
+            "fired_us": self._fired_us,
+            "gyroscope": self._gyroscope.state(),
+            "cloud": self._cloud.state(),
+            "mapper": None if maps is None else maps.mapper.state(),
+            "registration": self._registration.state(),
+            "motion": None if self._motion is None else self._motion.state(),
+            "seen_from": list(self._seen_from),
+        }
+
+    def restore(self, state: State, poses: Sequence[Pose]) -> None:
+        """Goes on from a `state` of the same rig and settings, before anything was pushed.
+
+        Args:
+            state: what `state` returned.
+            poses: those found up to then.
+        """
+        for name in _PLAIN:
+            setattr(self, name, state["plain"][name])
+        self.status = Status(state["status"])
+        self._arrived.restore(state["arrived"])
+        self._fired_us = state["fired_us"]
+        self._gyroscope.restore(state["gyroscope"])
+        self._cloud.restore(state["cloud"])
+        if state["mapper"] is not None:
+            self._maps = self._background(0)
+            self._maps.mapper.restore(state["mapper"])
+        self._registration.restore(state["registration"])
+        self._motion = state["motion"] and Motion(**state["motion"])
+        self._seen_from.extend(state["seen_from"])
+        self._poses.extend(poses)
+
+    def _take(self, camera: int, packet: Events) -> None:
+        self._arrived.streams[camera].push(without_lone(packet, self._fired_us[camera]))
+
+    def known(self) -> Trajectory:
+        """The newest poses.
+
+        Raises:
+            InputError: there are none yet.
+        """
+        if not self._poses:
+            raise InputError(f"no poses yet: {self.reason}")
+        poses = np.stack([pose.T_world_body for pose in self._poses])
+        return Trajectory.from_matrices([pose.t_us for pose in self._poses], poses)
+
+    def finish(self) -> None:
+        """Finds the last poses, at the end of a recording, and waits for the maps under way.
+
+        Their batches are the newest events of ever shorter times.
+        """
+        end_us = self._until_us or 0
+        for since_us in range(end_us - LONGEST_US, end_us, self._step_us):
+            if self.status is Status.TRACKING:
+                self._track_last(since_us, end_us)
+        self._take_maps(END_US)
+
+    def _track_last(self, since_us: int, end_us: int) -> None:
+        """Finds the pose of the last events since a time, if it is later than the last one."""
+        batch = batch_before(self._arrived.streams, end_us, self._sizes.events, since_us)
+        assert self._motion is not None
+        if len(batch) < self._sizes.still or batch.t_us <= self._motion.t_us:
+            return
+        motion, fit = self._registered(batch, end_us)
+        if fit.is_good(AGREES):
+            self._found(motion, fit, Status.TRACKING, filtered=True)
+
+    def _step(self, t_us: int) -> Pose | None:
+        self._take_maps(t_us)
+        steps = {Status.STARTING: self._start, Status.LOST: self._search}
+        pose = steps.get(self.status, self._track)(t_us)
+        horizon_us = LONGEST_START_US if self.status is Status.STARTING else 2 * LONGEST_US
+        for stream in self._arrived.streams:
+            stream.drop_before(t_us - horizon_us)
+        self._gyroscope.drop_before(t_us - horizon_us)
+        return pose
+
+    def _start(self, t_us: int) -> Pose | None:
+        """Tries to find the first map and the poses of the stretch that ends at `t_us`."""
+        assert self._begin_us is not None
+        streams, begin_us = self._arrived.streams, max(self._begin_us, t_us - LONGEST_START_US)
+        ends = range(begin_us + self._step_us, t_us + 1, self._step_us)
+        batches = rising([batch_before(streams, end, self._sizes.events, begin_us) for end in ends])
+        batches = [batch for batch in batches if len(batch) >= self._sizes.still]
+        if len(batches) < START_US // self._step_us // 2:
+            self._wait("too few events: nothing moves")
+            return None
+        begun = begin(
+            self._arrived, batches, self._registration, self._sizes,
+            map_config(self._config, self._arrived), self._given(batches), self._reach,
+        )  # fmt: skip
+        if isinstance(begun, str):
+            self._wait(begun)
+            return None
+        motions, fits, points = begun
+        before = self._before(motions[0], t_us)
+        found = [*before, *((m, f, Status.TRACKING) for m, f in zip(motions, fits, strict=True))]
+        if self._first_map is None:
+            T_new_old = self._origin @ se3.inverse(found[0][0].T_world_body)
+            found = [(motion.seen_from(T_new_old), fit, status) for motion, fit, status in found]
+            points = se3.transform(T_new_old, points)
+        motions = [motion for motion, _, _ in found[len(before) :]]
+        self._cloud.replace(points)
+        self._use_points(self._cloud.chosen(self._sizes.lines))
+        self._maps = self._background(motions[0].t_us)
+        self._fed_us = begin_us
+        self._change(Status.TRACKING, "", found[0][0].t_us)
+        for motion, fit, status in found:
+            self._found(motion, fit, status)
+        self._feed_mapper(t_us, trajectory_of(motions))
+        return self._poses[-1]
+
+    def _before(self, first: Motion, t_us: int) -> list[Found]:
+        """Motions of the events before the `first` one's, on the map that registers now."""
+        assert self._begin_us is not None
+        if self._past is None or first.t_us < self._begin_us + self._step_us:
+            return []
+        ends_us = range(t_us, self._begin_us, -self._step_us)
+        return earlier(self._past, self._rig, self._registration, self._sizes, first, ends_us)
+
+    def _wait(self, reason: str) -> None:
+        self.reason = reason
+        self._next_us += START_US // 4 - self._step_us
+
+    def _given(self, batches: Sequence[Batch]) -> tuple[Motion, Matrix] | None:
+        first_map = self._first_map
+        if first_map is None:
+            return None
+        T_world_body = first_map.T_world_rv @ se3.inverse(self._rig.T_body_cam[0])
+        nearest = min(batches, key=lambda batch: abs(batch.t_us - first_map.t_us))
+        return Motion.near(nearest.t_us, T_world_body, self._reach), points_of(first_map)
+
+    def _track(self, t_us: int) -> Pose | None:
+        batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
+        assert self._motion is not None
+        if batch.t_us <= self._motion.t_us:
+            return None
+        if len(batch) < self._sizes.still:
+            held = self._motion.held(batch.t_us)
+            return self._go_on(held, Fit(), Status.STILL, t_us)
+        motion, fit = self._registered(batch, t_us)
+        if fit.is_good(AGREES):
+            return self._go_on(motion, fit, Status.TRACKING, t_us, filtered=True)
+        return self._doubt(batch, fit, t_us)
+
+    def _registered(self, batch: Batch, t_us: int) -> tuple[Motion, Fit]:
+        """The motion that fits a batch, near that which the last one and the gyroscope say."""
+        assert self._motion is not None
+        expected = self._motion.at(batch.t_us)
+        rate_rad_s = self._gyroscope.rate_at(batch.t_us, t_us)
+        if rate_rad_s is not None:
+            expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
+        return self._registration.nearby(batch.events, expected)
+
+    def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
+        """Goes on as it moved, for a moment; then it is lost."""
+        assert self._motion is not None
+        reason = fit.in_words()
+        if self.status is not Status.COASTING:
+            self._change(Status.COASTING, reason, batch.t_us)
+        if batch.t_us - self.since_us < _COAST_US:
+            return self._go_on(self._motion.at(batch.t_us), fit, Status.COASTING, t_us)
+        self._change(Status.LOST, reason, batch.t_us)
+        return None
+
+    def _search(self, t_us: int) -> Pose | None:
+        """Tries one of the places from which the map was seen, in turns."""
+        batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
+        if len(batch) < self._sizes.still:
+            return None
+        places = [self._poses[-1].T_world_body, *self._seen_from]
+        place = places[self._searched % len(places)]
+        self._searched += 1
+        near = Motion.near(batch.t_us, place, self._reach)
+        motion, fit = self._registration(batch.events, near, wide=True)
+        if not fit.is_good(FOUND_AGAIN):
+            return None
+        return self._go_on(motion, fit, Status.TRACKING, t_us)
+
+    def _go_on(
+        self, motion: Motion, fit: Fit, status: Status, t_us: int, *, filtered: bool = False
+    ) -> Pose:
+        if status is not Status.COASTING:
+            self._change(status, "", motion.t_us)
+        pose = self._found(motion, fit, status, filtered=filtered)
+        self._feed_mapper(t_us, trajectory_of([motion]))
+        return pose
+
+    def _found(self, motion: Motion, fit: Fit, status: Status, *, filtered: bool = False) -> Pose:
+        belief = motion if filtered else None
+        t_us = motion.t_us - self._delay_us
+        pose = Pose(t_us, motion.T_world_body, motion.twist, status, fit, belief)
+        self._poses.append(pose)
+        self._motion = motion
+        if self._on_pose is not None:
+            self._on_pose(pose)
+        return pose
+
+    def _change(self, status: Status, reason: str, t_us: int) -> None:
+        if status is not self.status:
+            self.status, self.reason, self.since_us = status, reason, t_us
+
+    def _feed_mapper(self, t_us: int, poses: Trajectory) -> None:
+        assert self._maps is not None
+        packets = tuple(s.between(self._fed_us, t_us) for s in self._arrived.streams)
+        self._fed_us = t_us
+        self._maps.push(packets, t_us, poses)
+
+    def _take_maps(self, t_us: int) -> None:
+        """Tracks the maps from now on that are due."""
+        for made in () if self._maps is None else self._maps.due(t_us):
+            if made.points is not None:
+                self._use_points(made.points)
+                self._seen_from.append(self._poses[-1].T_world_body)
+            if self._on_map is not None:
+                self._on_map(made.online)
+
+    def _use_points(self, points: Matrix) -> None:
+        self._registration.use_map(points, few(points, self._sizes))
+
+    def _background(self, start_us: int) -> BackgroundMaps:
+        config = map_config(self._config, self._arrived)
+        threads = thread_count(config.threads)
+        mapper = OnlineMapper(
+            self._rig, config.model_copy(update={"threads": max(1, threads - 1)}),
+            depth_range_m=self._arrived.depth_range_m, start_us=start_us,
+            most_events=self._map_events,
+        )  # fmt: skip
+        stride_us = window_us(config)[1]
+        return BackgroundMaps(mapper, self._cloud, self._sizes.lines, stride_us, alone=threads == 1)
+
+    @property
+    def _reach(self) -> float:
+        return reach_for(depth_range_m(self._arrived, map_config(self._config, self._arrived))[0])

@@ -1,0 +1,340 @@
+"""The tracker on worlds made of formulas: what it finds, and what it says of itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import line_world
+import point_world as world
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.mapper import map_window
+from eventsweep.plugins.track.odometry.checkpoint import read_state, write_state
+from eventsweep.plugins.track.odometry.config import TrackConfig
+from eventsweep.plugins.track.odometry.pose import Status, smoothed
+from eventsweep.plugins.track.odometry.recorded import track
+from eventsweep.plugins.track.odometry.start import LONGEST_START_US, begin
+from eventsweep.plugins.track.odometry.tracker import Tracker
+
+CONFIG = TrackConfig(map_rate_hz=8, map_s=0.2, planes=40)
+END_US = 450_000
+
+
+@pytest.fixture(scope="module")
+def recording():
+    trajectory = world.swinging(turn_deg=(3, 4, 2), way_m=(0.08, 0.05, 0.04), duration_us=END_US)
+    return line_world.recorded(trajectory)
+
+
+@pytest.fixture(scope="module")
+def tracked(recording):
+    return track(recording, CONFIG)
+
+
+class WithoutPoses:
+    """A recording that has no poses to look at."""
+
+    def __init__(self, recording):
+        self._recording = recording
+
+    def __getattr__(self, name):
+        if name == "trajectory":
+            raise AssertionError("the poses of the recording were read")
+        return getattr(self._recording, name)
+
+
+def run(recording, steps, tracker, changed=lambda camera, events: events):
+    """Feeds packets that end at `steps`; returns the status after each."""
+    before_us, said = 0, []
+    for t_us in steps:
+        cameras = range(len(recording.rig))
+        packets = [changed(k, recording.events(k, before_us, t_us)) for k in cameras]
+        tracker.push(packets, t_us)
+        said.append(tracker.status)
+        before_us = t_us
+    return said
+
+
+def worst_m(trajectory, truth):
+    """Largest error of position relative to the first pose, m."""
+    G, E = truth.at(trajectory.t_us), trajectory.at(trajectory.t_us)
+    off = se3.inverse(se3.inverse(G[0]) @ G) @ (se3.inverse(E[0]) @ E)
+    return float(np.linalg.norm(off[:, :3, 3], axis=1).max())
+
+
+def test_it_finds_the_way_and_begins_at_the_origin(recording, tracked):
+    assert worst_m(tracked.trajectory, recording.trajectory) < 0.007
+    np.testing.assert_allclose(
+        tracked.trajectory.at(tracked.trajectory.t_us[0]), np.eye(4), atol=1e-12
+    )
+    assert tracked.covered > 0.9
+    assert {*tracked.statuses} == {Status.TRACKING}
+    assert [change.status for change in tracked.changes] == [Status.STARTING, Status.TRACKING]
+    assert tracked.maps >= 2
+
+
+def test_poses_of_the_recording_are_never_read(recording, tracked):
+    again = track(WithoutPoses(recording), CONFIG)
+    np.testing.assert_array_equal(again.trajectory.positions_m, tracked.trajectory.positions_m)
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        pytest.param(range(7000, END_US, 7000), id="small"),
+        pytest.param([1, 333_333], marks=pytest.mark.slow, id="large"),
+    ],
+)
+def test_packets_of_any_size_give_the_same_poses(recording, tracked, steps):
+    poses = []
+    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+    run(recording, [*steps, tracked.span_us[1] + 1], tracker)
+    tracker.finish()
+    expected = tracked.trajectory
+    assert len(poses) == len(expected)
+    for k, pose in enumerate(smoothed(poses)):
+        assert pose.t_us == expected.t_us[k]
+        np.testing.assert_array_equal(pose.T_world_body[:3, 3], expected.positions_m[k])
+
+
+def test_poses_belong_to_the_edges_that_events_are_late_to_show(recording, tracked):
+    at_once = track(recording, CONFIG.model_copy(update={"delay_s": 0.0})).trajectory
+    np.testing.assert_array_equal(at_once.t_us - 2000, tracked.trajectory.t_us)
+    np.testing.assert_array_equal(at_once.positions_m, tracked.trajectory.positions_m)
+
+
+class Kept:
+    """Every state that a run could keep, through files."""
+
+    def __init__(self, folder):
+        self.folder, self.states, self.taken = folder, 0, None
+
+    def is_due(self):
+        return True
+
+    def save(self, state):
+        write_state(self.folder / f"{self.states}.npz", state)
+        self.states += 1
+
+    def load(self):
+        return None if self.taken is None else read_state(self.folder / f"{self.taken}.npz")
+
+
+class ReadFrom:
+    """A recording whose earlier events may not be read again."""
+
+    def __init__(self, recording, t_us):
+        self._recording, self._t_us = recording, t_us
+
+    def __getattr__(self, name):
+        return getattr(self._recording, name)
+
+    def events(self, camera, t0_us, t1_us):
+        assert t0_us >= self._t_us
+        return self._recording.events(camera, t0_us, t1_us)
+
+
+@pytest.mark.slow
+def test_from_any_state_it_goes_on_to_the_same_bits(recording, tracked, tmp_path):
+    kept = Kept(tmp_path)
+    track(recording, CONFIG, checkpoints=kept)
+    assert kept.states >= 3
+    for k in range(kept.states):
+        kept.taken = k
+        until_us = kept.load()["until_us"]
+        rest = track(ReadFrom(recording, until_us), CONFIG, checkpoints=kept)
+        np.testing.assert_array_equal(rest.trajectory.positions_m, tracked.trajectory.positions_m)
+        np.testing.assert_array_equal(rest.trajectory.quats_xyzw, tracked.trajectory.quats_xyzw)
+        assert (rest.maps, rest.statuses, rest.changes) == (
+            tracked.maps, tracked.statuses, tracked.changes,
+        )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_threads_change_no_bit(recording, tracked):
+    alone = track(recording, CONFIG.model_copy(update={"threads": 1})).trajectory
+    np.testing.assert_array_equal(alone.positions_m, tracked.trajectory.positions_m)
+
+
+def test_without_events_it_stands_still_and_says_so(recording):
+    """For as long as one likes; memory does not grow, and it goes on from there."""
+    poses = []
+    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+    run(recording, range(50_000, 300_001, 50_000), tracker)
+    for t_us in range(350_000, 2_000_000, 50_000):
+        tracker.push([Events.empty()] * 2, t_us)
+    assert tracker.status is Status.STILL
+    assert poses[-1].t_us > 1_900_000
+    assert sum(map(len, tracker._arrived.streams)) == 0
+    held = [pose.T_world_body for pose in poses if pose.status is Status.STILL]
+    np.testing.assert_array_equal(held[0], held[-1])
+    assert len(tracker.known()) <= 1024
+
+
+def test_what_was_seen_before_the_first_map_is_tracked_too(recording, monkeypatch):
+    """The first stretch shows too little, as of a rig that hardly moves: it grows."""
+    tries = []
+
+    def begin_later(*arguments):
+        tries.append(arguments)
+        return "nothing to see yet" if len(tries) < 3 else begin(*arguments)
+
+    monkeypatch.setattr("eventsweep.plugins.track.odometry.tracker.begin", begin_later)
+    poses = []
+    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+    run(recording, [290_000, 310_000], tracker)
+    assert len(tries) == 3
+    assert poses[0].t_us < 20_000
+    assert worst_m(tracker.known(), recording.trajectory) < 0.006
+
+
+def test_the_first_stereo_sees_every_event_however_few_make_a_map(recording, monkeypatch):
+    """Thinned by itself, each camera would keep other pixels' newest events."""
+    shown = {}
+
+    def mapped(arrived, config, *, window):
+        counts = [len(arrived.events(k, window.t0_us, window.t1_us)) for k in (0, 1)]
+        there = [len(stream.between(window.t0_us, window.t1_us)) for stream in arrived.streams]
+        shown.setdefault(config.methods[0], (counts, there))
+        return map_window(arrived, config, window=window)
+
+    monkeypatch.setattr("eventsweep.plugins.track.odometry.start.map_window", mapped)
+    few = CONFIG.model_copy(update={"map_events": 1000})
+    run(recording, [250_000], Tracker(recording.rig, few, depth_range_m=(0.5, 4.0)))
+    counts, there = shown["SGM/ts"]
+    assert counts == there
+    assert min(there) > 1000
+
+
+def test_until_it_begins_it_holds_a_bounded_stretch(recording, monkeypatch):
+    spans_us = []
+
+    def never(_arrived, batches, *_rest):
+        spans_us.append(batches[-1].t_us - batches[0].t_us)
+        return "nothing to see"
+
+    monkeypatch.setattr("eventsweep.plugins.track.odometry.tracker.begin", never)
+    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0))
+    run(recording, range(50_000, END_US + 1, 50_000), tracker)
+    assert spans_us[0] < spans_us[1] < max(spans_us) <= LONGEST_START_US
+    oldest_us = min(stream.between(0, END_US).t_us[0] for stream in tracker._arrived.streams)
+    assert oldest_us >= END_US - LONGEST_START_US - 50_000
+
+
+@pytest.mark.parametrize(
+    ("gap_us", "held"),
+    [
+        pytest.param(30_000, False, id="short"),
+        pytest.param(60_000, True, marks=pytest.mark.slow, id="longer than a batch"),
+    ],
+)
+def test_packets_may_be_missing(recording, gap_us, held):
+    """All of both cameras for a while, and of each camera a tenth, at its own times."""
+    poses = []
+    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+
+    def dropped(k, events):
+        some = events.take((events.t_us // 1000 + 5 * k) % 10 != 0)
+        return some.take((some.t_us < 310_000) | (some.t_us >= 310_000 + gap_us))
+
+    said = run(recording, range(10_000, END_US + 1, 10_000), tracker, dropped)
+    assert Status.LOST not in said
+    assert (Status.STILL in said) == held
+    assert said[-1] is Status.TRACKING
+    assert poses[-1].t_us > END_US - 40_000
+    ends_us = tracker.known().t_us[[0, -1]]
+    ends = Trajectory.from_matrices(ends_us, tracker.known().at(ends_us))
+    assert worst_m(ends, recording.trajectory) < 0.006
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "camera", [pytest.param(0, id="left is silent"), pytest.param(1, id="right is silent")]
+)
+def test_one_camera_may_be_silent_for_a_while(recording, camera):
+    poses = []
+    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+
+    def silent(k, events):
+        quiet = (events.t_us > 220_000) & (events.t_us < 420_000)
+        return events.take(~quiet) if k == camera else events
+
+    said = run(recording, range(10_000, END_US + 1, 10_000), tracker, silent)
+    assert Status.LOST not in said
+    assert said[-1] is Status.TRACKING
+    assert worst_m(tracker.known(), recording.trajectory) < 0.012
+
+
+def noise(rng, packet, rate, camera):
+    """A packet with events at random pixels beside its own."""
+    if not len(packet):
+        return packet
+    first_us, last_us = int(packet.t_us[0]), int(packet.t_us[-1]) + 1
+    t_us = np.sort(rng.integers(first_us, last_us, rate * (last_us - first_us) // 1000))
+    x = rng.integers(0, camera.width_px, len(t_us)).astype(np.uint16)
+    y = rng.integers(0, camera.height_px, len(t_us)).astype(np.uint16)
+    mixed = Events.concat([packet, Events(x, y, t_us, np.ones(len(t_us), np.uint8))])
+    return mixed.take(np.argsort(mixed.t_us, kind="stable"))
+
+
+@pytest.mark.slow
+def test_hot_pixels_and_a_burst_of_noise_do_not_lead_it_astray(recording):
+    rng = np.random.default_rng(0)
+    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0))
+
+    def disturbed(k, events):
+        burst = len(events) and 300_000 <= events.t_us[0] < 320_000
+        noisy = noise(rng, events, 100 if burst else 1, recording.rig.cameras[k])
+        hot = Events(
+            *(np.repeat(column[::50], 3) for column in (noisy.x, noisy.y, noisy.t_us, noisy.p))
+        )
+        hot = replace(hot, x=np.full_like(hot.x, 31), y=np.full_like(hot.y, 17))
+        mixed = Events.concat([noisy, hot])
+        return mixed.take(np.argsort(mixed.t_us, kind="stable"))
+
+    said = run(recording, range(10_000, END_US + 1, 10_000), tracker, disturbed)
+    assert said[-1] is Status.TRACKING
+    assert worst_m(tracker.known(), recording.trajectory) < 0.015
+
+
+@pytest.mark.slow
+def test_what_the_map_does_not_show_is_lost_with_a_reason_and_the_place_found_again(recording):
+    """The world is another one for 0.14 s; then it is the old one again."""
+    elsewhere = line_world.recorded(recording.trajectory, seed=7)
+    poses = []
+    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+    run(recording, range(10_000, 260_001, 10_000), tracker)
+    said = {}
+    for t_us in range(270_000, END_US + 1, 10_000):
+        world_now = elsewhere if t_us <= 400_000 else recording
+        tracker.push([world_now.events(k, t_us - 10_000, t_us) for k in (0, 1)], t_us)
+        said.setdefault(tracker.status, (t_us, tracker.reason))
+    assert said[Status.LOST][0] <= 400_000
+    assert "events and map agree to" in said[Status.LOST][1]
+    assert tracker.status is Status.TRACKING
+    found = [pose for pose in poses if pose.t_us > 410_000]
+    assert found
+    assert worst_m(tracker.known(), recording.trajectory) < 0.05
+    first, last = poses[0], found[-1]
+    G = recording.trajectory.at([first.t_us, last.t_us])
+    off = se3.inverse(se3.inverse(G[0]) @ G[1]) @ se3.inverse(first.T_world_body)
+    assert np.linalg.norm((off @ last.T_world_body)[:3, 3]) < 0.01
+
+
+def test_what_it_needs_is_said_in_one_line(recording):
+    alone = line_world.recorded(recording.trajectory, cameras=1)
+    with pytest.raises(InputError, match="first_map"):
+        Tracker(alone.rig)
+    tracker = Tracker(recording.rig)
+    with pytest.raises(InputError, match="no poses yet"):
+        tracker.known()
+    empty = world.Recorded(
+        recording.rig, recording.trajectory, tuple(s.slice(0, 50) for s in recording.streams)
+    )
+    with pytest.raises(InputError, match="tracking could not start"):
+        track(empty)

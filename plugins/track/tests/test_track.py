@@ -1,0 +1,148 @@
+"""`eventsweep track`: a folder with poses, facts, cloud and page; nothing overwritten."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import line_world
+import point_world as world
+from eventsweep.emvs.data.poses import read_poses, write_tum
+from eventsweep.eval.cli.main import main
+from eventsweep.plugins.track import (
+    folder as odometry,
+)  # before what it opens recordings by is patched
+from eventsweep.plugins.track.odometry.pose import Status
+from eventsweep.plugins.track.odometry.recorded import Change, Tracked
+
+
+@pytest.fixture(scope="module")
+def recording():
+    trajectory = world.swinging(turn_deg=(3, 4, 2), way_m=(0.08, 0.05, 0.04), duration_us=260_000)
+    return line_world.recorded(trajectory)
+
+
+def test_the_folder_holds_poses_facts_cloud_and_page(recording, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("eventsweep.emvs.datasets.open_recording", lambda _path: recording)
+    start = recording.trajectory.times(np.eye(4))
+    write_tum(tmp_path / "start.txt", start)
+    out = tmp_path / "out"
+    command = ["track", str(tmp_path / "recording"), "--out", str(out), "--planes", "40"]
+    assert main([*command, "--start", str(tmp_path / "start.txt"), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    poses = read_poses(out / "trajectory.txt")
+    assert len(poses) == facts["poses"] > 15
+    np.testing.assert_allclose(poses.at(poses.t_us[0]), start.at(start.t_us[0]), atol=1e-9)
+    stored = json.loads((out / "track.json").read_text())
+    assert stored["changes"] == facts["changes"]
+    assert stored["config"]["planes"] == 40
+    assert [change["status"] for change in stored["changes"]] == ["starting", "tracking"]
+    assert (out / "cloud.ply").read_bytes().startswith(b"ply")
+    page = (out / "report.html").read_text()
+    assert "from above" in page or "path and map" in page
+    assert main(command) == 2
+    assert "exists" in capsys.readouterr().err
+
+
+class InterruptedRecording:
+    """A recording in whose reading an interrupt comes."""
+
+    def __init__(self, recording):
+        self._recording = recording
+
+    def __getattr__(self, name):
+        return getattr(self._recording, name)
+
+    def events(self, camera, t0_us, t1_us):
+        if t0_us >= 150_000:
+            raise KeyboardInterrupt
+        return self._recording.events(camera, t0_us, t1_us)
+
+
+def interrupted(*_arguments):
+    raise KeyboardInterrupt
+
+
+def found(recording):
+    """What a tracker that makes no error would find."""
+    poses, span_us = recording.trajectory, recording.event_span_us(0)
+    began = Change(span_us[0], Status.TRACKING, "")
+    return Tracked(poses, (Status.TRACKING,) * len(poses), (began,), span_us, 0)
+
+
+@pytest.mark.parametrize("stage", ["reading", "writing"])
+def test_an_interrupt_leaves_nothing_and_the_same_command_starts_again(
+    recording, tmp_path, monkeypatch, capsys, stage
+):
+    out = tmp_path / "out"
+    command = ["track", str(tmp_path / "recording"), "--out", str(out), "--quiet"]
+    opened = InterruptedRecording(recording) if stage == "reading" else recording
+    with monkeypatch.context() as patched:
+        patched.setattr("eventsweep.emvs.datasets.open_recording", lambda _path: opened)
+        if stage == "writing":  # the poses are in the hidden folder then
+            patched.setattr(odometry, "track", lambda *_, **__: found(recording))
+            patched.setattr(odometry, "track_page", interrupted)
+        assert main(command) == 130
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+    monkeypatch.setattr("eventsweep.emvs.datasets.open_recording", lambda _path: recording)
+    monkeypatch.setattr(odometry, "track", lambda *_, **__: found(recording))
+    assert main(command) == 0
+    assert len(read_poses(out / "trajectory.txt")) == len(recording.trajectory)
+
+
+KILLED = """
+import os, signal, sys
+sys.path.insert(0, sys.argv[1])
+import line_world, point_world as world
+from eventsweep.emvs import datasets
+from eventsweep.plugins.track import folder as odometry
+from eventsweep.eval.cli.main import main
+trajectory = world.swinging(turn_deg=(3, 4, 2), way_m=(0.08, 0.05, 0.04), duration_us=600_000)
+recording, out, kill_us = line_world.recorded(trajectory), sys.argv[2], int(sys.argv[3])
+class Deadly:
+    def __getattr__(self, name):
+        return getattr(recording, name)
+    def events(self, camera, t0_us, t1_us):
+        print(t0_us, flush=True)
+        if t0_us >= kill_us:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return recording.events(camera, t0_us, t1_us)
+datasets.open_recording = lambda _path: Deadly()
+odometry._KEEP_EVERY_S, odometry._KEEP_SHARE = 0.0, 1e9
+main(["track", "recording", "--out", out, "--planes", "40", "--map-s", "0.2", "--quiet"])
+"""
+
+
+@pytest.mark.slow
+def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(tmp_path):
+    helpers = Path(line_world.__file__).parent
+
+    def run(out, kill_us):
+        command = [sys.executable, "-c", KILLED, str(helpers), str(tmp_path / out), str(kill_us)]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        return done.returncode, int(done.stdout.split()[0])
+
+    assert run("whole", 1 << 40) == (0, 7)
+    code, _ = run("out", 500_000)
+    assert code == -signal.SIGKILL
+    assert not (tmp_path / "out").exists()
+    code, began_us = run("out", 1 << 40)
+    assert code == 0
+    assert began_us >= 250_000
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "whole"]
+    for name in ("trajectory.txt", "cloud.ply", "track.json"):
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_a_first_map_that_is_none_is_refused(tmp_path, capsys):
+    flags = ["--out", str(tmp_path / "out"), "--first-map", str(tmp_path)]
+    assert main(["track", str(tmp_path), *flags]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,89 @@
+"""`eventsweep track`: poses of a recording from its events alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Group, Parameter
+
+from eventsweep.eval.cli.app import COMMON, Common, Force, app
+from eventsweep.plugins.track.odometry.config import TrackConfig
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from eventsweep.emvs.depth.depth_map import DepthMap
+
+TrackFlags = Annotated[TrackConfig, Parameter(name="*", group=Group("Tracking parameters"))]
+_DEFAULT = TrackConfig()
+
+
+@app.command
+def track(
+    recording: Path,
+    /,
+    *,
+    out: Path,
+    first_map: Path | None = None,
+    start: Path | None = None,
+    force: Force = False,
+    common: Common = COMMON,
+    config: TrackFlags = _DEFAULT,
+) -> int:
+    """Find the poses of a recording from its events and calibration alone.
+
+    The recording's own poses are not used. Exit code 1 means that the track was lost and not found
+    again. After an interrupt or a kill the same command continues.
+
+    Args:
+        recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
+        out: Folder to write: trajectory.txt (TUM), track.json, cloud.ply, report.html.
+        first_map: Map folder whose first window shows the start of the recording; required with one
+            camera.
+        start: Poses in TUM format; the track starts at the first of them.
+    """
+    from eventsweep.emvs.datasets import open_recording
+    from eventsweep.emvs.utils.outputs import check_output
+    from eventsweep.plugins.track.folder import facts_of, track_recording
+    from eventsweep.plugins.track.odometry.pose import Status
+
+    check_output(out, force=force, inputs=(recording, first_map, start))
+    console = common.console()
+    tracked = track_recording(
+        open_recording(recording), recording, out, config, console.progress,
+        first_map=_depth_map(first_map), T_world_body=_first_pose(start), force=force,
+    )  # fmt: skip
+    facts = facts_of(tracked)
+    lost = [change for change in tracked.changes if change.status is Status.LOST]
+    lines = [
+        f"{facts['poses']:,} poses over a path of {facts['way_m']:.3f} m, "
+        f"{100 * tracked.covered:.1f} % of the time covered, {tracked.maps} maps"
+    ]
+    first_us = tracked.span_us[0]
+    lines += [f"lost at {(each.t_us - first_us) / 1e6:.3f} s: {each.reason}" for each in lost]
+    console.result({"track": str(out), **facts}, lines)
+    console.wrote(out / "report.html")
+    return int(tracked.changes[-1].status is Status.LOST)
+
+
+def _depth_map(folder: Path | None) -> DepthMap | None:
+    if folder is None:
+        return None
+    from eventsweep.emvs.errors import InputError
+    from eventsweep.emvs.maps.folder import read_map
+
+    windows = read_map(folder).windows
+    if not windows:
+        raise InputError(f"{folder}: contains no window: map the first part of the recording")
+    return windows[0].depth_map(windows[0].info.methods[0])
+
+
+def _first_pose(path: Path | None) -> NDArray[np.float64] | None:
+    if path is None:
+        return None
+    from eventsweep.emvs.data.poses import read_poses
+
+    poses = read_poses(path)
+    return poses.at(poses.t_us[0])
