@@ -101,7 +101,7 @@ ifdef SLIDER
 		--method Learned/cam0 --map.start-s 1 --map.duration-s 0.8 --map.min-depth-m 0.3 \
 		--map.max-depth-m 4 --map.hot-pixels 3 --force --quiet
 	$(BIN)/python docs/figures/draw_learned.py out/slider-learned docs/images/learned_slider_depth.png
-	$(BIN)/python tests/benchmarks real_check --slider $(SLIDER) --page docs/learned.md \
+	$(BIN)/python tests/benchmarks real_check --slider $(SLIDER) --page plugins/learned/learned.md \
 		--picture docs/images/real_check.png
 endif
 
@@ -123,17 +123,17 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks study_learned --tables summary --page docs/baselines.md --mark derd
 	$(BIN)/eventsweep train --out out/trained
 	$(BIN)/python tests/benchmarks calibrate_confidence --sequences out/trained/sequences \
-		--page docs/learned.md
-	$(BIN)/python tests/benchmarks study_learned --tables summary --page docs/learned.md
-	$(BIN)/python tests/benchmarks study_learned --tables summary --page docs/learned.md --mark learned-now \
+		--page plugins/learned/learned.md
+	$(BIN)/python tests/benchmarks study_learned --tables summary --page plugins/learned/learned.md
+	$(BIN)/python tests/benchmarks study_learned --tables summary --page plugins/learned/learned.md --mark learned-now \
 		--cases boxes-2 planes-2 rpg-reader rpg-bin tumvie-1d
-	$(BIN)/python tests/benchmarks study_learned --tables summary --sets noisy --page docs/learned.md --mark learned-noisy
-	$(BIN)/python tests/benchmarks study_learned --tables summary --sets other --page docs/learned.md --mark learned-other
-	$(BIN)/python tests/benchmarks study_learned --tables summary --imperfection mvsec --page docs/learned.md \
+	$(BIN)/python tests/benchmarks study_learned --tables summary --sets noisy --page plugins/learned/learned.md --mark learned-noisy
+	$(BIN)/python tests/benchmarks study_learned --tables summary --sets other --page plugins/learned/learned.md --mark learned-other
+	$(BIN)/python tests/benchmarks study_learned --tables summary --imperfection mvsec --page plugins/learned/learned.md \
 		--mark learned-imperfect
-	$(BIN)/python tests/benchmarks ablate_learned --samples out/trained --page docs/learned.md
-	$(BIN)/python tests/benchmarks check_faults --out out/checks --page docs/check.md
-	$(BIN)/python tests/benchmarks check_sizes --out out/checks --page docs/check.md
+	$(BIN)/python tests/benchmarks ablate_learned --samples out/trained --page plugins/learned/learned.md
+	$(BIN)/python tests/benchmarks check_faults --out out/checks --page plugins/diagnose/check.md
+	$(BIN)/python tests/benchmarks check_sizes --out out/checks --page plugins/diagnose/check.md
 	$(BIN)/python tests/benchmarks fidelity --truth out/fidelity --page docs/simulator.md \
 		--picture docs/images/fidelity.png
 	$(BIN)/python tests/benchmarks fidelity --rays --truth out/fidelity --page docs/simulator.md
@@ -143,7 +143,7 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks first_picture --page docs/performance.md
 	$(BIN)/python tests/benchmarks simulate_stages --page docs/performance.md
 	$(BIN)/python tests/benchmarks step_cost --page docs/howto_model.md
-	$(BIN)/python tests/benchmarks video_speed --page docs/howto_video.md
+	$(BIN)/python tests/benchmarks video_speed --page plugins/video/howto_video.md
 	$(BIN)/python tests/benchmarks cost_methods --page docs/methods.md
 	$(BIN)/python tests/benchmarks fault_runs --page docs/gate.md
 	$(BIN)/python tests/benchmarks mutation_runs --work out/mutations

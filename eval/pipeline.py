@@ -352,14 +352,14 @@ def _checking(
     A check is what a plug-in offers in the group `eventsweep.checks`: a function of the recording
     and the configuration that returns lines.
     """
-    from eventsweep.emvs.utils.plugins import loaded, points
+    from eventsweep.emvs.utils.plugins import CHECKS, loaded, points
 
     waiting = [True]
 
     def step(stage: str, done: int, total: int) -> None:
         if waiting and stage not in _BEFORE_MAPPING:
             waiting.clear()
-            for point in points("eventsweep.checks"):
+            for point in points(CHECKS):
                 for doubt in loaded(point, "its check {} cannot be used")(recording, config):
                     warn(doubt)
         progress(stage, done, total)

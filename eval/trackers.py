@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.plugins import loaded, points
-from eventsweep.eval.progress import Display
+from eventsweep.emvs.utils.plugins import TRACKERS, loaded, points
 
-GROUP = "eventsweep.trackers"
+if TYPE_CHECKING:
+    from eventsweep.eval.progress import Display
+
 TRUE = "true"
 """What `--poses` says for the recording's own."""
 
@@ -36,7 +37,7 @@ class Tracker(Protocol):
 
 def names() -> tuple[str, ...]:
     """What `--poses` can say."""
-    return TRUE, *(point.name for point in points(GROUP))
+    return TRUE, *(point.name for point in points(TRACKERS))
 
 
 def tracker(name: str) -> Tracker:
@@ -45,7 +46,7 @@ def tracker(name: str) -> Tracker:
     Raises:
         InputError: no plug-in brings it, or the plug-in cannot be loaded.
     """
-    for point in points(GROUP):
+    for point in points(TRACKERS):
         if point.name == name:
             return cast("Tracker", loaded(point, "its tracker {} cannot be used"))
     raise InputError(f"unknown tracker {name!r}: choose one of {', '.join(names())}")

@@ -30,7 +30,6 @@ TABLES = ("scenes", "eval.cli.verbs")
 
 # Small modules with one importer that are an idea of their own, and which.
 SMALL = {
-    "eval.cli.main": "the program: interrupts are heeded up to its frame, whoever calls it",
     "plugins.diagnose.calibration": "runs a refinement; its page only shows one",
     "eval.suite.stages.perturb": "a stage of jobs: its version is that of its own code",
 }

@@ -1,4 +1,4 @@
-"""Picture of docs/learned.md: `python docs/figures/draw_learned.py MAP [METHOD...] PICTURE`.
+"""Picture of the page `learned.md`: `python docs/figures/draw_learned.py MAP [METHOD...] PICTURE`.
 
 A map's methods side by side on one depth scale, and below each its stated error.
 """

@@ -1,6 +1,7 @@
 """What the documentation site gets from elsewhere, when mkdocs builds it.
 
 - The front page and the pages on the project are the files at the top of the repository.
+- Pages of plug-ins lie beside their code, and on the site with the others.
 - Links that leave `docs/` lead to such a page, or else into the repository.
 - The reference lists every public name with its docstring, and the example of it that `docs/api.md`
   has and the tests run.
@@ -38,6 +39,12 @@ TOP = {
     "SECURITY.md": "security.md",
     "SUPPORT.md": "support.md",
 }
+PLUG_INS = {
+    path.relative_to(ROOT).as_posix(): path.name
+    for pattern in ("*.md", "*.yml")
+    for path in sorted(ROOT.glob(f"plugins/*/{pattern}"))
+}
+"""Pages of plug-ins and files that they link to -> pages and files of the site."""
 LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!https?:|mailto:|#)([^)\s]+)\)")
 ON_SITE = {".html", ".ipynb", ".json", ".md", ".png", ".svg", ".webp", ".yml"}
 FENCE = re.compile(r"^(```.*?^```)", re.MULTILINE | re.DOTALL)
@@ -62,6 +69,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for name, page in TOP.items():
         text = with_site_links((ROOT / name).read_text("utf-8"), "")
         files.append(File.generated(config, page, content=text))
+    for name, page in PLUG_INS.items():
+        text = with_site_links((ROOT / name).read_text("utf-8"), posixpath.dirname(name), "docs")
+        files.append(File.generated(config, page, content=text))
     for path in sorted(NOTEBOOKS.glob("*.ipynb")):
         for file in pages_of_notebook(path, config):
             files.append(file)
@@ -83,7 +93,7 @@ def pages_of_notebook(path: Path, config: MkDocsConfig) -> Iterator[File]:
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Turns links that leave `docs/` into the site's, and fills in the reference."""
-    if page.file.src_uri in TOP.values():
+    if page.file.src_uri in (*TOP.values(), *PLUG_INS.values()):
         return markdown
     if HERE in markdown:
         api = (ROOT / "docs" / "api.md").read_text("utf-8")
@@ -96,7 +106,7 @@ def on_page_content(html: str, **_: object) -> str:
     return PICTURE.sub(r'<a href="\2">\1</a>', html)
 
 
-def with_site_links(text: str, folder: str) -> str:
+def with_site_links(text: str, folder: str, shown: str = "") -> str:
     """A page's text with links that work on the site; code is left alone.
 
     Links into the repository become their words while it has no address.
@@ -104,13 +114,14 @@ def with_site_links(text: str, folder: str) -> str:
     Args:
         text: Markdown.
         folder: where its file is, from the top of the repository.
+        shown: the folder that it would have to be in to lie where the site has it.
     """
 
     def moved(found: re.Match[str]) -> str:
         path, mark, section = found[3].partition("#")
         target = address(posixpath.normpath(posixpath.join(folder, path)))
         if target and not target.startswith("http"):
-            target = posixpath.relpath(target, posixpath.relpath(folder or "docs", "docs"))
+            target = posixpath.relpath(target, posixpath.relpath(shown or folder or "docs", "docs"))
         return f"{found[1]}[{found[2]}]({target}{mark}{section})" if target else found[2]
 
     pieces = FENCE.split(text)
@@ -119,8 +130,8 @@ def with_site_links(text: str, folder: str) -> str:
 
 def address(target: str) -> str:
     """Where a path of the repository is found on the site; empty if nowhere."""
-    if target in TOP:
-        return TOP[target]
+    if target in TOP or target in PLUG_INS:
+        return (TOP | PLUG_INS)[target]
     inside = target.removeprefix("docs/")
     if inside != target and Path(inside).suffix in ON_SITE:
         return re.sub(r"\.ipynb$", ".md", inside)

@@ -16,9 +16,8 @@ from typing import Any, Protocol, cast
 from eventsweep.emvs.dsi.backend import Backend, CpuBackend, Task
 from eventsweep.emvs.dsi.backprojection import AnyRays, CpuProjector, Projector
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.plugins import loaded, modules_of, points
+from eventsweep.emvs.utils.plugins import DEVICES, loaded, modules_of, points
 
-GROUP = "eventsweep.devices"
 AUTO = "auto"
 _log = logging.getLogger(__name__)
 
@@ -60,7 +59,7 @@ CPU = Device("cpu", "cpu")
 
 def names() -> tuple[str, ...]:
     """What a device can be chosen by."""
-    return CPU.kind, *(point.name for point in points(GROUP)), AUTO
+    return CPU.kind, *(point.name for point in points(DEVICES)), AUTO
 
 
 def choose_device(wanted: str) -> Device:
@@ -74,7 +73,7 @@ def choose_device(wanted: str) -> Device:
     if wanted != AUTO:
         return Device(wanted, _platform(wanted).name())
     reason = "no plug-in with another device is installed"
-    for point in points(GROUP):
+    for point in points(DEVICES):
         platform = _platform(point.name)
         missing = platform.missing()
         if missing is None:
@@ -98,7 +97,7 @@ def check_device(wanted: str) -> None:
 
 def modules_of_device(wanted: str) -> tuple[str, ...]:
     """The modules of a plug-in of ours that the device of a name comes with."""
-    return modules_of(point for point in points(GROUP) if point.name == wanted)
+    return modules_of(point for point in points(DEVICES) if point.name == wanted)
 
 
 def projector_on(device: Device) -> Projector:
@@ -125,7 +124,7 @@ def _platform(name: str) -> Platform:
     Raises:
         InputError: no plug-in brings it, or the plug-in cannot be loaded.
     """
-    for point in points(GROUP):
+    for point in points(DEVICES):
         if point.name == name:
             return cast("Platform", loaded(point, "its device {} cannot be used"))
     raise InputError(f"unknown device {name!r}: choose one of {', '.join(names())}")

@@ -29,12 +29,11 @@ from eventsweep.emvs.errors import InputError, check_type, check_whole
 from eventsweep.emvs.methods.focus import FOCUS
 from eventsweep.emvs.methods.fusion_names import code_of, named_fusion
 from eventsweep.emvs.methods.method import LATE, Extraction, Method, single_camera, single_cameras
-from eventsweep.emvs.utils.plugins import files_of, is_ours, modules_of, points, run_point
+from eventsweep.emvs.utils.plugins import METHODS, files_of, is_ours, modules_of, points, run_point
 
 # What a name stands for: a fusion and an extraction, or what makes its depth map without volumes
 AnyMethod = Method | DepthEstimator
 _log = logging.getLogger(__name__)
-GROUP = "eventsweep.methods"
 _NAME = re.compile(r"\w[\w.+@~-]*(/[\w.+@~-]+)+")
 _FAMILY_NAME = re.compile(r"\w[\w.+@~-]*")
 _ALGORITHM_1 = ("Alg1", "EMVS")
@@ -260,7 +259,7 @@ def unregister(name: str) -> None:
 def families() -> dict[str, Family | Extraction]:
     """Those of the core and those registered, by the first part of their names."""
     registered = {n: each for n, each in _registered.items() if isinstance(each, Extraction)}
-    return {**FAMILIES, **registered}
+    return {"Alg2": ALG2, FOCUS.family: FOCUS, **registered, **FAMILIES}
 
 
 def _registered_methods() -> dict[str, AnyMethod]:
@@ -273,7 +272,7 @@ def load(*, ours: bool = False) -> None:
     Raises:
         InputError: one that cannot be imported, or fails.
     """
-    for point in points(GROUP):
+    for point in points(METHODS):
         if point in _loaded or (ours and not is_ours(point)):
             continue
         _loaded.add(point)  # first: what it registers asks for this
@@ -301,7 +300,7 @@ def code_of_methods(config: MapperConfig) -> tuple[tuple[str, ...], tuple[Path, 
     files: tuple[Path, ...] = ()
     if used - {*_ALGORITHM_1, *FAMILIES}:
         load(ours=True)
-        modules, files = (*modules, *modules_of(points(GROUP))), _files_of_packages()
+        modules, files = (*modules, *modules_of(points(METHODS))), _files_of_packages()
     extractions = [each for family, each in families().items() if family in used]
     weights = (
         f for each in extractions if isinstance(each, Extraction) for f in each.files(config)
@@ -311,7 +310,7 @@ def code_of_methods(config: MapperConfig) -> tuple[tuple[str, ...], tuple[Path, 
 
 @cache
 def _files_of_packages() -> tuple[Path, ...]:
-    return tuple(files_of(points(GROUP)))
+    return tuple(files_of(points(METHODS)))
 
 
 def _built(name: str, mcemvs: bool) -> AnyMethod | None:

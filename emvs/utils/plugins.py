@@ -23,6 +23,11 @@ from eventsweep.emvs.utils.release import install_extra
 
 Value = TypeVar("Value")
 FUNCTION = "MODULE:FUNCTION or FILE.py:FUNCTION"
+VERBS, METHODS, DEVICES, TRACKERS, CHECKS, SEQUENCES, PREDICTIONS = (
+    f"eventsweep.{name}"
+    for name in ("verbs", "methods", "devices", "trackers", "checks", "sequences", "predictions")
+)
+"""Groups of entry points that the core reads; each is described where it is read."""
 _OURS = "eventsweep.plugins."
 
 

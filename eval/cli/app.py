@@ -10,7 +10,7 @@ import sys
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 from pydantic import BaseModel
@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.outputs import check_output
+from eventsweep.emvs.utils.plugins import DEVICES, TRACKERS, points
 from eventsweep.eval.cli import names
 from eventsweep.eval.cli.help import HELP_FLAGS, RARE, Program, readable
 from eventsweep.eval.config import EvalConfig, Settings, TrajectoryConfig, load, unread
@@ -38,8 +39,12 @@ TrajectoryFlags = Annotated[TrajectoryConfig, Parameter(name="*", group=_TRAJECT
 NO_NEGATIVE = Parameter(negative=())
 """Of a flag that has no `--no-` or `--empty-` beside it."""
 Methods = Annotated[tuple[str, ...], Parameter(negative=(), completer=names.method_names)]
-Poses = Annotated[str, Parameter(completer=names.poses)]
-DeviceName = Annotated[str | None, Parameter(completer=names.devices), RARE]
+if TYPE_CHECKING:
+    Poses, Device = str, str
+else:  # what plug-ins bring is known when the program starts
+    Poses = Literal["true", *(point.name for point in points(TRACKERS))]
+    Device = Literal["cpu", *(point.name for point in points(DEVICES)), "auto"]
+DeviceName = Annotated[Device | None, RARE]
 Scenes = Annotated[tuple[str, ...], Parameter(negative=(), completer=names.scenes)]
 Scene = Annotated[str, Parameter(completer=names.scenes)]
 RigName = Annotated[str | None, Parameter(completer=names.rigs)]

@@ -1,4 +1,10 @@
-"""The command line: one program, a verb per stage, and `run` for all of them."""
+"""The command line: one program, a verb per stage, and `run` for all of them.
+
+A plug-in offers a verb as a function, whose parameters are flags, or as a program of cyclopts:
+
+    [project.entry-points."eventsweep.verbs"]
+    mine = "my_package.verb:mine"
+"""
 
 from __future__ import annotations
 
@@ -8,41 +14,42 @@ from importlib import import_module
 from importlib.metadata import EntryPoint
 from typing import Annotated
 
-from cyclopts import CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Parameter
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.parameters import explain
-from eventsweep.emvs.utils.plugins import loaded, points
+from eventsweep.emvs.utils.plugins import VERBS, loaded, points
 from eventsweep.eval import config
 from eventsweep.eval.cli.app import app
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.cli.help import refusal
 
-VERBS = (
+_CORE = (
     "compare", "completion", "convert", "fuse", "gate", "info", "list", "map", "report", "run",
     "score", "simulate", "study", "suite",
 )  # fmt: skip
-GROUP = "eventsweep.verbs"
-"""Modules of plug-ins, which register verbs as those of `eval.cli.verbs` do."""
-
-for _verb in VERBS:  # importing its module registers a verb
+for _verb in _CORE:  # importing its module registers a verb
     import_module(f"eventsweep.eval.cli.verbs.{_verb}")
 
 
 def _add_verb(point: EntryPoint) -> None:
-    """Imports a plug-in's verb; one that fails says so where it is called, and nowhere else."""
+    """Adds a plug-in's verb; one that cannot be loaded says so where it is called, nowhere else."""
     try:
-        loaded(point, "its verb {} cannot be loaded")
+        verb = loaded(point, "its verb {} cannot be loaded")
     except InputError as error:
         reason = str(error)
 
-        def broken(*_words: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> None:
+        def verb(*_words: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> None:
+            """Cannot be loaded."""
             raise InputError(reason)
 
-        app.command(broken, name=point.name, help="Cannot be loaded.")
+    if isinstance(verb, App):
+        app.command(verb)
+    else:
+        app.command(verb, name=point.name)
 
 
-for _point in points(GROUP):
+for _point in points(VERBS):
     _add_verb(_point)
 
 

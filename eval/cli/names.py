@@ -95,20 +95,6 @@ def formats(_: Any = None) -> Mapping[str, str]:
     }
 
 
-def devices(_: Any = None) -> Mapping[str, str]:
-    """Devices that sweeps run on."""
-    from eventsweep.emvs.dsi.device import names
-
-    return dict.fromkeys(names(), "")
-
-
-def poses(_: Any = None) -> Mapping[str, str]:
-    """Where poses come from."""
-    from eventsweep.eval.trackers import names
-
-    return dict.fromkeys(names(), "")
-
-
 KINDS: dict[str, Callable[[], Mapping[str, str]]] = {
     "scenes": scenes, "rigs": rigs, "sensors": sensors, "head-styles": head_styles,
     "methods": methods, "metrics": metrics, "studies": studies, "suites": suites,

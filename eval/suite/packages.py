@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from eventsweep.emvs.utils.cache import Cache
-from eventsweep.emvs.utils.plugins import loaded, points
+from eventsweep.emvs.utils.plugins import PREDICTIONS, loaded, points
 from eventsweep.eval.scoring.predictions import NamedFolder
 from eventsweep.eval.suite.definition import Suite
 
-GROUP = "eventsweep.predictions"
 Stated = dict[str, Any]
 
 
@@ -46,7 +45,7 @@ def open_packages(
     """
     folders = list(given)
     stated: Stated = {}
-    for point in points(GROUP) if given else ():
+    for point in points(PREDICTIONS) if given else ():
         opened = loaded(point, "its predictions {} cannot be used")
         folders, facts = opened(folders, wanted, cache)
         stated |= facts

@@ -14,13 +14,11 @@ from pathlib import Path
 from typing import Protocol
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.plugins import loaded, points
+from eventsweep.emvs.utils.plugins import SEQUENCES, loaded, points
 from eventsweep.eval.jobs.job import Job
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.results import ArchiveFacts
 from eventsweep.eval.suite.stages.simulate import scene_digest, sequence_parameters
-
-GROUP = "eventsweep.sequences"
 
 
 class SequenceSource(Protocol):
@@ -43,7 +41,7 @@ def open_source(folder: Path) -> SequenceSource:
     Raises:
         InputError: nothing here can open it, or what is in it is damaged.
     """
-    for point in points(GROUP):
+    for point in points(SEQUENCES):
         source: SequenceSource | None = loaded(point, "its sequences {} cannot be used")(folder)
         if source is not None:
             return source

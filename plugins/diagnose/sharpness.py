@@ -75,7 +75,7 @@ class Hypothesis:
 class Sharpness:
     """Sharpness of the fused DSIs of several windows at once; the windows share the threads.
 
-    Its planes reach beyond the depth range, nearest to farthest: `docs/calibrate.md` says why.
+    Its planes reach beyond the depth range, nearest to farthest: `calibrate.md` says why.
     """
 
     def __init__(self, depth_range_m: tuple[float, float], level: Level) -> None:

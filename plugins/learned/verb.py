@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common
 from eventsweep.eval.cli.help import RARE
 
 
-@app.command
 def train(
     *,
     out: Path,

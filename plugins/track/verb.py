@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Group, Parameter
 
-from eventsweep.eval.cli.app import COMMON, Common, Force, app
+from eventsweep.eval.cli.app import COMMON, Common, Force
 from eventsweep.plugins.track.odometry.config import TrackConfig
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ TrackFlags = Annotated[TrackConfig, Parameter(name="*", group=Group("Tracking pa
 _DEFAULT = TrackConfig()
 
 
-@app.command
 def track(
     recording: Path,
     /,

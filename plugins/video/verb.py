@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Group, Parameter
 
-from eventsweep.eval.cli.app import CONFIGURED, SIM_GROUP, Configured, Force, app
+from eventsweep.eval.cli.app import CONFIGURED, SIM_GROUP, Configured, Force
 from eventsweep.eval.cli.help import RARE
 from eventsweep.sim.config import PixelConfig, VideoConfig
 
@@ -20,7 +20,6 @@ VideoFlags = Annotated[VideoConfig, Parameter(name="*", group=_VIDEO), RARE]
 PixelFlags = Annotated[PixelConfig, Parameter(group=SIM_GROUP), RARE]
 
 
-@app.command
 def events(
     source: Path,
     /,

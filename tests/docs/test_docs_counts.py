@@ -10,61 +10,30 @@ import pytest
 from eventsweep.emvs.dsi.fusion import MEANS
 from eventsweep.emvs.formats import FORMATS
 from eventsweep.eval.cli.main import app
-from eventsweep.eval.suite.definition import load
-from eventsweep.plugins.learned.training.sequences import sequences
 from eventsweep.scenes import summaries
-from places import ROOT, TOOLS
+from page_counts import numbers_in
+from places import PAGES as DOCUMENTATION
+from places import ROOT, TOOLS, of_absent_plug_ins, page
 from program import COMMANDS, command
-from study_samples import DEVELOPMENT, FURTHER, UNSEEN
+from study_samples import DEVELOPMENT, FURTHER
 
 DOCS = ROOT / "docs"
 PAGES = [
-    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SUPPORT.md")), *DOCS.glob("*.md")
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SUPPORT.md")), *DOCUMENTATION
 ]  # fmt: skip
-PRODUCT = ("emvs", "sim", "scenes", "eval", "eventsweep")
-WORDS = [
-    "zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten",
-    "eleven", "twelve", "thirteen", "fourteen", "fifteen", "sixteen", "seventeen", "eighteen",
-    "nineteen", "twenty",
-]  # fmt: skip
+PRODUCT = ("emvs", "sim", "scenes", "eval", "eventsweep", "plugins")
 # Of programs that are not ours, which pages explain beside it: Dask's; v2e's have underscores.
 OTHERS = {"--nthreads", "--tls-ca-file"}
 CALL = re.compile(r"eventsweep ([a-z]+)((?: [^`\n|;&#]*)?)")
 FLAG = re.compile(r"(?<![\w-])--[a-z][\w-]*(?:\.[\w-]+)*")
 
 
-def trained(part, what):
-    return len({getattr(one, what) for one in sequences(part)})
-
-
-def left_in_training():
-    return {one.scene for one in sequences("training")} - {one.case for one in UNSEEN}
-
-
 COUNTS = {
     "formats": ("datasets.md", r"\[(\w+)\s+formats\]", lambda: [len(FORMATS)]),
     "fusions": ("mapper.md", r"with\s+all\s+(\w+)\s+fusion\s+functions", lambda: [len(MEANS)]),
-    "suite-v3": (
-        "ranking.md", r"on the (\w+) cases\s+and (\w+) seeds of `suite-v3`",
-        lambda: [len(load("suite-v3")[0].cases), len(load("suite-v3")[0].seeds)],
-    ),
     "hard cases": (
         "twins.md", r"^(\w+) scenes that violate",
         lambda: [sum(text.startswith("hard:") for text in summaries().values())],
-    ),
-    "training": (
-        "learned.md", r"simulates (\w+) sequences to learn from and (\w+) to calibrate with",
-        lambda: [len(sequences("training")), len(sequences("calibration"))],
-    ),
-    "rigs": ("learned.md", r"(\w+) rigs, forward", lambda: [trained("training", "rig")]),
-    "scenes never seen": (
-        "learned.md",
-        r"without the (\w+)\s+scenes\s+of\s+these\s+samples\s.*with\s+the\s+(\w+)\s+others",
-        lambda: [len({one.case for one in UNSEEN}), len(left_in_training())],
-    ),
-    "what DERD-Net learns from": (
-        "baselines.md", r"(\w+) simulated sequences, (\w+) scenes, (\w+) rigs",
-        lambda: [len(sequences("training")), *(trained("training", w) for w in ("scene", "rig"))],
     ),
     "samples": (
         "extraction.md", r"lists: (\w+) scenes.*together\s+with\s+(\w+)\s+\*further\*",
@@ -89,7 +58,9 @@ def prose_of(notebook):
 
 def test_the_documentation_is_short():
     """All pages below `docs`, tables that tools write included, and the words of notebooks."""
-    pages = {path: words_of(path.read_text("utf-8")) for path in DOCS.rglob("*.md")}
+    pages = {
+        path: words_of(path.read_text("utf-8")) for path in {*DOCS.rglob("*.md"), *DOCUMENTATION}
+    }
     notebooks = sum(words_of(prose_of(path)) for path in DOCS.rglob("*.ipynb"))
     assert len(pages) <= MOST_PAGES, "merge pages: what is said twice helps nobody"
     longest = {path.name: count for path, count in sorted(pages.items(), key=lambda x: -x[1])[:5]}
@@ -98,23 +69,18 @@ def test_the_documentation_is_short():
     )
 
 
-def number(word):
-    return int(word) if word.isdecimal() else WORDS.index(word.lower())
-
-
 @pytest.mark.parametrize("what", COUNTS)
 def test_what_a_page_counts_is_as_many(what):
-    page, pattern, counted = COUNTS[what]
-    found = re.search(pattern, (DOCS / page).read_text("utf-8"), re.MULTILINE | re.DOTALL)
-    assert found, f"{page} counts it no more: drop the entry"
-    assert [number(word) for word in found.groups()] == counted()
+    name, pattern, counted = COUNTS[what]
+    assert numbers_in(page(name), pattern) == counted()
 
 
 def test_the_readme_has_every_verb_in_its_table():
     table = (ROOT / "README.md").read_text("utf-8").split("| Command | What it does |")[1]
     cells = [line.split("|")[1] for line in table.split("\n\n")[0].splitlines()[2:]]
     listed = [name for cell in cells for name in re.findall(r"`(\w+)`", cell)]
-    assert sorted(listed) == sorted(name for name in app if not name.startswith("-"))
+    there = set(listed) - of_absent_plug_ins()[0]
+    assert sorted(there) == sorted(name for name in app if not name.startswith("-"))
 
 
 def taken():
@@ -151,7 +117,7 @@ def test_every_flag_of_a_command_that_is_named_is_taken():
 def test_every_flag_in_prose_is_one_of_a_command_or_of_a_tool():
     """Settings (`--map.`, `--sim.`, `--score.`) must be a command's; `NAME` stands for any."""
     tools = "\n".join(path.read_text("utf-8") for path in TOOLS.rglob("*.py"))
-    options = set(FLAG.findall(tools + (ROOT / "tests" / "conftest.py").read_text("utf-8")))
+    options = set(FLAG.findall(tools + (ROOT / "conftest.py").read_text("utf-8")))
     every = set().union(*taken().values(), OTHERS, {"--version"})
     unknown = {
         (page.name, flag)

@@ -18,16 +18,17 @@ import yaml
 
 import eventsweep as es
 from eventsweep.emvs.utils import release
+from places import PAGES as DOCUMENTATION
 from places import ROOT
 
 DOCS = ROOT / "docs"
 FENCE = re.compile(r"^( *)```.*?^\1```", re.MULTILINE | re.DOTALL)
-PAGES = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md")), *sorted(DOCS.glob("*.md"))]
+PAGES = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md")), *DOCUMENTATION]
 # Texts that people read, and may copy a command from.
 TEXTS = [
     *ROOT.glob("*.md"), *ROOT.glob("*.toml"), *ROOT.glob("*.cff"), ROOT / "Makefile",
-    *DOCS.glob("*.md"), *DOCS.glob("*.yml"), *(ROOT / ".github").rglob("*.yml"),
-    *(path for name in ("emvs", "sim", "scenes", "eval", "eventsweep", "tests")
+    *DOCUMENTATION, *DOCS.glob("*.yml"), *(ROOT / ".github").rglob("*.yml"),
+    *(path for name in ("emvs", "sim", "scenes", "eval", "eventsweep", "plugins", "tests")
       for path in (ROOT / name).rglob("*.py")),
 ]  # fmt: skip
 
@@ -75,7 +76,7 @@ def test_links_lead_to_headings_that_exist():
 
 def test_every_page_is_in_the_navigation_once():
     found = listed(settings()["nav"])
-    pages = {path.name for path in DOCS.glob("*.md")}
+    pages = {path.name for path in DOCUMENTATION}
     pages |= {f"notebooks/{path.stem}.md" for path in (DOCS / "notebooks").glob("*.ipynb")}
     top = {"index.md", "contributing.md", "changelog.md", "security.md", "support.md"}
     assert sorted(found) == sorted(pages | top)
@@ -90,7 +91,7 @@ def test_every_public_name_has_its_row():
 
 def product_strings():
     """All strings in the product's code, pieces of f-strings included."""
-    for package in ("emvs", "sim", "scenes", "eval", "eventsweep"):
+    for package in ("emvs", "sim", "scenes", "eval", "eventsweep", "plugins"):
         for path in (ROOT / package).rglob("*.py"):
             for node in ast.walk(ast.parse(path.read_text("utf-8"))):
                 if isinstance(node, ast.Constant) and isinstance(node.value, str):
@@ -167,7 +168,7 @@ def test_no_placeholder_reaches_a_reader():
         *ROOT.glob("*.md"), *ROOT.glob("*.toml"), *ROOT.glob("*.cff"), ROOT / "Makefile",
         *DOCS.rglob("*.md"), *DOCS.rglob("*.yml"), *DOCS.rglob("*.html"),
         *(ROOT / ".github").rglob("*.yml"),
-        *(path for name in ("emvs", "sim", "scenes", "eval", "eventsweep")
+        *(path for name in ("emvs", "sim", "scenes", "eval", "eventsweep", "plugins")
           for path in (ROOT / name).rglob("*.py")),
     ]  # fmt: skip
     assert len(texts) > 300

@@ -1,12 +1,37 @@
 """Where things lie: the checkout, its tests, and the recordings beside it."""
 
 import os
+import re
+import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 HELPERS = ROOT / "tests" / "helpers"
 TOOLS = ROOT / "tests" / "benchmarks"
 SHARED = ROOT.parent / "shared"
+PAGES = [*sorted((ROOT / "docs").glob("*.md")), *sorted(ROOT.glob("plugins/*/*.md"))]
+"""All pages of the documentation, those of plug-ins too."""
+PLUGINS = ROOT / "plugins"
+HAS_PLUGINS = PLUGINS.is_dir()
+"""The core's tests pass without them, too."""
+
+
+def page(name: str) -> Path:
+    """A page of the documentation by its file's name, wherever it lies."""
+    return next(path for path in PAGES if path.name == name)
+
+
+def of_absent_plug_ins() -> tuple[set[str], set[str]]:
+    """Verbs and public names of plug-ins whose folders were taken out; both empty in a checkout."""
+    doors = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["entry-points"]
+    stub = (ROOT / "eventsweep" / "__init__.pyi").read_text("utf-8")
+    verbs = {name for name, place in doors["eventsweep.verbs"].items() if _is_absent(place)}
+    lines = re.findall(r"^from \.(plugins\.\S+) import (\w+)", stub, re.MULTILINE)
+    return verbs, {name for place, name in lines if _is_absent(f"eventsweep.{place}")}
+
+
+def _is_absent(place: str) -> bool:
+    return not (PLUGINS / place.split(".")[2]).is_dir()
 
 
 def with_tools() -> dict[str, str]:

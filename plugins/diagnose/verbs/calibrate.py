@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from eventsweep.eval.cli.app import COMMON, Common, Force, app, command_line
+from eventsweep.eval.cli.app import COMMON, Common, Force, command_line
 from eventsweep.eval.cli.help import RARE
 
 if TYPE_CHECKING:
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from eventsweep.plugins.diagnose.calibrate.refine import Refinement
 
 
-@app.command
 def calibrate(
     recording: Path,
     /,

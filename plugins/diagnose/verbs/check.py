@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from eventsweep.eval.cli.app import CONFIGURED, MAP, Configured, Force, MapFlags, app
+from eventsweep.eval.cli.app import CONFIGURED, MAP, Configured, Force, MapFlags
 
 if TYPE_CHECKING:
     from eventsweep.eval.cli.console import Part
@@ -18,7 +18,6 @@ SOUND, WRONG = 0, 1
 _STYLES = {"good": "green", "doubtful": "yellow", "wrong": "bold red"}
 
 
-@app.command
 def check(
     recording: Path,
     /,

@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eventsweep.emvs.errors import InputError, significant
-from eventsweep.eval.cli.app import COMMON, Common, Force, app, command_line
+from eventsweep.eval.cli.app import COMMON, Common, Force, command_line
 
 if TYPE_CHECKING:
     from eventsweep.eval.cli.console import Part
     from eventsweep.plugins.diagnose.sensing.fit import SensorFit
 
 
-@app.command
 def fit(
     recording: Path,
     /,

@@ -6,14 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eventsweep.eval.cli.app import COMMON, Common, Force, app, command_line
+from eventsweep.eval.cli.app import COMMON, Common, Force, command_line
 
 if TYPE_CHECKING:
     from eventsweep.eval.cli.console import Part
     from eventsweep.plugins.diagnose.sensing.realism import Realism
 
 
-@app.command
 def realism(
     real: Path,
     simulated: Path,

@@ -5,12 +5,14 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+from eventsweep.eval.suite.definition import load
 from eventsweep.plugins.ranking import summary
 from eventsweep.plugins.ranking.entries import DATA_NAME, read_data
-from places import ROOT
+from page_counts import numbers_in
+from places import ROOT, page
 from ranking_table import DATA, main, ranking_block
 
-PAGE, FOLDER = ROOT / "docs" / "ranking.md", ROOT / DATA
+PAGE, FOLDER = page("ranking.md"), ROOT / DATA
 
 
 def test_the_page_is_not_stale(capsys):
@@ -18,14 +20,14 @@ def test_the_page_is_not_stale(capsys):
 
 
 def test_a_typed_number_is_noticed_and_cured(tmp_path, capsys):
-    page = Path(shutil.copy(PAGE, tmp_path / "page.md"))
-    before, mark, after = page.read_text().partition("<!-- ranking: begin -->")
-    page.write_text(before + mark + after.replace("| Alg1/min | ", "| Alg1/min | 1"))
-    asked = [str(page), "--data", str(FOLDER)]
+    copy = Path(shutil.copy(PAGE, tmp_path / "page.md"))
+    before, mark, after = copy.read_text().partition("<!-- ranking: begin -->")
+    copy.write_text(before + mark + after.replace("| Alg1/min | ", "| Alg1/min | 1"))
+    asked = [str(copy), "--data", str(FOLDER)]
     assert main([*asked, "--check"]) == 1
     assert "stale" in capsys.readouterr().err
     assert main(asked) == 0
-    assert page.read_text() == PAGE.read_text()
+    assert copy.read_text() == PAGE.read_text()
 
 
 def test_every_method_has_its_line_in_the_order_of_the_ranks():
@@ -42,3 +44,9 @@ def test_the_committed_page_is_that_of_the_data():
     entries = read_data(FOLDER / DATA_NAME).entries
     assert all(entry.label in page for entry in entries)
     assert all(method in page for method in entries[0].values)
+
+
+def test_the_page_counts_the_cases_and_seeds_of_its_suite():
+    pattern = r"on the (\w+) cases\s+and (\w+) seeds of `suite-v3`"
+    suite, _ = load("suite-v3")
+    assert numbers_in(PAGE, pattern) == [len(suite.cases), len(suite.seeds)]

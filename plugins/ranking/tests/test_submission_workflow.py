@@ -11,10 +11,10 @@ import pytest
 import yaml
 
 from eventsweep.eval.cli.main import main
-from places import ROOT
+from places import ROOT, page
 from small_suite import case, suite_text
 
-FILE = ROOT / "docs" / "submission-workflow.yml"
+FILE = ROOT / "plugins" / "ranking" / "submission-workflow.yml"
 FACTS = """
 method = "Mine"
 authors = ["A. Author"]
@@ -34,7 +34,7 @@ def checks():
 def test_what_it_runs_is_what_the_page_names():
     install, check = checks()
     assert install == 'pip install "$EVENTSWEEP"'
-    assert f"\n{check}\n" in (ROOT / "docs" / "ranking.md").read_text(encoding="utf-8")
+    assert f"\n{check}\n" in page("ranking.md").read_text(encoding="utf-8")
 
 
 def test_it_names_this_version():

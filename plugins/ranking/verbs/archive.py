@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, QUIET, Common, Force, Quiet, SuiteName, app
+from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, QUIET, Common, Force, Quiet, SuiteName
 from eventsweep.eval.cli.help import HELP_FLAGS, Program
 from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
 
@@ -23,7 +23,6 @@ archive = Program(
     help="Make, fetch, verify or unpack archives of a suite's sequences.",
     help_flags=HELP_FLAGS,
 )
-app.command(archive)
 
 
 @archive.command

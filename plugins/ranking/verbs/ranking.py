@@ -6,14 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common
 
 if TYPE_CHECKING:
     from eventsweep.eval.cli.console import Part
     from eventsweep.plugins.ranking.summary import Ranked
 
 
-@app.command
 def ranking(
     results: Annotated[tuple[str, ...], NO_NEGATIVE],
     /,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, SuiteName, app
+from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, SuiteName
 from eventsweep.eval.cli.help import HELP_FLAGS, Program
 
 if TYPE_CHECKING:
@@ -16,7 +16,6 @@ submission = Program(
     help="Make or check a submission: depth maps of a method for a suite.",
     help_flags=HELP_FLAGS,
 )
-app.command(submission)
 
 
 @submission.command

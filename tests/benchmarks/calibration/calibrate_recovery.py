@@ -1,6 +1,6 @@
 """How well `calibrate` recovers what was spoilt, on simulated twins with a noisy sensor.
 
-`python tests/benchmarks calibrate_recovery --page docs/calibrate.md` simulates short sequences into
+`python tests/benchmarks calibrate_recovery --page plugins/diagnose/calibrate.md` simulates short sequences into
 the cache, spoils their calibration by known amounts, refines it, and writes tables of what is left,
 of depth, and of how often the stated uncertainty covers the truth. Finished cases are kept: the
 same command goes on where it was stopped.

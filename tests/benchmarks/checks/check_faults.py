@@ -1,6 +1,6 @@
 """How often `eventsweep check` names a planted fault, and accuses a recording that is right.
 
-    python tests/benchmarks check_faults --out FOLDER [--page docs/check.md] [--campaign NAME]
+    python tests/benchmarks check_faults --out FOLDER [--page plugins/diagnose/check.md] [--campaign NAME]
 
 Sequences and verdicts are kept in the folder: the same command takes up what is done, and checks
 again what other code checked. Rules were chosen with the campaigns `development`, `shown` and

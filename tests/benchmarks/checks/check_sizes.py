@@ -1,6 +1,6 @@
 """From which size on `eventsweep check` calls an amount wrong, beside the size that hurts.
 
-    python tests/benchmarks check_sizes --out FOLDER [--page docs/check.md]
+    python tests/benchmarks check_sizes --out FOLDER [--page plugins/diagnose/check.md]
 
 Growing amounts are planted, with both signs, in the sequences on which limits were chosen, and
 tried against the alternative that mends them.

@@ -1,7 +1,7 @@
 """What another graphics library changes: the same cases and seeds, rendered anew with each.
 
 Run a suite once with each library (`MUJOCO_GL`, another version of Mesa, a GPU), then
-`python tests/benchmarks renderers EGL=out/egl OSMesa=out/osmesa ... --page docs/ranking.md`: every
+`python tests/benchmarks renderers EGL=out/egl OSMesa=out/osmesa ... --page plugins/ranking/ranking.md`: every
 result is compared with the first of its suite. Errors are mean errors, pooled over a sequence; the
 short suite is `renderers.toml`.
 """

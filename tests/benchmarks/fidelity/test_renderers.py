@@ -57,7 +57,7 @@ def test_results_without_a_common_case_are_refused():
 
 
 def test_the_product_states_the_largest_change_that_was_measured():
-    page = (ROOT / "docs" / "ranking.md").read_text("utf-8")
+    page = (ROOT / "plugins" / "ranking" / "ranking.md").read_text("utf-8")
     block = page.split("<!-- renderers: begin -->")[1].split("<!-- renderers: end -->")[0]
     changes = re.findall(r"\| ([0-9.e-]+) \|  \|$", block, re.MULTILINE)
     assert len(changes) >= 3

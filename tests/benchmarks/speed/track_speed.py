@@ -3,7 +3,7 @@
 A tracker is fed each twin of `track_scores` twice, in packets of 10 ms: as fast as it takes them,
 and at the pace of the recording, as a live camera does. How long the beginning takes stands by
 itself: both clocks begin with the first poses. Of the second run come the latencies: of a pose,
-from the end of its packet; of a map, from the end of its window. With `--page docs/odometry.md` the
+from the end of its packet; of a map, from the end of its window. With `--page plugins/track/odometry.md` the
 table is written into the page. Needs a quiet machine; kernels are loaded before.
 """
 

@@ -1,6 +1,6 @@
 """How fast videos become events, and how far apart their frames may be.
 
-    python tests/benchmarks video_speed --page docs/howto_video.md
+    python tests/benchmarks video_speed --page plugins/video/howto_video.md
 
 Writes two tables. Speed: a texture that moves 0.7 px per frame, as a Motion JPEG video and as a
 folder of PNG images, through the whole way from files to a sequence on disk, in one process whose

@@ -1,6 +1,6 @@
 """How stable a ranking is: methods ranked by each half of the seeds, in every way to halve them.
 
-`python tests/benchmarks split_half RESULT --page docs/ranking.md` says how often couples of methods
+`python tests/benchmarks split_half RESULT --page plugins/ranking/ranking.md` says how often couples of methods
 that do not tie keep their order, and how alike the orders of the halves are.
 """
 

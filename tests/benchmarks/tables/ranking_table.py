@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python tests/benchmarks ranking_table", description=__doc__
     )
-    parser.add_argument("page", type=Path, nargs="?", default=Path("docs/ranking.md"))
+    parser.add_argument("page", type=Path, nargs="?", default=Path("plugins/ranking/ranking.md"))
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--check", action="store_true", help="write nothing")
     asked = parser.parse_args(arguments)

@@ -97,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("page", type=Path, nargs="?", default=Path("README.md"))
     parser.add_argument("--baseline", type=Path, default=Path("reports/baseline.json"))
-    parser.add_argument("--real", type=Path, default=Path("docs/learned.md"))
+    parser.add_argument("--real", type=Path, default=Path("plugins/learned/learned.md"))
     parser.add_argument("--check", action="store_true", help="write nothing")
     asked = parser.parse_args(arguments)
     with exit_code() as code:

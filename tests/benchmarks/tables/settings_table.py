@@ -20,12 +20,18 @@ from eventsweep.eval.config import EvalConfig, TrajectoryConfig
 from markdown_blocks import refresh
 
 TABLES: dict[str, type[BaseModel]] = {
-    "mapper.md": MapperConfig, "extraction.md": FocusParameters, "learned.md": LearnedParameters,
-    "scores.md": EvalConfig, "trajectories.md": TrajectoryConfig,
+    "docs/mapper.md": MapperConfig, "docs/extraction.md": FocusParameters,
+    "plugins/learned/learned.md": LearnedParameters, "docs/scores.md": EvalConfig,
+    "docs/trajectories.md": TrajectoryConfig,
 }  # fmt: skip
 """Page -> what its table is about."""
 
 _HEAD = "| Setting | Default | Values | Meaning |\n|---|---|---|---|\n"
+
+
+def is_there(page: Path) -> bool:
+    """Whether a page should exist: that of a plug-in may have been taken out with its folder."""
+    return page.parent.parent.name != "plugins" or page.parent.is_dir()
 
 
 def settings_block(model: type[BaseModel]) -> str:
@@ -62,7 +68,13 @@ def _values(field: Mapping[str, Any]) -> str:
         return "file"
     if kind.get("items", {}).get("type") == "number":
         return "numbers, > 0"
-    words = {"integer": "whole", "number": "number", "array": "names", "boolean": "true, false"}
+    words = {
+        "string": "name",
+        "integer": "whole",
+        "number": "number",
+        "array": "names",
+        "boolean": "true, false",
+    }
     limits = {
         "minimum": "≥ {:g}", "exclusiveMinimum": "> {:g}", "maximum": "≤ {:g}",
         "exclusiveMaximum": "< {:g}",
@@ -76,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python tests/benchmarks settings_table", description=__doc__
     )
-    parser.add_argument("folder", type=Path, nargs="?", default=Path("docs"))
+    parser.add_argument("folder", type=Path, nargs="?", default=Path())
     parser.add_argument("--check", action="store_true", help="write nothing")
     asked = parser.parse_args(arguments)
     with exit_code() as code:
@@ -89,6 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 command="python tests/benchmarks settings_table",
             )
             for name, model in TABLES.items()
+            if is_there(asked.folder / name)
         )
     return code.value
 
