@@ -10,7 +10,7 @@ SHARED = ROOT.parent / "shared"
 
 
 def with_tools() -> dict[str, str]:
-    """The environment of a program that imports the benchmarks' modules by name."""
-    folders = sorted(str(folder) for folder in TOOLS.iterdir() if folder.is_dir())
+    """The environment of a program that imports tools, and what tests share, by name."""
+    folders = sorted(str(folder) for folder in (HELPERS, *TOOLS.iterdir()) if folder.is_dir())
     search = [*folders, os.environ.get("PYTHONPATH", "")]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, search))}
