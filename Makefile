@@ -91,7 +91,6 @@ pictures-methods: pictures-scenes
 		--map.stride-s 0.02 --method Alg1/H --force --quiet
 	$(BIN)/eventsweep fuse out/windows --mesh --min-windows 2
 	$(BIN)/python docs/figures/draw_clouds.py out/windows Alg1/H docs/images/clouds_desk.png
-	$(BIN)/python tests/benchmarks study_inpaint docs/images/inpaint.png
 ifdef SLIDER
 	$(BIN)/eventsweep map $(SLIDER) --out out/slider --method EMVS/cam0 --map.window-s 0.8 \
 		--map.stride-s 0.1 --map.min-depth-m 0.3 --map.max-depth-m 4 --map.hot-pixels 3 --force --quiet
@@ -116,35 +115,14 @@ tables: setup
 measurements: setup studies
 	$(BIN)/python tests/benchmarks install_page --page docs/install.md
 	$(BIN)/python tests/benchmarks scene_tables docs/scenes.md docs/twins.md
-	$(BIN)/python tests/benchmarks study_extraction --sets development held-out --page docs/extraction.md \
-		--picture docs/images/extraction.png
-	$(BIN)/python tests/benchmarks study_extraction --sets other --page docs/extraction.md --mark study-other
-	$(BIN)/python tests/benchmarks study_extraction --sets noisy --page docs/extraction.md --mark study-noisy
-	$(BIN)/python tests/benchmarks study_learned --tables summary --page docs/baselines.md --mark derd
 	$(BIN)/eventsweep train --out out/trained
 	$(BIN)/python tests/benchmarks calibrate_confidence --sequences out/trained/sequences \
 		--page plugins/learned/learned.md
-	$(BIN)/python tests/benchmarks study_learned --tables summary --page plugins/learned/learned.md
-	$(BIN)/python tests/benchmarks study_learned --tables summary --page plugins/learned/learned.md --mark learned-now \
-		--cases boxes-2 planes-2 rpg-reader rpg-bin tumvie-1d
-	$(BIN)/python tests/benchmarks study_learned --tables summary --sets noisy --page plugins/learned/learned.md --mark learned-noisy
-	$(BIN)/python tests/benchmarks study_learned --tables summary --sets other --page plugins/learned/learned.md --mark learned-other
-	$(BIN)/python tests/benchmarks study_learned --tables summary --imperfection mvsec --page plugins/learned/learned.md \
-		--mark learned-imperfect
-	$(BIN)/python tests/benchmarks ablate_learned --samples out/trained --page plugins/learned/learned.md
 	$(BIN)/python tests/benchmarks check_faults --out out/checks --page plugins/diagnose/check.md
-	$(BIN)/python tests/benchmarks check_sizes --out out/checks --page plugins/diagnose/check.md
 	$(BIN)/python tests/benchmarks fidelity --truth out/fidelity --page docs/simulator.md \
 		--picture docs/images/fidelity.png
 	$(BIN)/python tests/benchmarks fidelity --rays --truth out/fidelity --page docs/simulator.md
-	$(BIN)/python tests/benchmarks fidelity_depth --truth out/fidelity --page docs/simulator.md
-	$(BIN)/python tests/benchmarks study_cost --page docs/performance.md --picture docs/images/cost.png
-	$(BIN)/python tests/benchmarks sampling_depth --out out/sampling-depth --page docs/simulator.md
-	$(BIN)/python tests/benchmarks first_picture --page docs/performance.md
 	$(BIN)/python tests/benchmarks simulate_stages --page docs/performance.md
-	$(BIN)/python tests/benchmarks step_cost --page docs/howto_model.md
-	$(BIN)/python tests/benchmarks video_speed --page plugins/video/howto_video.md
-	$(BIN)/python tests/benchmarks cost_methods --page docs/methods.md
 	$(BIN)/python tests/benchmarks fault_runs --page docs/gate.md
 	$(BIN)/python tests/benchmarks mutation_runs --work out/mutations
 	$(BIN)/python tests/benchmarks mutation_runs --page docs/gate.md
@@ -164,8 +142,6 @@ studies: setup
 	done
 	$(BIN)/python tests/benchmarks study_pages out/studies docs/studies.md # docs/images/study_*.png
 	$(BIN)/python tests/benchmarks reproduction --out out/mvsec-table --page docs/studies.md
-	$(BIN)/python tests/benchmarks fit_imperfection --page docs/studies.md
-	$(BIN)/python tests/benchmarks fit_imperfection --held-out --page docs/studies.md
 
 setup: .venv/installed
 

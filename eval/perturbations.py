@@ -57,8 +57,8 @@ PRESETS = {
     # With it the ratios of the published table of MVSEC's flights come out, on three windows;
     # frozen suites name it.
     "mvsec": Perturbation(focal_percent=1, pose_walk_mm=9, pose_walk_deg=0.94),
-    # Fitted by `python tests/benchmarks fit_imperfection` to the table's ratios, errors and points,
-    # see the page on studies.
+    # Fitted by `python tests/benchmarks fit_imperfection` of commit 77cd9c78 to the table's ratios,
+    # errors and points, see the page on studies.
     "mvsec-v2": Perturbation(pose_walk_mm=26),
 }
 """Errors of real recordings, by name."""

@@ -31,7 +31,7 @@ _PATH_SAMPLES = 65
 class FocusConfig:
     """Parameters of the extraction, chosen on simulated data.
 
-    `tests/benchmarks/extraction/study_extraction.py` is what chose them.
+    `python tests/benchmarks study_extraction` of commit 77cd9c78 is what chose them.
 
     Lengths in px are pixels of the view, disparities those of the rig's baseline: both keep their
     meaning for other sensors, baselines and depth planes (the page `extraction`).

@@ -59,7 +59,7 @@ POSE_METRICS = (
 """Metrics of poses that were found from events, where a case asks for them."""
 RENDERERS_DIFFER_PERCENT = 2.0
 """Largest change of a method's mean error between graphics libraries, by the table in the page
-`ranking`, which `python tests/benchmarks renderers` measures."""
+`ranking`, by `python tests/benchmarks renderers` of commit 77cd9c78."""
 _DIGITS = 6
 # What decides a sequence beside its definition, its seed and the graphics library.
 _RENDERED_BY = ("eventsweep", "mujoco", "numpy")

@@ -18,8 +18,8 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, overview
 from eventsweep.emvs.reference_view import inverse_depth_at
+from focus_volumes import found_in_volumes, judge
 from point_world import Recorded, fronto_parallel, pinhole, stereo_rig
-from study_variants import found_in_volumes, judge
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25)
 FIELDS = ("depth_m", "confidence", "mask", "argmax")

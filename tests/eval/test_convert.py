@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conversion_chain import run_chain
 from dataset_world import write_sequence
 from event_files import ALL, READ_ONLY, WRITTEN, moving_edges, write_any
 from eventsweep.emvs.data.events import Events
@@ -26,7 +27,6 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.convert import Options, convert_file, targets
 from eventsweep.eval.inspect import inspect
 from eventsweep.sim.rigs import RIGS
-from memory_convert import run_chain
 from places import ROOT
 
 SIZE_PX = (640, 480)

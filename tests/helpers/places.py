@@ -35,7 +35,7 @@ def _is_absent(place: str) -> bool:
 
 
 def with_tools() -> dict[str, str]:
-    """The environment of a program that imports the benchmarks' modules by name."""
-    folders = sorted(str(folder) for folder in TOOLS.iterdir() if folder.is_dir())
+    """The environment of a program that imports tools, and what tests share, by name."""
+    folders = sorted(str(folder) for folder in (HELPERS, *TOOLS.iterdir()) if folder.is_dir())
     search = [*folders, os.environ.get("PYTHONPATH", "")]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, search))}

@@ -11,7 +11,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mujoco_scenes as made
-import replay_cost
 from eventsweep.emvs.data.poses import read_poses, write_tum
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets.custom import read_hand_eye
@@ -246,15 +245,6 @@ def test_real_trajectories_replay_as_a_body_that_can_move_so(shared_data, scene,
     assert np.linalg.norm(moving.acceleration_m_s2, axis=1).max() < 10
     assert np.linalg.norm(moving.angular_velocity_rad_s, axis=1).max() < 5
     np.testing.assert_allclose(motion.T_world_body(0), scene.motion(0.5, 0).T_world_body(0))
-
-
-def test_the_table_of_what_smoothing_costs(tum, capsys):
-    assert replay_cost.main([str(tum), "--hz", "5", "10"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 6
-    assert "361 poses, longest gap 0.008 s | 5 |" in lines[4]
-    assert replay_cost.main([str(tum), "--max-gap-s", "0.001"]) == 2
-    assert "raise max_gap_s" in capsys.readouterr().err
 
 
 @pytest.mark.slow

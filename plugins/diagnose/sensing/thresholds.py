@@ -40,7 +40,7 @@ _GUARD = 3.0
 _USUAL_REFRACTORY_US = 1000.0
 _FEW_PAIRS, _MOST_RELATIVE = 2000, 0.25
 # Shares of the value by which the development sensors were off beyond their scatter
-# (`tests/benchmarks sensor_fit`).
+# (`python tests/benchmarks sensor_fit` of commit 77cd9c78).
 SYSTEMATIC = {"threshold": 0.07, "bandwidth": 0.15, "sigma": 0.25}
 Floats = NDArray[np.float64]
 

@@ -16,21 +16,14 @@ nothing of it is run.
 - A small module with one importer has fewer than 60 lines and one module of the product that
   imports it; `__init__` and scenes are left out. `--list` names them, and the longest chains and
   circles.
-- What an addition touches: the files of the product that name an existing example of its kind. A
-  file names it where the word is (part of) its own name, or in its code an identifier, an import
-  or a string, docstrings and comments excepted; files that are not Python are searched as a
-  whole. `ADDITIONS` holds the examples. It is a bound from above: a list of shown metrics counts,
-  though it can stay as it is.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
 import json
-import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -53,19 +46,6 @@ from import_graph import (
 SMALL_LINES = 60
 FULLEST = 6
 TOOLS = ("tests/benchmarks", "docs/figures")
-SUFFIXES = (".toml", ".xml", ".j2", ".js", ".css")
-
-# what is added -> a regular expression that finds the example; `_` parts words
-ADDITIONS = {
-    "extraction (`derd`)": r"(?i:derd)",
-    "fusion function (`RMS`)": r"RMS",
-    "metric (`silog`)": r"silog",
-    "scene (`hdr_night`)": r"hdr[_-]night",
-    "verb (`prune`)": r"(?i:prune)",
-    "renderer (`StereoRenderer`)": r"StereoRenderer",
-    "event format (`aedat4`)": r"(?i:aedat4)",
-    "encoding of a known format (`evt2`)": r"(?i:evt2)",
-}
 
 
 def measure(root: Path) -> dict[str, Any]:
@@ -95,8 +75,6 @@ def measure(root: Path) -> dict[str, Any]:
         "subpackages": len(parts),
         "subpackage_circles": circles(parts),
         "small_with_one_importer": small_with_one_importer(modules, graph),
-        "classes_defined_twice": classes_defined_twice(modules),
-        "additions": {what: named_in(root, modules, word) for what, word in ADDITIONS.items()},
     }
 
 
@@ -165,53 +143,6 @@ def small_with_one_importer(modules: dict[str, Module], graph: Graph) -> dict[st
     }
 
 
-def classes_defined_twice(modules: dict[str, Module]) -> dict[str, list[str]]:
-    """Class name -> modules, for classes at the top of more than one module."""
-    found: dict[str, list[str]] = {}
-    for name, module in modules.items():
-        for node in module.tree.body:
-            if isinstance(node, ast.ClassDef):
-                found.setdefault(node.name, []).append(name)
-    return {name: where for name, where in sorted(found.items()) if len(where) > 1}
-
-
-def named_in(root: Path, modules: dict[str, Module], word: str) -> list[str]:
-    """Files of the product that name an example in code, relative to the checkout, sorted."""
-    pattern = re.compile(rf"(?<![A-Za-z0-9])(?:{word})(?![A-Za-z0-9])")
-    code = [(one.path, "\n".join(_words(one.tree))) for one in modules.values()]
-    texts = [
-        (path, path.read_text(encoding="utf-8"))
-        for package in PACKAGES
-        for path in (root / package).rglob("*")
-        if path.suffix in SUFFIXES
-    ]
-    return sorted(
-        str(path.relative_to(root))
-        for path, text in code + texts
-        if pattern.search(path.stem) or pattern.search(text)
-    )
-
-
-def _words(tree: ast.Module) -> Iterator[str]:
-    """Identifiers, imported names and strings; no docstrings and no comments."""
-    skipped = {id(text) for text in _bare_strings(tree)}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Constant):
-            if isinstance(node.value, str) and id(node) not in skipped:
-                yield node.value
-            continue
-        for field in ("id", "attr", "arg", "name", "asname", "module"):
-            if isinstance(text := getattr(node, field, None), str):
-                yield text
-
-
-def _bare_strings(tree: ast.Module) -> Iterator[ast.Constant]:
-    """Strings that are statements by themselves: docstrings, of modules, functions and values."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-            yield node.value
-
-
 def rows(found: dict[str, Any]) -> dict[str, str]:
     """The table's rows: what was measured -> the value as it is shown."""
     return {
@@ -236,11 +167,6 @@ def rows(found: dict[str, Any]) -> dict[str, str]:
         f"modules under {SMALL_LINES} lines with one importer": str(
             len(found["small_with_one_importer"])
         ),
-        "class names defined more than once": str(len(found["classes_defined_twice"])),
-        **{
-            f"files that name an existing {what}": _files(files)
-            for what, files in found["additions"].items()
-        },
     }
 
 
@@ -252,11 +178,6 @@ def _circle_sizes(found: list[tuple[str, ...]]) -> str:
     return f"{len(found)} ({', '.join(str(len(one)) for one in found)})" if found else "0"
 
 
-def _files(files: list[str]) -> str:
-    modules = sum(file.endswith(".py") for file in files)
-    return f"{len(files)}, {modules} of them modules"
-
-
 def table(columns: dict[str, dict[str, str]]) -> str:
     """The rows as Markdown, one column for each checkout."""
     lines = ["| | " + " | ".join(columns) + " |", "|---|" + "---|" * len(columns)]
@@ -265,25 +186,14 @@ def table(columns: dict[str, dict[str, str]]) -> str:
     return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in cells)])
 
 
-def folder_table(found: dict[str, Any]) -> str:
-    """Modules and lines of every folder, as Markdown."""
-    sizes = found["folders"].items()
-    lines = ["| folder | modules | lines |", "|---|---|---|"]
-    lines += [f"| `{name}` | {one['modules']} | {one['lines']:,} |" for name, one in sizes]
-    return "\n".join(lines)
-
-
 def details(found: dict[str, Any]) -> str:
-    """What stands behind the counts: chains, circles, small modules, classes, files."""
+    """What stands behind the counts: chains, circles, small modules."""
     parts = [f"Longest chain, {k}: {' -> '.join(v)}" for k, v in found["chains"].items()]
     parts += [f"Subpackages, {k}: {' -> '.join(v)}" for k, v in found["part_chains"].items()]
     parts += [f"Circle: {', '.join(one)}" for one in found["circles"]]
     parts += [f"Circle of subpackages: {', '.join(one)}" for one in found["subpackage_circles"]]
     small = found["small_with_one_importer"].items()
     parts += [f"Small: {name}, imported by {by} only" for name, by in small]
-    twice = found["classes_defined_twice"].items()
-    parts += [f"Class {name}: {', '.join(where)}" for name, where in twice]
-    parts += [f"Addition, {k}: {', '.join(v)}" for k, v in found["additions"].items()]
     return "\n".join(f"- {part}" for part in parts)
 
 
@@ -305,7 +215,7 @@ def main() -> None:
     if not asked.json:
         text = table({name: rows(found) for name, found in zip(names, measured, strict=True)})
         lists = measured if asked.list else []
-        text = "\n\n".join([text, *(f"{folder_table(one)}\n\n{details(one)}" for one in lists)])
+        text = "\n\n".join([text, *(details(one) for one in lists)])
     print(text)  # noqa: T201
 
 

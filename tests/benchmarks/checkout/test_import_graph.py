@@ -10,7 +10,7 @@ from import_graph import (
     read_modules,
     subpackage_graph,
 )
-from structure import classes_defined_twice, files_by_kind, named_in, small_with_one_importer
+from structure import files_by_kind, small_with_one_importer
 
 # a imports b is "a": {"b"}
 
@@ -56,25 +56,14 @@ def test_every_way_to_import_is_seen(tmp_path):
     assert subpackage_graph(graph)["emvs.dsi"] == {"emvs.errors"}
 
 
-def test_an_example_is_named_by_code_not_by_prose(tmp_path):
+def test_small_modules_are_found(tmp_path):
     files = {
-        "prose.py": '"""RMS."""\n# RMS\nrms = 1', "code.py": "from x import RMS_CODE",
-        "text.py": 'NAMES = ("Alg1/RMS",)', "suite.toml": "methods = ['RMS']", "notes.md": "RMS",
-        "other.py": "ALARMS = 2",
-    }  # fmt: skip
-    found = named_in(tmp_path, checkout(tmp_path, files), "RMS")
-    assert found == ["emvs/code.py", "emvs/suite.toml", "emvs/text.py"]
-
-
-def test_small_modules_and_second_classes_are_found(tmp_path):
-    files = {
-        "small.py": "class Job: pass", "large.py": "x = 1\n" * 60, "shared.py": "",
-        "one.py": "from emvs import small, large, shared\nclass Job: pass",
+        "small.py": "x = 1", "large.py": "x = 1\n" * 60, "shared.py": "",
+        "one.py": "from emvs import small, large, shared",
         "two.py": "from emvs import shared",
     }  # fmt: skip
     modules = checkout(tmp_path, files)
     assert small_with_one_importer(modules, import_graph(modules)) == {"emvs.small": "emvs.one"}
-    assert classes_defined_twice(modules) == {"Job": ["emvs.one", "emvs.small"]}
 
 
 def test_product_tests_and_tools_are_counted_apart(tmp_path):

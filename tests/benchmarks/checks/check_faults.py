@@ -1,16 +1,15 @@
 """How often `eventsweep check` names a planted fault, and accuses a recording that is right.
 
-    python tests/benchmarks check_faults --out FOLDER [--page plugins/diagnose/check.md] [--campaign NAME]
+    python tests/benchmarks check_faults --out FOLDER [--page PAGE] [--campaign NAME]
 
 Sequences and verdicts are kept in the folder: the same command takes up what is done, and checks
-again what other code checked. Rules were chosen with the campaigns `development`, `shown` and
-`last`; `unseen`, which is opened once, plants each new kind and every other known one.
+again what other code checked. Rules were chosen with the campaign `development` and with earlier
+ones (commit 77cd9c78); `unseen`, opened once, plants each new kind and every other known one.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
 import hashlib
 import json
 import shutil
@@ -27,31 +26,28 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta
 
+import check_cases
+import check_unseen
 import eventsweep as es
 import eventsweep.plugins.diagnose.check
+import planting
 from check_cases import (
     DEVELOPMENT,
     FAULTS,
     FILE_FAULTS,
-    LAST_BASES,
     NEW,
-    SHOWN_BASES,
     UNSPOILT,
     Base,
     FileFault,
     exported,
 )
-from check_last import LAST
-from check_opened import OPENED
-from check_shown import SHOWN
-from check_tried import TRIED
 from check_unseen import UNSEEN
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.plugins.diagnose.check.findings import Report
 from eventsweep.plugins.diagnose.check.recording import check
-from markdown_blocks import into_page
+from markdown_blocks import show
 from planting import UNKNOWN, Planter
 
 _METHOD, _STARTS_S, _WINDOW_S = "Alg1/H", (0.05, 0.2, 0.35), 0.2
@@ -118,9 +114,7 @@ class Case:
 
 
 CAMPAIGNS = {
-    "development": (DEVELOPMENT, (*FAULTS, *OPENED, *TRIED), FILE_FAULTS),
-    "shown": (SHOWN_BASES, (*SHOWN, *SHOWN, *FAULTS), ()),
-    "last": (LAST_BASES, LAST, ()),
+    "development": (DEVELOPMENT, FAULTS, FILE_FAULTS),
     "unseen": (NEW, (*UNSEEN, *FAULTS[::2]), ()),
 }
 
@@ -154,7 +148,7 @@ def _unspoilt(bases: Sequence[Base], ways: int) -> Iterator[Case]:
 
 def sequence(base: Base, out: Path) -> Path:
     """The simulated sequence, kept if it is there."""
-    path = out / "sequences" / base.name
+    path: Path = out / "sequences" / base.name
     if not (path / "manifest.json").exists():
         config = es.SimConfig(duration_s=SECONDS, sensor={"preset": base.sensor})
         es.simulate(base.scene, path, config, seed=base.seed, rig=base.rig)
@@ -166,22 +160,12 @@ def in_any_order(campaign: str) -> list[Case]:
     return sorted(cases(campaign), key=lambda case: zlib.crc32(case.name.encode()))
 
 
-def kept_verdict(case: Case, out: Path, code: str) -> dict[str, Any] | None:
-    """What the same code said of a case; None if it has not been checked."""
-    file = _file(case, out)
-    kept: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {}
-    return kept if kept.get("code") == code else None
-
-
-def _file(case: Case, out: Path) -> Path:
-    return out / "verdicts" / f"{case.name}.json"
-
-
 def verdict(case: Case, out: Path, code: str) -> dict[str, Any]:
     """What `check` says of a case: kept if the same code said it."""
-    if (kept := kept_verdict(case, out, code)) is not None:
+    file = out / "verdicts" / f"{case.name}.json"
+    kept: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {}
+    if kept.get("code") == code:
         return kept
-    file = _file(case, out)
     path = sequence(case.base, out)
     began = time.process_time()
     report = _of_file(case, path, out) if case.file_fault else check(_spoilt(case, path))
@@ -204,8 +188,9 @@ def verdict(case: Case, out: Path, code: str) -> dict[str, Any]:
 
 def _spoilt(case: Case, path: Path) -> Recording:
     assert case.plant is not None
-    recording: Recording = es.open_recording(path)
-    return case.plant(recording, np.random.default_rng(zlib.crc32(case.name.encode())))
+    rng = np.random.default_rng(zlib.crc32(case.name.encode()))
+    spoilt: Recording = case.plant(es.open_recording(path), rng)
+    return spoilt
 
 
 def _of_file(case: Case, path: Path, out: Path) -> Report:
@@ -221,28 +206,11 @@ def _of_file(case: Case, path: Path, out: Path) -> Report:
 
 
 def code_version() -> str:
-    """A hash of the code whose verdicts these are, without comments, docstrings and types."""
+    """A hash of the code whose verdicts these are."""
     folder = Path(str(eventsweep.plugins.diagnose.check.__file__)).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py"))]
-    here = Path(__file__)
-    planted = ("cases", "last", "opened", "shown", "tried", "unseen")
-    files += [here.with_name("planting.py"), *(here.with_name(f"check_{w}.py") for w in planted)]
-    code = "".join(ast.dump(_Bare().visit(ast.parse(file.read_text()))) for file in files)
-    return hashlib.sha256(code.encode()).hexdigest()[:16]
-
-
-class _Bare(ast.NodeTransformer):
-    """Takes docstrings and types away."""
-
-    def visit_arg(self, node: ast.arg) -> ast.arg:
-        return ast.arg(node.arg)
-
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
-        node.returns = None
-        return self.generic_visit(node)
-
-    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
-        return None if isinstance(node.value, ast.Constant) else node
+    files += [Path(str(module.__file__)) for module in (planting, check_cases, check_unseen)]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
 
 
 OUTCOMES = ("named", "unknown", "wrong cure", "unnoticed", "harmless")
@@ -270,8 +238,8 @@ def outcome(found: dict[str, Any]) -> str:
     return "wrong cure" if first in found["cures"] or not right else "unknown"
 
 
-def table(every: Sequence[dict[str, Any]], planned: int) -> str:
-    """The confusion table of what was checked of so many cases, as Markdown."""
+def table(every: Sequence[dict[str, Any]]) -> str:
+    """The confusion table of what was checked, as Markdown."""
     unseen = {fault.kind for fault in UNSEEN}
     faults = [one for one in every if one["named"]]
     right = [one for one in every if not one["named"]]
@@ -279,11 +247,7 @@ def table(every: Sequence[dict[str, Any]], planned: int) -> str:
     doubted = sum(bool(one["doubtful"]) and not one["suspects"] for one in right)
     cured = sum(outcome(one) == "wrong cure" for one in faults)
     known = [one for one in faults if one["kind"] not in unseen]
-    part = (
-        f"Of {planned} planned recordings, in a mixed order, the first {len(every)} were checked."
-    )
     lines = [
-        *([part, ""] if len(every) < planned else []),
         *([_summary("known kinds", known)] if known else []),
         _summary("new kinds", [o for o in faults if o["kind"] in unseen]),
         f"Of {len(right)} unspoilt ones {accused} ({accused / len(right):.1%}) are accused; "
@@ -345,26 +309,15 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for what is kept")
     parser.add_argument("--page", type=Path, help="page whose table is rewritten")
     parser.add_argument("--campaign", choices=CAMPAIGNS, default="unseen", help="what is checked")
-    parser.add_argument("--part", default="0/1", help="k/n: every n-th sequence from the k-th on")
-    parser.add_argument("--kept", action="store_true", help="only what has been checked already")
     flags = parser.parse_args()
-    first, step = map(int, flags.part.split("/"))
-    code, every = code_version(), []
-    own = set(CAMPAIGNS[flags.campaign][0][first::step])
-    chosen = [case for case in in_any_order(flags.campaign) if case.base in own]
+    code, every, chosen = code_version(), [], in_any_order(flags.campaign)
     for k, case in enumerate(chosen, 1):
-        if flags.kept and kept_verdict(case, flags.out, code) is None:
-            continue
-        found = verdict(case, flags.out, code)
-        every.append(found)
+        every.append(found := verdict(case, flags.out, code))
         sys.stderr.write(
             f"{k}/{len(chosen)} {outcome(found)}: {case.kind} | {case.base.name} | "
             f"{found['suspects']} {found['doubtful']} {found['cpu_s']:.1f} s\n"
         )
-    text = table(every, len(chosen))
-    sys.stdout.write(text)
-    if flags.page is not None and step == 1:
-        into_page(flags.page, "check-faults", text)
+    show(table(every), flags.page, "check-faults")
 
 
 if __name__ == "__main__":

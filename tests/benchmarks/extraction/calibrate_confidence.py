@@ -18,7 +18,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep import scenes
 from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth import precision
 from eventsweep.emvs.depth.precision import Precision, table_name, tables
 from eventsweep.emvs.errors import InputError
@@ -34,8 +36,11 @@ from eventsweep.plugins.learned.training import confidence
 from eventsweep.plugins.learned.training.confidence import Scored
 from eventsweep.plugins.learned.training.data import simulate_sequence
 from eventsweep.plugins.learned.training.sequences import TrainingSequence, sequences
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rigs import rig as named_rig
+from eventsweep.sim.sensor_presets import SensorConfig
+from eventsweep.sim.simulate import simulate
 from markdown_blocks import into_page, show
-from study_cache import load_sequence
 from study_samples import SETS, SampleSpec, chosen_samples
 
 METHODS = (
@@ -119,14 +124,23 @@ def held_out(cache: Path, specs: Sequence[SampleSpec], methods: Sequence[str]) -
     """Candidates of the study's samples, by method."""
     found: dict[str, list[Scored]] = defaultdict(list)
     for spec in specs:
-        sequence = load_sequence(
-            spec.case, spec.seed, cache, rig=spec.rig, seconds=spec.seconds, sensor=spec.sensor
-        )
+        sequence = _sequence(spec, cache)
         result = map_window(sequence, MapperConfig(methods=tuple(methods)))
         truth = truth_of(sequence, result.view.t_us, EvalConfig())
         for name, depth_map in result.depth_maps.items():
             found[name].append(confidence.points_of(depth_map, truth))
     return {name: confidence.joined(parts) for name, parts in found.items()}
+
+
+def _sequence(spec: SampleSpec, cache: Path) -> EventSequence:
+    """A sample's sequence, simulated where the folder does not hold it."""
+    name = f"{spec.case}-{spec.rig}-{spec.seconds:g}s-seed{spec.seed}"
+    path = cache / (name + ("" if spec.sensor == "ideal" else f"-{spec.sensor}"))
+    if not path.exists():
+        cache.mkdir(parents=True, exist_ok=True)
+        asked = SimConfig(duration_s=spec.seconds, sensor=SensorConfig(preset=spec.sensor))
+        simulate(scenes.load(spec.case), named_rig(spec.rig), asked, spec.seed, path)
+    return EventSequence.open(path)
 
 
 def table_of(method: str) -> Precision:

@@ -6,7 +6,7 @@ practical: 16 x 16 samples per pixel, 0.05 px apart. With `--rays` the cases are
 and the truth is cast by rays, which shares no code with the simulator; `--drawn SEED` is the same
 with other sizes, speeds and textures.
 
-Run: python tests/benchmarks fidelity --truth FOLDER [CASE ...] [--parts | --rays | --drawn SEED]
+Run: python tests/benchmarks fidelity --truth FOLDER [CASE ...] [--rays | --drawn SEED]
 [--page docs/simulator.md] [--picture docs/images/fidelity.png]. The truth is kept in FOLDER: of a
 scene it takes minutes, of panels seconds.
 """
@@ -114,16 +114,6 @@ WAYS: dict[str, dict[str, Any]] = {
     "fast": {"sampling": "fast"},
     "accurate": {"sampling": "accurate"},
     "8 × 8 samples": {"sampling": "accurate", "supersample": 8},
-}
-
-
-# What the settings of `accurate` are worth, one by one.
-PARTS: dict[str, dict[str, Any]] = {
-    "linear, 0.05 px apart": {"sampling": "linear", "max_displacement_px": 0.05, **CLOSE},
-    "linear, 6 × 6 samples": {"sampling": "linear", "supersample": 6},
-    "2 × 2 samples": {"supersample": 2},
-    "4 × 4 samples": {"supersample": 4},
-    "2 px apart": {"max_displacement_px": 2},
 }
 
 
@@ -239,7 +229,7 @@ def runs(given: argparse.Namespace) -> Iterator[tuple[str, str, Any, Any]]:
                 yield name, way, simulated_panels(case, settings), true
             continue
         true = truth(CLIPS[name], given.truth / f"{name}.npz")
-        for way, settings in (PARTS if given.parts else WAYS).items():
+        for way, settings in WAYS.items():
             yield name, way, simulated(CLIPS[name], settings), true
 
 
@@ -249,7 +239,6 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("cases", nargs="*", metavar="CASE")
     parser.add_argument("--truth", type=Path, required=True, help="folder that keeps the truth")
     kind = parser.add_mutually_exclusive_group()
-    kind.add_argument("--parts", action="store_true", help="what single settings are worth")
     kind.add_argument("--rays", action="store_true", help="worlds of panels, by ray casting")
     kind.add_argument("--drawn", type=int, metavar="SEED", help="the same, other panels")
     parser.add_argument("--page", type=Path)
@@ -282,7 +271,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else (f"{FINEST_SAMPLES} × {FINEST_SAMPLES} samples {FINEST_PX:g} px apart")
     )
     drawn = given.drawn is not None
-    mark = _MARK + "-parts" * given.parts + "-drawn" * drawn + "-rays" * (given.rays and not drawn)
+    mark = _MARK + "-drawn" * drawn + "-rays" * (given.rays and not drawn)
     show(table(results, against), given.page, mark)
     if given.picture:
         draw(curves, given.picture)

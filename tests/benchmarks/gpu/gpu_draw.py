@@ -1,14 +1,12 @@
 """Draws one rig's view of a scene for a while and counts pictures: a program of its own.
 
-Usage: `python tests/benchmarks gpu_draw KIND RIG SECONDS`; KIND is classic, float, filament, or for
-fine frames kernels or shader: what makes light of their samples.
-The last line on standard output is JSON. Filament ends its process where it fails, and drivers may.
+Usage: `python tests/benchmarks gpu_draw KIND RIG SECONDS`; KIND is classic, float, or for fine
+frames kernels or shader: what makes light of their samples. The last line on standard output is
+JSON.
 """
 
 from __future__ import annotations
 
-import collections.abc
-import importlib
 import json
 import os
 import sys
@@ -19,9 +17,7 @@ from typing import Any
 import numpy as np
 
 from eventsweep import scenes
-from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.sim.config import SimConfig
-from eventsweep.sim.rendering import lens
 from eventsweep.sim.rendering.base import Frame
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import rig as named_rig
@@ -91,70 +87,9 @@ def _apart(found: Frame, expected: Frame) -> tuple[float, float]:
     )
 
 
-def filament(rig_name: str, seconds: float) -> dict[str, Any]:
-    """Pictures of camera 0 by MuJoCo's Filament renderer: linear light, one float per pixel."""
-    _buffer_type()
-    mujoco: Any = importlib.import_module("mujoco")
-    importlib.import_module("mujoco.studio.window")  # registers what the renderer needs
-    mjrf: Any = importlib.import_module("mujoco.mjrf")
-    scene, rig = scenes.load(SCENE), named_rig(rig_name)
-    motion, camera = scene.motion(scene.duration_s, 0), rig.cameras[0]
-    config = mjrf.ContextConfig()
-    config.graphics_api = mjrf.GraphicsApi.GRAPHICS_API_VULKAN
-    context = mjrf.Context(config)
-    model = scene.spec().compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    drawing = _Filament(mjrf, context, model, data, camera)
-    T_body_cam, near_m = rig.T_body_cam[0], 0.5 * scene.depth_range_m[0]
-    found = rate(
-        lambda t_s: drawing.draw(motion.T_world_body(t_s) @ T_body_cam, near_m),
-        scene.duration_s, seconds,
-    )  # fmt: skip
-    if not np.ptp(drawing.light) > 0:
-        raise RuntimeError("the picture is empty")
-    return {"per_s": found, "drawn_by": f"mujoco {mujoco.__version__} filament, Vulkan"}
-
-
-class _Filament:
-    """A scene in Filament, and the picture that it is drawn into."""
-
-    def __init__(self, mjrf: Any, context: Any, model: Any, data: Any, camera: Camera) -> None:
-        folder = "mujoco.rendering.filament"
-        self._renderer: Any = importlib.import_module(f"{folder}.renderer")
-        made = importlib.import_module(f"{folder}.model_scene").ModelScene(context, model)
-        made.update(data)
-        self._mjrf, self._camera, self._kept = mjrf, camera, (made, model, data, context)
-        self._drawing = self._renderer.Renderer(context)
-        self._drawing._scenes["scene"] = made.scene
-        self.light = np.zeros((camera.height_px, camera.width_px), np.float32)
-        self._drawing.target("light", self.light, mjrf.PixelFormat.PIXEL_FORMAT_R32F)
-
-    def draw(self, T_world_cam: Any, near_m: float) -> None:
-        """Draws into `light`."""
-        left, right, top, bottom = near_m * lens.edges(self._camera)
-        eye = self._mjrf.Camera(
-            pos=T_world_cam[:3, 3], forward=T_world_cam[:3, 2], up=-T_world_cam[:3, 1],
-            frustum_bottom=-bottom, frustum_top=-top, frustum_near=near_m, frustum_far=100 * near_m,
-        )  # fmt: skip
-        eye.frustum_center, eye.frustum_width = (left + right) / 2, (right - left) / 2
-        plain = {"post_processing": False, "reflections": False, "shadows": False}
-        view = self._renderer.View("scene", "light", camera=eye, skybox=False, haze=False, **plain)
-        self._drawing.render([view])
-
-
-def _buffer_type() -> None:
-    """What MuJoCo's module wants of Python 3.12, on 3.11."""
-    if not hasattr(collections.abc, "Buffer"):
-        its: Any = importlib.import_module("typing_extensions")
-        setattr(collections.abc, "Buffer", its.Buffer)  # noqa: B010
-
-
 def main(kind: str, rig_name: str, seconds: str) -> None:
     """Draws, prints, and ends without tearing anything down: that can crash."""
-    if kind == "filament":
-        found = filament(rig_name, float(seconds))
-    elif kind in ("kernels", "shader"):
+    if kind in ("kernels", "shader"):
         found = fine(rig_name, float(seconds), shader=kind == "shader")
     else:
         found = classic(rig_name, float(seconds), floats=kind == "float")

@@ -24,17 +24,46 @@ from PIL import Image
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.ecd import EventCameraDataset
-from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.depth.depth_map import DepthMap, without_border
+from eventsweep.emvs.dsi.method import MethodName
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.mapper import map_window
 from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.plugins.learned.networks.judgement import at_reference_px
 from frame_depth import FrameDepth, depth_from_frames, undistorted
 from markdown_blocks import show
 from slid_pair import SlidPair, straight_way
-from study_learned import most_reliable
 
 _COLOURS = 255
 _DEPTH_M, _ERROR_PERCENT = (0.4, 2.0), (0, 3)
+_JUDGED = ("Focus", "Learned")
+"""Families whose reliability chooses among more candidates than they report."""
+
+
+def ranks(depth_map: DepthMap, per_rho_px: float) -> NDArray[np.float32]:
+    """(H, W) what ranks the pixels of a method, 0 or less where there is no candidate.
+
+    `per_rho_px` is disparity per inverse depth, px m. Methods that hold no pixel more reliable than
+    others rank those that they report.
+    """
+    reliability = depth_map.reliability
+    if reliability is None:
+        return depth_map.mask.astype(np.float32)
+    if MethodName.of(depth_map.method).family == "Learned":
+        return at_reference_px(reliability, per_rho_px / depth_map.depth_m)
+    return reliability
+
+
+def most_reliable(depth_map: DepthMap, per_rho_px: float, points: int) -> NDArray[np.bool_]:
+    """As many pixels as wanted, the most reliable first; what votes rank keeps to its own."""
+    judged = MethodName.of(depth_map.method).family in _JUDGED
+    candidates = depth_map.mask
+    if judged and depth_map.reliability is not None:
+        candidates = without_border(depth_map.reliability > 0, MapperConfig().border_px)
+    rank, allowed = ranks(depth_map, per_rho_px), np.flatnonzero(candidates)
+    mask = np.zeros(rank.shape, np.bool_)
+    mask.flat[allowed[np.argsort(-rank.flat[allowed], kind="stable")[:points]]] = True
+    return mask
 
 
 def draw(truth: FrameDepth, maps: Sequence[DepthMap], baseline_m: float, path: Path) -> None:
@@ -125,9 +154,9 @@ class Sample:
     window_s: float
     scores: Mapping[str, Scores]
 
-    def ratio(self, name: str, metric: str, base: str = BASE) -> float:
-        """A method's number over another's."""
-        found = getattr(self.scores[name], metric), getattr(self.scores[base], metric)
+    def ratio(self, name: str, metric: str) -> float:
+        """A method's number over that of `BASE`."""
+        found = getattr(self.scores[name], metric), getattr(self.scores[BASE], metric)
         return float(found[0] / found[1])
 
 
@@ -230,13 +259,8 @@ def _plane_residual(terms: NDArray[np.float64], rho: NDArray[np.float64]) -> flo
     return float(np.median(off / rho))
 
 
-def report(found: Sequence[Sample], *, cases: bool = True) -> str:
-    """Markdown: all views together, then with `cases` each view and window."""
-    each = (_cases(found, STEREO[:3]), _cases(found, SINGLE)) if cases else ()
-    return "\n".join((_summary(found), *each))
-
-
-def _summary(found: Sequence[Sample]) -> str:
+def report(found: Sequence[Sample]) -> str:
+    """Markdown: all views and windows together."""
     lines = [
         f"| Method | median / {BASE} | mean / {BASE} | over 5 % | residual of a plane % "
         "| stated band holds % | joined by the truth's % |",
@@ -262,32 +286,6 @@ def _range(values: Sequence[float], digits: str) -> str:
     return f"{min(known):{digits}}–{max(known):{digits}}" if known else "none stated"
 
 
-def _cases(found: Sequence[Sample], names: Sequence[str]) -> str:
-    """One line for each view and window; relative errors in per cent."""
-    base, focus, learned = names
-    heads = " | ".join(
-        f"{name} median | mean | over 5 % | plane | holds | with truth's"
-        for name in (focus, learned)
-    )
-    lines = [
-        f"| View m | window s | points | {base} median | mean | {heads} "
-        "| Learned / Focus median | mean |",
-        f"|--:|--:|{'--:|' * 17}",
-    ]
-    for one in found:
-        scores = one.scores
-        cells = [f"{one.view_m:g}", f"{one.window_s:g}", f"{scores[learned].with_truth}"]
-        cells += [f"{100 * scores[base].median:.2f}", f"{100 * scores[base].mean:.2f}"]
-        for name in (focus, learned):
-            at = scores[name]
-            cells += [f"{100 * v:.2f}" for v in (at.median, at.mean, at.over, at.plane)]
-            shares = [getattr(at, m) for m in HELD]
-            cells += ["–" if np.isnan(v) else f"{100 * v:.0f}" for v in shares]
-        cells += [f"{one.ratio(learned, m, focus):.2f}" for m in ("median", "mean")]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Maps, scores and prints; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(prog="python tests/benchmarks real_check", description=__doc__)
@@ -298,7 +296,6 @@ def main(arguments: list[str] | None = None) -> int:
     )  # fmt: skip
     parser.add_argument("--windows", type=float, nargs="+", default=list(WINDOWS_S), help="s")
     parser.add_argument("--planes", type=int, default=MapperConfig().planes)
-    parser.add_argument("--cases", action="store_true", help="also a line for each view and window")
     parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
     parser.add_argument("--mark", default="real", help="name of that part")
     parser.add_argument("--picture", type=Path, help="draws the last view and window")
@@ -308,7 +305,7 @@ def main(arguments: list[str] | None = None) -> int:
         if not isinstance(recording, EventCameraDataset):
             raise InputError(f"{chosen.slider}: needs slider_depth of the Event Camera Dataset")
         found = list(samples(recording, chosen.views, chosen.windows, chosen.planes))
-        text = report([one for one, _, _ in found], cases=chosen.cases)
+        text = report([one for one, _, _ in found])
         show(text, chosen.page, chosen.mark)
         if chosen.picture is not None:
             _, truth, maps = found[-1]

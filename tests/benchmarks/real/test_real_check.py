@@ -9,17 +9,15 @@ import pytest
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.data.recording import DerivedRecording
 from eventsweep.emvs.datasets.ecd import EventCameraDataset
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
-from frame_depth import FrameDepth, depth_from_frames, undistorted
+from frame_depth import FrameDepth, depth_from_frames
 from places import SHARED
-from real_check import _BOARD_DEPTH_M, Sample, Scores, _held, board_residual, main, report, samples
-from slid_pair import SlidPair, straight_way
+from real_check import _BOARD_DEPTH_M, Sample, Scores, _held, board_residual, report, samples
+from slid_pair import SlidPair
 
 SLIDER = SHARED / "data" / "slider_depth"
 CAMERA = Camera(64, 48, 80.0, 80.0, 31.5, 23.5)
@@ -47,18 +45,6 @@ def test_frames_of_a_wall_give_its_depth(depth_m):
     error = np.abs(found.depth_m / depth_m - 1)[found.known]
     assert np.median(error) < 0.005
     assert error.max() < 0.03
-
-
-def test_frames_on_one_side_are_refused():
-    offsets_m = np.arange(0, 0.2, 0.02)
-    with pytest.raises(InputError, match="frames left") as error:
-        depth_from_frames([frame_at(x, 1.0) for x in offsets_m], offsets_m, CAMERA.fx_px)
-    assert "\n" not in str(error.value)
-
-
-def test_without_distortion_a_frame_stays():
-    image = frame_at(0, 1.0).clip(0, 255).astype(np.uint8)
-    np.testing.assert_allclose(undistorted(image, CAMERA), image, atol=1e-3)
 
 
 class Slider:
@@ -130,22 +116,6 @@ def test_the_pair_maps_points_where_they_are():
     assert np.median(error) < 0.1  # 1/m: 0.8 px of disparity
 
 
-@pytest.mark.parametrize("wrong", ["turned", "aside", "too long"])
-def test_what_is_no_straight_slide_is_refused(wrong):
-    slider = Slider(turned=0.01 if wrong == "turned" else 0.0)
-    if wrong == "aside":
-        slider.trajectory.positions_m[50, 1] = 0.01
-    with pytest.raises(InputError) as error:
-        SlidPair(slider, 5.0 if wrong == "too long" else 0.1)
-    assert "\n" not in str(error.value)
-
-
-def test_where_the_camera_rests_is_no_way():
-    t_us, x_m = straight_way(DerivedRecording(Slider()))
-    assert (np.diff(x_m) > 0).all()
-    assert t_us[1] > 50_000
-
-
 @pytest.mark.parametrize("noise_m", [0.0, 0.02])
 def test_the_residual_of_a_tilted_board_is_its_noise(noise_m):
     result = map_window(SlidPair(Slider(), 0.1), MapperConfig(methods=("Alg1/H",), duration_s=0.3))
@@ -169,8 +139,7 @@ def test_tables_say_what_was_found():
     text = report([Sample(0.45, 0.2, by_name), Sample(0.6, 0.4, by_name)])
     assert "| `Focus/H` | 0.51 | 0.51 | 1.00 | 30.72–30.72 | 70–70 | 80–80 |" in text
     assert "| `Alg1/H` | 1.00 | 1.00 | 1.00 | 60.00–60.00 | none stated | none stated |" in text
-    assert "| 0.45 | 0.2 | 90 | 20.00 | 40.00 | 10.24 | 20.48 | 1.00 | 30.72 | 70 | 80 |" in text
-    assert len({line.count("|") for line in text.split("\n\n")[1].splitlines() if line}) == 1
+    assert len({line.count("|") for line in text.splitlines() if line}) == 1
 
 
 @pytest.mark.parametrize("sigma", [0.002, 0.01])
@@ -188,11 +157,6 @@ def test_a_truth_that_errs_too_is_joined_to_the_band(sigma):
     within, both = _held(stated, relative[known], known, truth.own_error)
     assert both == pytest.approx(0.68, abs=0.02)
     assert within < both - 0.03
-
-
-def test_the_command_refuses_in_one_line(tmp_path, capsys):
-    assert main(["--slider", str(tmp_path / "none")]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
 
 
 @pytest.mark.slow

@@ -11,7 +11,6 @@ import cv2
 import pytest
 
 from eventsweep.emvs import baselines
-from eventsweep.emvs.baselines.time_surface import TimeSurface
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.reference_view import reference_view
@@ -43,27 +42,8 @@ def write(line):
     sys.stdout.write(f"\n  {line}")
 
 
-@pytest.mark.parametrize("sensor", SENSORS)
-def test_time_surface(benchmark, sensor, capsys):
-    made = recording(sensor, EVENTS)
-    width, height, _ = SENSORS[sensor]
-
-    def update():
-        TimeSurface(width, height).update(made.streams[0])
-
-    def read():
-        surface.at(surface.newest_us)
-
-    surface = TimeSurface(width, height)
-    surface.update(made.streams[0])
-    benchmark.pedantic(update, rounds=ROUNDS, warmup_rounds=1)
-    update_ns, read_ns = best_ns(update, EVENTS), best_ns(read, width * height)
-    with capsys.disabled():
-        write(f"{sensor} time surface: {update_ns:.1f} ns per event, {read_ns:.1f} per pixel")
-
-
 # SGM only, whose cost does not depend on what matches. The two cameras' edges are drawn apart, so
-# ESVO rightly says that no two estimates agree; bench_rivals_esvo.py has a plane that both see.
+# ESVO rightly says that no two estimates agree; bench_baselines_esvo.py has a plane that both see.
 @pytest.mark.parametrize("name", [n for n in baselines.GROUPS["baselines"] if n.startswith("SGM")])
 def test_rivals(benchmark, name, capsys):
     rival, config = baselines.BY_NAME[name], MapperConfig(threads=1)

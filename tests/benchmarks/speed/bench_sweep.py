@@ -1,7 +1,5 @@
 """What the mapper's loops cost: `pytest tests/benchmarks/speed/bench_sweep.py --benchmark-only`.
 
-`python tests/benchmarks study_cost` holds the whole mapper against its limits.
-
 Events of edge points at many depths with 10 % noise, seen by a camera that moves sideways, on one
 thread. Each figure is the best round: on a shared machine the others measure the neighbours.
 """
@@ -11,8 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from cost_limits import PAPER
 from eventsweep.emvs.dsi import voting as sweep_module
+from eventsweep.emvs.dsi.fusion import MEANS
 from eventsweep.emvs.dsi.maxima import RunningMaxima
 from eventsweep.emvs.dsi.rays import BAND_ROWS, event_rays, grouped_by_rows
 from eventsweep.emvs.dsi.voting import Scratch, batch_planes
@@ -22,6 +20,7 @@ from eventsweep.emvs.reference_view import inverse_depth_planes
 from eventsweep.emvs.utils.runtime import use_threads
 from point_world import edge_stream, sideways
 
+PAPER = (*(f"Alg1/{name}" for name in MEANS), "EMVS/cam0", "EMVS/cam1")
 EVENTS = 1_000_000
 PLANES = 20
 RHO = inverse_depth_planes(0.45, 4, PLANES)
@@ -101,12 +100,6 @@ def test_order_of_rays(benchmark, camera, band_rows, capsys):
     report(capsys, benchmark, f"sweep {size}, per event and plane", len(rays) * len(rho))
 
 
-def test_grouping_of_rays(benchmark, camera, capsys):
-    rays = cast_rays(camera, 4_000_000, None)
-    benchmark.pedantic(grouped_by_rows, (rays, 0.7, camera.height_px), rounds=5, warmup_rounds=1)
-    report(capsys, benchmark, f"grouping for {camera.height_px} rows, per event", len(rays))
-
-
 @pytest.mark.parametrize("planes", [2, 8])
 def test_fold(benchmark, camera, planes, capsys):
     chosen = methods_by_name(PAPER, 2)
@@ -117,15 +110,3 @@ def test_fold(benchmark, camera, planes, capsys):
     units = planes * pixels * len(chosen)
     what = f"fold {camera.width_px}x{camera.height_px}, 8 methods, {planes} planes at once"
     report(capsys, benchmark, f"{what}, per voxel and method", units)
-
-
-def test_rays(benchmark, camera, capsys):
-    events = edge_stream(camera, MOTION, EVENTS)
-    pose = MOTION.at(250_000)
-    benchmark.pedantic(
-        lambda: event_rays(events, camera, np.eye(4), MOTION, pose, camera),
-        rounds=5,
-        warmup_rounds=1,
-    )
-    size = f"{camera.width_px}x{camera.height_px}"
-    report(capsys, benchmark, f"rays {size}, per event", EVENTS)

@@ -1,35 +1,32 @@
-"""Where a simulation's time goes, and how it grows: `python tests/benchmarks simulate_stages`.
+"""Where a simulation's time goes: `python tests/benchmarks simulate_stages`.
 
     python tests/benchmarks simulate_stages --page docs/performance.md
 
 Runs one stage at a time, where a simulation has several at work, so that the time of all processors
-belongs to one of them, the graphics library's threads included. `--only stages` or `--only growth`
-does one half.
+belongs to one of them, the graphics library's threads included.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
+import os
+import platform
 import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
-
-from numpy.typing import NDArray
 
 from eventsweep import scenes
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim import simulate
 from eventsweep.sim.compensation import fine_frame, interval
 from eventsweep.sim.config import SimConfig
-from eventsweep.sim.motion import Motion
 from eventsweep.sim.parallel import checkpoint, render_job, sensors
 from eventsweep.sim.rendering import (
     adaptive_sampling,
@@ -42,8 +39,7 @@ from eventsweep.sim.rendering import (
 from eventsweep.sim.rigs import rig
 from eventsweep.sim.scene import Scene
 from eventsweep.sim.sensor import compensated_kernels
-from markdown_blocks import into_page
-from study_cost import machine
+from markdown_blocks import show
 
 REST = "everything else"
 # Owner, function, stage; the time of a stage inside another counts for the inner one.
@@ -182,18 +178,6 @@ def _begun(clock: Stopwatch) -> Callable[..., Any]:
     return run
 
 
-@dataclass(frozen=True)
-class Faster:
-    """A motion at another speed."""
-
-    own: Motion
-    factor: float
-
-    def T_world_body(self, t_s: float) -> NDArray[Any]:
-        """As in `sim.motion.Motion`."""
-        return self.own.T_world_body(self.factor * t_s)
-
-
 def case(scene: str, rig_name: str, seconds: float, **settings: Any) -> Case:
     """A scene on a rig."""
     config = SimConfig(duration_s=seconds, **settings)
@@ -236,90 +220,26 @@ def stage_table(cases: list[Case]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def scaled(one: Rig, factor: float) -> Rig:
-    """The rig with the same view in more or fewer pixels."""
-    cameras = tuple(
-        replace(
-            camera,
-            width_px=round(camera.width_px * factor),
-            height_px=round(camera.height_px * factor),
-            fx_px=camera.fx_px * factor,
-            fy_px=camera.fy_px * factor,
-            cx_px=(camera.cx_px + 0.5) * factor - 0.5,
-            cy_px=(camera.cy_px + 0.5) * factor - 0.5,
-        )
-        for camera in one.cameras
-    )
-    return replace(one, cameras=cameras)
-
-
-def faster(scene: Scene, factor: float) -> Scene:
-    """The scene seen from a head that moves so much faster."""
-    own = scene.motion
-    return replace(scene, motion=lambda s, seed: Faster(own(s * factor, seed), factor))
-
-
-def growth_cases() -> list[tuple[str, Case]]:
-    """What grows, and cases in which it does."""
-    base = case("desk", "davis346", 0.2)
-    small = base.rig.cameras[0]
-    return [
-        *(
-            (f"pixels: {round(small.width_px * k)}×{round(small.height_px * k)}",
-             base._replace(rig=scaled(base.rig, k)))
-            for k in (0.5, 1.0, 2.0, 4.0)
-        ),
-        *(
-            (f"motion: {k:g} times as fast",
-             base._replace(scene=faster(base.scene, k)))
-            for k in (0.5, 1.0, 2.0, 4.0)
-        ),
-        *(
-            (f"contrast threshold: {c:g}",
-             case("desk", "davis346", 0.2, contrast_threshold_pos=c, contrast_threshold_neg=c))
-            for c in (0.4, 0.2, 0.1, 0.05)
-        ),
-    ]  # fmt: skip
-
-
-def growth_table() -> str:
-    """Processor time as one thing grows, of `desk` at 346×260."""
-    lines = [
-        "`desk`, 0.2 s; per simulated second.",
-        "",
-        "| | frames | million events | drawing, s | events, s | together, s |",
-        "|---|--:|--:|--:|--:|--:|",
-    ]
-    for name, one in growth_cases():
-        found = measured(one)
-        drawing = sum(found.stages_s.get(stage, 0) for stage in ORDER[:2])
-        events = sum(found.stages_s.get(stage, 0) for stage in ORDER[4:7])
-        per_s = [one / found.seconds for one in (drawing, events, found.total_s)]
-        lines.append(
-            f"| {name} | {found.frames / found.seconds:.0f} "
-            f"| {found.events / found.seconds / 1e6:.1f} "
-            f"| {' | '.join(f'{value:.1f}' for value in per_s)} |"
-        )
-    return "\n".join(lines) + "\n"
-
-
 def main() -> None:
     """Measures, and writes the tables into a page where there is one."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--only", choices=("stages", "growth"))
     parser.add_argument("--page", type=Path)
     asked = parser.parse_args()
     about = machine()
     measured(case("desk", "davis346", 0.05))  # compiles the kernels
-    made = {"stages": lambda: stage_table(stage_cases()), "growth": growth_table}
-    for name, table in made.items():
-        if asked.only in (None, name):
-            text = f"{about}\n\n{table()}"
-            sys.stdout.write(text + "\n")
-            if asked.page is not None:
-                into_page(asked.page, f"simulate-{name}", text)
+    show(f"{about}\n\n{stage_table(stage_cases())}", asked.page, "simulate-stages")
+
+
+def machine() -> str:
+    """The processors as Linux tells them, and how busy they are with other work."""
+    text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    names = [line.partition(":")[2].strip() for line in text.splitlines() if "model name" in line]
+    load = os.getloadavg()[0]
+    state = "quiet" if load < 0.5 else "busy with other work"
+    what = f"{os.cpu_count()} × {names[0] if names else platform.machine()}"
+    return f"{what}; load average {load:.1f} before the measurement: {state}."
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """The table of track's scores counts failures, keeps finished rows, and names held-out seeds."""
 
 import json
-import sys
 
 import pytest
 
@@ -49,34 +48,3 @@ def test_a_finished_row_is_kept_and_a_damaged_one_refused(tmp_path, monkeypatch)
     kept.write_text(json.dumps({"twin": 3}))
     with pytest.raises(InputError, match="remove the file"):
         measured(twins, tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("code", "said", "expected"),
-    [
-        pytest.param(2, "x: tracking could not start: dark", "never began", id="a result"),
-        pytest.param(2, "disk is full", InputError, id="a full disk"),
-        pytest.param(130, "interrupted", KeyboardInterrupt, id="an interrupt"),
-    ],
-)
-def test_only_what_the_tracker_says_is_a_failure_of_it(tmp_path, monkeypatch, code, said, expected):
-    def verb(_arguments):
-        sys.stderr.write(said)
-        return code
-
-    monkeypatch.setattr(track_scores, "eventsweep", verb)
-    asked = row(2, 1.0).twin, tmp_path, tmp_path / "track"
-    if isinstance(expected, str):
-        assert track_scores._tracked(*asked).failure == expected
-    else:
-        with pytest.raises(expected):
-            track_scores._tracked(*asked)
-
-
-def test_a_scene_may_have_seeds_of_its_own():
-    twins = list(track_scores.twins_of(["desk=2-3", "rpg-bin"], "4", None))
-    assert [(one.scene, one.seed, one.seconds) for one in twins] == [
-        ("desk", 2, 1.5), ("desk", 3, 1.5), ("rpg-bin", 4, 10),
-    ]  # fmt: skip
-    with pytest.raises(InputError, match="no twin 'attic'"):
-        list(track_scores.twins_of(["attic"], "4", 1.0))

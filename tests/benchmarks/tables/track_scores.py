@@ -2,8 +2,8 @@
 
 Simulates each twin, tracks it by the verb, and scores its poses against the true ones, and maps on
 them against maps on the true ones. A finished row is kept, so that the command can be interrupted;
-after a change of the program take another folder, or remove the rows. With `--page
-plugins/track/odometry.md` the table is written into the page. `--scene desk=2-4` chooses a scene's seeds.
+after a change of the program take another folder, or remove the rows. With `--page` the
+table is written into a page. `--scene desk=2-4` chooses a scene's seeds.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.scoring.run_folder import truth_of
-from memory_simulate import peaks_mb
+from peak_memory import peaks_mb
 from places import HELPERS
 
 LENS = Camera(20, 10, 15, 15, 9.5, 4.5, "kb4", (0.1, 0.0, 0.0, 0.0))

@@ -7,12 +7,10 @@ from PIL import Image
 
 import reproduction
 import study_pages
-import suite_cost
-import suite_efficiency
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.scoring.metrics import METRICS as KNOWN
 from eventsweep.eval.suite.definition import load
-from eventsweep.eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, mapper_method
+from eventsweep.eval.suite.results import Sample, SampleFacts, SuiteResult, mapper_method
 from published_table import MONO, RATIOS, TABLE, H
 from score_rows import score_row
 
@@ -122,51 +120,3 @@ def test_the_suite_has_what_the_tables_show():
 def test_the_published_ratios_are_those_that_are_quoted():
     ratios = [round(H.value(metric) / MONO.value(metric), 2) for metric in RATIOS]
     assert ratios == [0.59, 0.66, 0.35]
-
-
-def jobs(case, seed, seconds):
-    return [
-        JobNote(f"simulate/{case}/seed{seed}", "k", cpu_seconds=seconds),
-        JobNote(f"map/{case}/seed{seed}/default/w000", "k", cpu_seconds=2 * seconds),
-        JobNote(f"score/{case}/seed{seed}", "k", cpu_seconds=3 * seconds),
-    ]
-
-
-def test_costs_are_summed_per_case_and_carried_over_to_all_seeds():
-    suite, _ = load("suite-v4")
-    notes = [*jobs("desk", 0, 10.0), *jobs("desk", 1, 20.0), *jobs("boxes", 0, 1.0)]
-    notes[-1] = JobNote("score/boxes/seed0", failure="it died")
-    found = suite_cost.took(notes)
-    assert set(found) == {("desk", "seed0"), ("desk", "seed1")}
-    text = suite_cost.table(suite, found)
-    # The mean of 60 and 120 s, five times; 180 s were run.
-    assert "| `desk` | 2/5 | 15.0 | 30.0 | 45.0 | 7.5 | 3.0 |" in text
-    assert "Not run, and not in the sum: planes, boxes," in text
-    assert "| simulate, s | map, s | score, s |" in text
-
-
-def test_jobs_that_failed_are_counted():
-    notes = [*jobs("desk", 0, 10.0), JobNote("score/boxes/seed0", failure="it died")]
-    assert suite_cost.outcomes(notes) == "\n4 jobs; 1 of them failed.\n"
-    assert "none of them failed" in suite_cost.outcomes(notes[:3])
-
-
-def test_sequences_of_an_archive_cost_their_unpacking():
-    unpacked = [JobNote("unpack/desk/seed0", "k", cpu_seconds=0.5), *jobs("desk", 0, 10.0)[1:]]
-    text = suite_cost.table(load("suite-v4")[0], suite_cost.took(unpacked))
-    assert "| Case | seeds run | unpack, s | map, s | score, s |" in text
-    assert "| `desk` | 1/5 | 0.5 | 20.0 | 30.0 |" in text
-
-
-def test_efficiency_is_the_share_of_the_ideal_speed_up():
-    alone, together = suite_efficiency.Took(90.0, 135.0), suite_efficiency.Took(50.0, 95.0)
-    text = suite_efficiency.line("quick", 2, alone, together)
-    assert "90.0 s on 1.50 cores with one worker, 50.0 s on 1.90 cores with 2" in text
-    assert "0.90 of ideal" in text
-    assert "0.50 of ideal" in suite_efficiency.line("quick", 2, alone, alone)
-
-
-@pytest.mark.parametrize(("suite", "workers"), [("nosuch", 1), ("quick", 0)])
-def test_what_cannot_be_timed_is_refused(suite, workers):
-    with pytest.raises(InputError):
-        suite_efficiency.took(suite, workers)

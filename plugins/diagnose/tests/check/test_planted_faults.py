@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from check_cases import FAULTS, FILE_FAULTS, UNSPOILT
-from check_opened import OPENED
-from check_tried import TRIED
+from check_unseen import UNSEEN
 from dataset_world import rewritten
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.writer import SequenceWriter
@@ -22,13 +21,9 @@ ALWAYS = {
 SEVERAL = {"hand-eye missing", "poses late, camera rolled"}
 # Through so narrow a lens the two look alike.
 TRADING_OFF = {"stereo yaw", "baseline off"}
-# What else is called wrong first. The lens is a mistake: through it turns that are off look alike.
-# A camera that is so late is silent for a third of so short a recording.
-CALLED = {
-    "camera late by 300 to 380 ms": {"gaps in the events"},
-    "turns off by 10 to 20 %": {"focal length"},
-    "first camera's principal point off": {"principal point off"},
-}
+# What else is called wrong first, without a cure. So few events fill few packets, and between their
+# stamps there are none.
+CALLED = {"events stamped by the host": {"gaps in the events"}}
 ALWAYS_UNSPOILT = {"as simulated", "one camera", "poses of a tracked body"}
 ALWAYS_IN_FILES = {"events not sorted csv"}
 
@@ -50,7 +45,7 @@ def first_suspects(report):
     return set(report.suspects[0].split(" or "))
 
 
-@pytest.mark.parametrize("fault", often_named((), {f.kind: f for f in (*OPENED, *TRIED)}))
+@pytest.mark.parametrize("fault", often_named((), {f.kind: f for f in UNSEEN}))
 def test_two_faults_at_once_and_nameless_ones_get_no_wrong_cure(fault):
     report = check(fault.plant(head_recording(), np.random.default_rng(3)))
     right = {*fault.named, *UNKNOWN, *CALLED.get(fault.kind, ())}

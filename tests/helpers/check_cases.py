@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,7 +19,7 @@ from eventsweep.emvs.datasets.raw_streams import open_readable
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.plugins.diagnose.check.alternatives import CONVENTIONS, Chosen, MirroredRecording
-from planting import Fault, Matrix, Planter, Rng, with_poses
+from planting import Fault, Matrix, Planter, Rng, fault, with_poses
 
 
 @dataclass(frozen=True)
@@ -68,48 +69,6 @@ DEVELOPMENT = tuple(
         ("dsec-street", "rpg", "davis240", 132),
     )
 )
-# Of small sensors: rules were tried on these as well.
-SHOWN_BASES = _bases(
-    700,
-    ("boxes", "rpg", "davis240"),
-    ("mvsec-flying", "rpg", "davis240"),
-    ("planes", "rpg", "ideal"),
-    ("rpg-boxes", "rpg", "davis240"),
-    ("rpg-reader", "davis346", "davis346"),
-    ("tumvie-1d", "rpg", "davis240"),
-    ("tumvie-3d", "davis346", "davis346"),
-    ("rpg-bin", "rpg", "davis240"),
-    ("thin-structures", "rpg", "ideal"),
-    ("rpg-monitor", "rpg", "davis240"),
-    ("desk", "rpg", "davis240"),
-    ("tumvie-skate", "rpg", "davis240"),
-    ("moving-objects", "rpg", "ideal"),
-    ("dsec-street", "rpg", "davis240"),
-    ("reflective", "rpg", "davis240"),
-)
-
-
-# On these the table before was made.
-LAST_BASES = _bases(
-    800,
-    ("desk", "davis346", "davis346"),
-    ("rpg-bin", "rpg", "davis240"),
-    ("boxes", "oblique", "davis346"),
-    ("tumvie-6dof", "rpg", "davis240"),
-    ("planes", "rpg", "davis240"),
-    ("rpg-monitor", "rpg", "ideal"),
-    ("mvsec-flying", "davis346", "davis346"),
-    ("tumvie-desk2", "rpg", "davis240"),
-    ("rpg-boxes", "davis346", "davis346"),
-    ("thin-structures", "rpg", "davis240"),
-    ("tumvie-1d", "rpg", "davis240"),
-    ("rpg-reader", "rpg", "davis240"),
-    ("moving-objects", "rpg", "davis240"),
-    ("dsec-street", "rpg", "davis240"),
-    ("low-texture", "davis346", "davis346"),
-)
-
-
 # Sequences that no rule was chosen on: no earlier campaign used seeds of 900 or more.
 NEW = _bases(
     900,
@@ -128,16 +87,6 @@ NEW = _bases(
 )
 
 
-def _same(recording: Recording, rng: Rng) -> Recording:
-    del rng
-    return recording
-
-
-def _one_camera(recording: Recording, rng: Rng) -> Recording:
-    del rng
-    return Chosen(recording, (0,))
-
-
 def hand_eye(rng: Rng) -> Matrix:
     """A tracked body on a camera: turned by 20 to 120 deg, up to 10 cm away."""
     turn = Rotation.from_rotvec(pl.direction(rng) * rng.uniform(20, 120), degrees=True)
@@ -150,53 +99,16 @@ def tracked(recording: Recording, T_tracked_body: Matrix) -> Recording:
     return pl.placed(posed, *(T_tracked_body @ T for T in recording.rig.T_body_cam))
 
 
-def _tracked(recording: Recording, rng: Rng) -> Recording:
-    return tracked(recording, hand_eye(rng))
-
-
-def _rarer(recording: Recording, rng: Rng) -> Recording:
-    return with_poses(recording, at=slice(None, None, int(rng.integers(5, 20))))
-
-
-def _exchanged_order(recording: Recording, rng: Rng) -> Recording:
-    del rng
-    return Chosen(recording, (1, 0))
-
-
 # What changes nothing: the same recording, told in another and right way.
 UNSPOILT: dict[str, Planter] = {
-    "as simulated": _same,
-    "one camera": _one_camera,
-    "poses of a tracked body": _tracked,
-    "poses at 50 to 200 Hz": _rarer,
-    "camera 1 first": _exchanged_order,
+    "as simulated": lambda r, _: r,
+    "one camera": lambda r, _: Chosen(r, (0,)),
+    "poses of a tracked body": lambda r, rng: tracked(r, hand_eye(rng)),
+    "poses at 50 to 200 Hz": lambda r, rng: with_poses(
+        r, at=slice(None, None, int(rng.integers(5, 20)))
+    ),
+    "camera 1 first": lambda r, _: Chosen(r, (1, 0)),
 }
-
-
-def _inverted(r: Recording, rng: Rng) -> Recording:
-    del rng
-    p = r.trajectory
-    inverted = Trajectory.from_matrices(p.t_us, se3.inverse(p.at(p.t_us)))
-    return AlteredRecording(r, trajectory=inverted)
-
-
-def _rotations_inverted(r: Recording, rng: Rng) -> Recording:
-    del rng
-    return pl.turned_by(r, pl.turns_of(r).inv())
-
-
-def _w_first(r: Recording, rng: Rng) -> Recording:
-    del rng
-    return with_poses(r, quats_xyzw=np.roll(r.trajectory.quats_xyzw, 1, axis=1))
-
-
-def _axes(name: str) -> Planter:
-    def plant(r: Recording, rng: Rng) -> Recording:
-        del rng
-        R_cam_told = np.array(CONVENTIONS[name], np.float64).T
-        return pl.posed_from(r, pl.turned(Rotation.from_matrix(R_cam_told)))
-
-    return plant
 
 
 def on_body(r: Recording, change: Callable[[Matrix], Matrix]) -> Recording:
@@ -206,8 +118,50 @@ def on_body(r: Recording, change: Callable[[Matrix], Matrix]) -> Recording:
     return pl.placed(r, *(change(T_body_0) @ T for T in inside))
 
 
-def _hand_eye_inverted(r: Recording, rng: Rng) -> Recording:
-    return on_body(tracked(r, hand_eye(rng)), se3.inverse)
+def _posed(**change: Callable[[Trajectory, Rng], Any]) -> Planter:
+    """Columns of the poses changed: `t_us`, `positions_m` or `quats_xyzw`."""
+    return lambda r, rng: with_poses(
+        r, **{name: new(r.trajectory, rng) for name, new in change.items()}
+    )
+
+
+def _positions(factor: float) -> Planter:
+    return _posed(positions_m=lambda p, _: p.positions_m * factor)
+
+
+def _inverted(r: Recording, _: Rng) -> Recording:
+    p = r.trajectory
+    inverted = Trajectory.from_matrices(p.t_us, se3.inverse(p.at(p.t_us)))
+    return AlteredRecording(r, trajectory=inverted)
+
+
+def _half_resolution(r: Recording, rng: Rng) -> Recording:
+    half = float(rng.choice([0.5, 0.25]))
+    return pl.lenses(pl.focal(r, half), cx_px=lambda c: c * half, cy_px=lambda c: c * half)
+
+
+def _folding(r: Recording, rng: Rng) -> Recording:
+    terms = (float(rng.uniform(-4, -2.5)), 0.0, 0.0, 0.0)
+    return pl.cameras(r, lambda c: replace(c, model="radtan", distortion=terms))
+
+
+def _another_sensor(r: Recording, _: Rng) -> Recording:
+    w, h = 640, 480
+    return pl.cameras(r, lambda c: replace(c, width_px=w, height_px=h, cx_px=w / 2, cy_px=h / 2))
+
+
+def _coarse(r: Recording, rng: Rng) -> Recording:
+    step_us = int(rng.choice([8_000, 10_000, 16_000]))
+    return pl.EditedRecording(r, lambda camera, e: replace(e, t_us=e.t_us // step_us * step_us))
+
+
+def _axes(name: str) -> Planter:
+    def plant(r: Recording, rng: Rng) -> Recording:
+        del rng
+        R_cam_told = np.array(CONVENTIONS[name], np.float64).T
+        return pl.posed_from(r, pl.turned(Rotation.from_matrix(R_cam_told)))
+
+    return plant
 
 
 def _hand_eye_missing(r: Recording, rng: Rng) -> Recording:
@@ -220,27 +174,6 @@ def _hand_eye_twice(r: Recording, rng: Rng) -> Recording:
     camera = on_body(tracked(r, se3.inverse(r.rig.T_body_cam[0])), lambda T: np.eye(4))
     T_tracked_cam = hand_eye(rng)
     return on_body(camera, lambda T: T_tracked_cam)
-
-
-def _positions(factor: float) -> Planter:
-    return lambda r, rng: with_poses(r, positions_m=r.trajectory.positions_m * factor)
-
-
-def _pose_clock(r: Recording, rng: Rng) -> Recording:
-    late_us = round(float(rng.uniform(40e3, 150e3)) * pl.sign(rng))
-    return with_poses(r, t_us=r.trajectory.t_us + late_us)
-
-
-def _apart(r: Recording, rng: Rng) -> Recording:
-    return with_poses(r, t_us=r.trajectory.t_us + round(float(rng.uniform(1e8, 1e10))))
-
-
-def _pose_times(factor: int) -> Planter:
-    return lambda r, rng: with_poses(r, t_us=r.trajectory.t_us * factor)
-
-
-def _event_times(factor: int) -> Planter:
-    return lambda r, rng: pl.EditedRecording(r, lambda camera, e: e, factor)
 
 
 def _frozen(r: Recording, rng: Rng) -> Recording:
@@ -258,56 +191,10 @@ def _jumping(r: Recording, rng: Rng) -> Recording:
     return with_poses(r, positions_m=p.positions_m + after[:, None] * jump_m)
 
 
-def _rare(r: Recording, rng: Rng) -> Recording:
-    step = round(rng.uniform(150e3, 250e3) / int(pl.period_us(r)))
-    return with_poses(r, at=slice(None, None, step))
-
-
 def _noisy(r: Recording, rng: Rng) -> Recording:
     p = r.trajectory
     noise_m = rng.normal(0, rng.uniform(7e-3, 12e-3), p.positions_m.shape)
     return with_poses(r, positions_m=p.positions_m + noise_m)
-
-
-def _at_rest(r: Recording, rng: Rng) -> Recording:
-    del rng
-    p = r.trajectory
-    still = np.broadcast_to(p.positions_m[:1], p.positions_m.shape)
-    return with_poses(r, positions_m=still.copy())
-
-
-def _fx_in_mm(r: Recording, rng: Rng) -> Recording:
-    del rng
-    return pl.lenses(r, fx_px=lambda f: f / 1000)
-
-
-def _focal_in_mm(r: Recording, rng: Rng) -> Recording:
-    return pl.focal(r, float(rng.uniform(0.009, 0.02)))
-
-
-def _half_resolution(r: Recording, rng: Rng) -> Recording:
-    half = float(rng.choice([0.5, 0.25]))
-    return pl.lenses(pl.focal(r, half), cx_px=lambda c: c * half, cy_px=lambda c: c * half)
-
-
-def _centre_exchanged(r: Recording, rng: Rng) -> Recording:
-    del rng
-    return pl.cameras(r, lambda c: replace(c, cx_px=c.cy_px, cy_px=c.cx_px))
-
-
-def _folding(r: Recording, rng: Rng) -> Recording:
-    k1 = float(rng.uniform(-4, -2.5))
-    return pl.cameras(r, lambda c: replace(c, model="radtan", distortion=(k1, 0.0, 0.0, 0.0)))
-
-
-def _focal(r: Recording, rng: Rng) -> Recording:
-    return pl.focal(r, pl.one_of(rng, (0.55, 0.75), (1.4, 1.8)))
-
-
-def _another_sensor(r: Recording, rng: Rng) -> Recording:
-    del rng
-    w, h = 640, 480
-    return pl.cameras(r, lambda c: replace(c, width_px=w, height_px=h, cx_px=w / 2, cy_px=h / 2))
 
 
 def _baseline(low: float, high: float) -> Planter:
@@ -318,45 +205,12 @@ def _baseline(low: float, high: float) -> Planter:
     return plant
 
 
-def _no_extrinsics(r: Recording, rng: Rng) -> Recording:
-    del rng
-    return pl.second_moved(r, lambda T: np.eye(4))
-
-
-def _extrinsics_inverted(r: Recording, rng: Rng) -> Recording:
-    del rng
-    return pl.second_moved(r, se3.inverse)
-
-
 def _stereo(axis: int, low_deg: float, high_deg: float) -> Planter:
     def plant(r: Recording, rng: Rng) -> Recording:
         angle = float(rng.uniform(low_deg, high_deg) * pl.sign(rng))
         return pl.second_turned(r, np.eye(3)[axis] * angle)
 
     return plant
-
-
-def _swapped(r: Recording, rng: Rng) -> Recording:
-    del rng
-    return AlteredRecording(r, streams=(1, 0, *range(2, len(r.rig))))
-
-
-def _camera_clock(r: Recording, rng: Rng) -> Recording:
-    return pl.second_late(r, round(float(rng.uniform(12e3, 80e3)) * pl.sign(rng)))
-
-
-def _mirrored(**which: bool) -> Planter:
-    return lambda r, rng: MirroredRecording(r, **which)
-
-
-def _one_polarity(r: Recording, rng: Rng) -> Recording:
-    del rng
-    return pl.EditedRecording(r, lambda camera, e: replace(e, p=np.ones_like(e.p)))
-
-
-def _coarse(r: Recording, rng: Rng) -> Recording:
-    step_us = int(rng.choice([8_000, 10_000, 16_000]))
-    return pl.EditedRecording(r, lambda camera, e: replace(e, t_us=e.t_us // step_us * step_us))
 
 
 def _hot(r: Recording, rng: Rng) -> Recording:
@@ -372,11 +226,6 @@ def _hot(r: Recording, rng: Rng) -> Recording:
         return replace(e, x=np.where(hit, x[which], e.x), y=np.where(hit, y[which], e.y))
 
     return pl.EditedRecording(r, edit)
-
-
-def _silent(r: Recording, rng: Rng) -> Recording:
-    lost = int(rng.integers(0, len(r.rig)))
-    return pl.EditedRecording(r, lambda camera, e: e.slice(0, 0) if camera == lost else e)
 
 
 def _gaps(r: Recording, rng: Rng) -> Recording:
@@ -399,109 +248,95 @@ def _left_handed(r: Recording, rng: Rng) -> Recording:
     return with_poses(turned, positions_m=r.trajectory.positions_m @ mirror)
 
 
-def _negated(r: Recording, rng: Rng) -> Recording:
-    signs = np.where(np.arange(3) == rng.integers(3), -1.0, 1.0)
-    return with_poses(r, positions_m=r.trajectory.positions_m * signs)
+def _silent(r: Recording, rng: Rng) -> Recording:
+    lost = int(rng.integers(0, len(r.rig)))
+    return pl.EditedRecording(r, lambda camera, e: e.slice(0, 0) if camera == lost else e)
 
 
+def _swapped(r: Recording, _: Rng) -> Recording:
+    return AlteredRecording(r, streams=(1, 0, *range(2, len(r.rig))))
+
+
+def _late_us(rng: Rng, least: float, most: float) -> int:
+    return round(float(rng.uniform(least, most)) * pl.sign(rng))
+
+
+_POSE_CLOCK = _posed(t_us=lambda p, rng: p.t_us + _late_us(rng, 40e3, 150e3))
 FAULTS = (
-    Fault(
-        "left-handed poses",
-        _left_handed,
-        ("left-handed poses, axes right up ahead",),
-    ),
-    Fault(
-        "an axis of the positions negated",
-        _negated,
-        tuple(f"{axis} of the positions negated" for axis in "xyz"),
-    ),
-    Fault(
-        "Euler angles in another order", pl.reread("ZYX", "zyx"), ("Euler angles xyz read as zyx",)
-    ),
-    Fault(
-        "radians read as degrees",
-        pl.reread("ZYX", "ZYX", degrees=True),
-        tuple(f"Euler angles {order} in radians read as degrees" for order in pl.EULER),
-    ),
-    Fault(
-        "degrees read as radians",
-        pl.reread("ZYX", "ZYX", factor=180 / np.pi),
-        (
-            "impossible motion",
-            *pl.UNKNOWN,
-            *(f"Euler angles {order} in degrees read as radians" for order in pl.EULER),
-        ),
-    ),
-    Fault(
-        "poses late, camera rolled",
-        pl.both(_pose_clock, _stereo(2, 2.0, 6)),
-        pl.two("pose clock", "stereo roll"),
-    ),
-    Fault(
-        "poses inverted, cameras swapped",
-        pl.both(_inverted, _swapped),
-        pl.two("poses inverted", "cameras swapped"),
-    ),
-    Fault("poses inverted", _inverted, ("poses inverted",)),
-    Fault("rotations inverted", _rotations_inverted, ("rotations inverted",)),
-    Fault("quaternions w first", _w_first, ("quaternions w first",)),
-    Fault("OpenGL axes", _axes("OpenGL axes"), ("OpenGL axes",)),
-    Fault("ROS axes", _axes("ROS axes"), ("ROS axes",)),
-    Fault("NED axes", _axes("NED axes"), ("NED axes",)),
-    Fault("hand-eye inverted", _hand_eye_inverted, ("hand-eye inverted",)),
-    Fault(
-        "hand-eye missing", _hand_eye_missing, tuple(f"hand-eye rotation about {a}" for a in "xyz")
-    ),
-    Fault("hand-eye applied twice", _hand_eye_twice, ("hand-eye beside poses of the camera",)),
-    Fault("positions in mm", _positions(1000), ("impossible motion", "positions in mm")),
-    Fault("positions in cm", _positions(100), ("impossible motion", "positions in cm")),
-    Fault("poses late", _pose_clock, ("pose clock",)),
-    Fault("clocks apart", _apart, ("poses and events apart",)),
-    Fault("times of poses in ms", _pose_times(1000), ("poses and events apart",)),
-    Fault(
-        "times of events in ns",
-        _event_times(1000),
-        ("poses and events apart", "unusual event rate"),
-    ),
-    Fault("poses frozen", _frozen, ("poses frozen",)),
-    Fault("poses jump", _jumping, ("poses jump",)),
-    Fault("poses too rare", _rare, ("poses too rare",)),
-    Fault("noisy poses", _noisy, ("noisy poses",)),
+    fault("left-handed poses", _left_handed, "left-handed poses, axes right up ahead"),
+    fault("an axis of the positions negated",
+          _posed(positions_m=lambda p, rng: p.positions_m * np.where(
+              np.arange(3) == rng.integers(3), -1.0, 1.0)),
+          *(f"{axis} of the positions negated" for axis in "xyz")),
+    fault("Euler angles in another order", pl.reread("ZYX", "zyx"), "Euler angles xyz read as zyx"),
+    fault("radians read as degrees", pl.reread("ZYX", "ZYX", degrees=True),
+          *(f"Euler angles {order} in radians read as degrees" for order in pl.EULER)),
+    fault("degrees read as radians", pl.reread("ZYX", "ZYX", factor=180 / np.pi),
+          "impossible motion", *pl.UNKNOWN,
+          *(f"Euler angles {order} in degrees read as radians" for order in pl.EULER)),
+    fault("poses late, camera rolled", pl.both(_POSE_CLOCK, _stereo(2, 2.0, 6)),
+          *pl.two("pose clock", "stereo roll")),
+    fault("poses inverted, cameras swapped", pl.both(_inverted, _swapped),
+          *pl.two("poses inverted", "cameras swapped")),
+    fault("poses inverted", _inverted),
+    fault("rotations inverted", lambda r, _: pl.turned_by(r, pl.turns_of(r).inv())),
+    fault("quaternions w first", _posed(quats_xyzw=lambda p, _: np.roll(p.quats_xyzw, 1, axis=1))),
+    *(fault(f"{name} axes", _axes(f"{name} axes")) for name in ("OpenGL", "ROS", "NED")),
+    fault("hand-eye inverted", lambda r, rng: on_body(tracked(r, hand_eye(rng)), se3.inverse)),
+    fault("hand-eye missing", _hand_eye_missing, *(f"hand-eye rotation about {a}" for a in "xyz")),
+    fault("hand-eye applied twice", _hand_eye_twice, "hand-eye beside poses of the camera"),
+    fault("positions in mm", _positions(1000), "impossible motion", "positions in mm"),
+    fault("positions in cm", _positions(100), "impossible motion", "positions in cm"),
+    fault("poses late", _POSE_CLOCK, "pose clock"),
+    fault("clocks apart", _posed(t_us=lambda p, rng: p.t_us + round(float(rng.uniform(1e8, 1e10)))),
+          "poses and events apart"),
+    fault("times of poses in ms", _posed(t_us=lambda p, _: p.t_us * 1000),
+          "poses and events apart"),
+    fault("times of events in ns", lambda r, _: pl.EditedRecording(r, lambda camera, e: e, 1000),
+          "poses and events apart", "unusual event rate"),
+    fault("poses frozen", _frozen),
+    fault("poses jump", _jumping),
+    fault("poses too rare", lambda r, rng: with_poses(
+        r, at=slice(None, None, round(rng.uniform(150e3, 250e3) / int(pl.period_us(r)))))),
+    fault("noisy poses", _noisy),
     # A camera that does not turn either repeats its poses.
-    Fault("camera at rest", _at_rest, ("camera at rest", "poses frozen")),
-    Fault("fx in m beside fy in px", _fx_in_mm, ("focal lengths unequal",)),
-    Fault("focal length in mm", _focal_in_mm, ("impossible field of view",)),
-    Fault(
-        "half the resolution",
-        _half_resolution,
-        ("calibration of another resolution", "principal point off"),
-    ),
+    fault("camera at rest",
+          _posed(positions_m=lambda p, _: np.tile(p.positions_m[:1], (len(p), 1))),
+          "camera at rest", "poses frozen"),
+    fault("fx in m beside fy in px", lambda r, _: pl.lenses(r, fx_px=lambda f: f / 1000),
+          "focal lengths unequal"),
+    fault("focal length in mm", lambda r, rng: pl.focal(r, float(rng.uniform(0.009, 0.02))),
+          "impossible field of view"),
+    fault("half the resolution", _half_resolution, "calibration of another resolution",
+          "principal point off"),
     # Coefficients that are of another focal length may fold.
-    Fault("focal length off", _focal, ("focal length", "distortion folds")),
-    Fault(
-        "cx and cy exchanged",
-        _centre_exchanged,
-        ("principal point exchanged", "principal point off"),
-    ),
-    Fault("distortion folds", _folding, ("distortion folds",)),
-    Fault("another sensor's calibration", _another_sensor, ("sensor not filled",)),
-    Fault("baseline in mm", _baseline(1000, 1001), ("impossible baseline", "baseline in mm")),
-    Fault("baseline off", _baseline(1.35, 2.0), ("baseline",)),
-    Fault("extrinsics missing", _no_extrinsics, ("extrinsics missing",)),
-    Fault("extrinsics inverted", _extrinsics_inverted, ("extrinsics inverted",)),
-    Fault("cameras swapped", _swapped, ("cameras swapped",)),
-    Fault("stereo yaw", _stereo(1, 0.7, 4), ("stereo yaw",)),
-    Fault("stereo pitch", _stereo(0, 0.4, 4), ("stereo pitch",)),
-    Fault("stereo roll", _stereo(2, 1.0, 6), ("stereo roll",)),
-    Fault("camera late", _camera_clock, ("camera clock",)),
-    Fault("columns mirrored", _mirrored(columns=True), ("columns mirrored",)),
-    Fault("rows mirrored", _mirrored(rows=True), ("rows mirrored",)),
-    Fault("one polarity", _one_polarity, ("one polarity missing",)),
-    Fault("coarse time stamps", _coarse, ("coarse time stamps",)),
-    Fault("hot pixels", _hot, ("hot pixels",)),
-    Fault("camera silent", _silent, ("camera silent",)),
-    Fault("gaps in the events", _gaps, ("gaps in the events",)),
-)
+    fault("focal length off",
+          lambda r, rng: pl.focal(r, pl.one_of(rng, (0.55, 0.75), (1.4, 1.8))),
+          "focal length", "distortion folds"),
+    fault("cx and cy exchanged",
+          lambda r, _: pl.cameras(r, lambda c: replace(c, cx_px=c.cy_px, cy_px=c.cx_px)),
+          "principal point exchanged", "principal point off"),
+    fault("distortion folds", _folding),
+    fault("another sensor's calibration", _another_sensor, "sensor not filled"),
+    fault("baseline in mm", _baseline(1000, 1001), "impossible baseline", "baseline in mm"),
+    fault("baseline off", _baseline(1.35, 2.0), "baseline"),
+    fault("extrinsics missing", lambda r, _: pl.second_moved(r, lambda T: np.eye(4))),
+    fault("extrinsics inverted", lambda r, _: pl.second_moved(r, se3.inverse)),
+    fault("cameras swapped", _swapped),
+    fault("stereo yaw", _stereo(1, 0.7, 4)),
+    fault("stereo pitch", _stereo(0, 0.4, 4)),
+    fault("stereo roll", _stereo(2, 1.0, 6)),
+    fault("camera late", lambda r, rng: pl.second_late(r, _late_us(rng, 12e3, 80e3)),
+          "camera clock"),
+    fault("columns mirrored", lambda r, _: MirroredRecording(r, columns=True)),
+    fault("rows mirrored", lambda r, _: MirroredRecording(r, rows=True)),
+    fault("one polarity", lambda r, _: pl.EditedRecording(
+        r, lambda camera, e: replace(e, p=np.ones_like(e.p))), "one polarity missing"),
+    fault("coarse time stamps", _coarse),
+    fault("hot pixels", _hot),
+    fault("camera silent", _silent),
+    fault("gaps in the events", _gaps),
+)  # fmt: skip
 PLANTERS: dict[str, Planter] = {fault.kind: fault.plant for fault in FAULTS}
 _NAMES = {fault.kind: fault.named[0] for fault in FAULTS}
 

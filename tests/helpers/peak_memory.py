@@ -1,8 +1,4 @@
-"""Memory of a simulation: `python tests/benchmarks memory_simulate SCENE RIG SECONDS WORKERS`.
-
-Samples all processes of `eventsweep simulate` ten times a second and prints the peak of each
-quarter of the run: it must not grow with the sequence.
-"""
+"""The most memory that a program needs at once, alone or with the processes that it starts."""
 
 from __future__ import annotations
 
@@ -10,9 +6,37 @@ import os
 import re
 import subprocess
 import sys
-import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
+
+VERB = "import sys; from eventsweep.eval.cli.main import main; code = main(sys.argv[1:])"
+"""A program that runs `eventsweep` with its words."""
+
+# Not `ru_maxrss`: that begins with what the parent process held when it forked.
+_PEAK = """
+import re, sys
+from pathlib import Path
+print(int(re.search(r"VmHWM:\\s*([0-9]+)", Path("/proc/self/status").read_text())[1]) / 1024)
+sys.exit(globals().get("code", 0))
+"""
+
+
+def peak_mb(program: str, words: Sequence[str]) -> float:
+    """Peak memory of a process of its own, with its libraries, MB.
+
+    Args:
+        program: Python that prints nothing; a global `code` becomes its exit code.
+        words: its arguments.
+
+    Raises:
+        SystemExit: it failed; it has said why.
+    """
+    command = [sys.executable, "-c", program + _PEAK, *words]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"{' '.join(words)}: ended with {done.returncode}")
+    return float(done.stdout)
 
 
 def memory_mb(group: int) -> float:
@@ -47,23 +71,3 @@ def peaks_mb(command: list[str], quarters: int = 4) -> list[float]:
         raise SystemExit(f"{' '.join(command)} ended with {process.returncode}")
     size = -(-len(samples) // quarters)
     return [max(samples[k : k + size]) for k in range(0, len(samples), size)]
-
-
-def main(scene: str, rig: str, seconds: str, workers: str) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "sequence"
-        command = [sys.executable, "-m", "eventsweep", "simulate", scene, "--rig", rig]
-        command += ["--seconds", seconds, "--workers", workers, "--out", str(out), "--quiet"]
-        began_s = time.perf_counter()
-        peaks = peaks_mb(command)
-        took_s = time.perf_counter() - began_s
-        size_mb = sum(path.stat().st_size for path in out.rglob("*.*")) / 1e6
-    text = ", ".join(f"{peak:.0f}" for peak in peaks)
-    sys.stdout.write(
-        f"{scene}, {rig}, {seconds} s, {workers} workers: took {took_s:.0f} s, {size_mb:.0f} MB\n"
-        f"peak memory by quarter of the run: {text} MB\n"
-    )
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

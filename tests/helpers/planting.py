@@ -41,6 +41,11 @@ class Fault:
     named: tuple[str, ...]
 
 
+def fault(kind: str, plant: Planter, *named: str) -> Fault:
+    """A fault that `check` calls by its kind, unless other names are given."""
+    return Fault(kind, plant, named or (kind,))
+
+
 def unknown(kind: str, plant: Planter, *also: str) -> Fault:
     """A fault that nothing mends, and what else it may be called."""
     return Fault(kind, plant, (*UNKNOWN, *also))
@@ -75,11 +80,6 @@ def repeated(r: Recording, at: NDArray[np.int64]) -> Recording:
     return with_poses(r, positions_m=p.positions_m[at], quats_xyzw=p.quats_xyzw[at])
 
 
-def since_us(r: Recording) -> Matrix:
-    """(N, 1) how long after the first pose each is, µs."""
-    return np.asarray((r.trajectory.t_us - r.trajectory.t_us[0])[:, None])
-
-
 def period_us(r: Recording) -> float:
     """The usual time from a pose to the next, µs."""
     return float(np.median(np.diff(r.trajectory.t_us)))
@@ -93,16 +93,6 @@ def turns_of(r: Recording) -> Rotation:
     return Rotation.from_quat(r.trajectory.quats_xyzw)
 
 
-def since_start(r: Recording, rotvec: Matrix) -> Recording:
-    """The first orientation, turned by (N, 3) rotation vectors about its own axes."""
-    return turned_by(r, turns_of(r)[0] * Rotation.from_rotvec(rotvec))
-
-
-def rotvec(r: Recording) -> Matrix:
-    """(N, 3) how each pose is turned against the first, about its axes."""
-    return np.asarray((turns_of(r)[0].inv() * turns_of(r)).as_rotvec())
-
-
 def reread(order: str, as_order: str, *, degrees: bool = False, factor: float = 1.0) -> Planter:
     """Euler angles that were made into rotations in another order, or in another unit."""
 
@@ -112,13 +102,6 @@ def reread(order: str, as_order: str, *, degrees: bool = False, factor: float = 
         return turned_by(r, Rotation.from_euler(as_order, angles, degrees=degrees))
 
     return plant
-
-
-def misread(order: str, as_order: str) -> Fault:
-    """Angles about fixed axes, made into rotations in another order."""
-    plant = reread(order.upper()[::-1], as_order.upper()[::-1])
-    names = (f"Euler angles {a} read as {b}" for a in EULER for b in EULER)
-    return Fault(f"Euler angles {order} read as {as_order}", plant, tuple(names))
 
 
 def direction(rng: Rng) -> Matrix:
@@ -133,13 +116,6 @@ def sign(rng: Rng) -> int:
 def turned(rotation: Rotation) -> Matrix:
     """(4, 4) a rotation alone."""
     return se3.from_rotation(rotation, np.zeros(3))
-
-
-def shifted(way_m: Matrix) -> Matrix:
-    """(4, 4) a translation alone."""
-    T = np.eye(4)
-    T[:3, 3] = way_m
-    return T
 
 
 def posed_from(r: Recording, T_body_given: Matrix) -> Recording:
@@ -194,11 +170,6 @@ def focal(r: Recording, times: float, *only: int) -> Recording:
     return lenses(r, *only, fx_px=lambda f: f * times, fy_px=lambda f: f * times)
 
 
-def radtan(r: Recording, terms: tuple[float, ...], *only: int) -> Recording:
-    """Distortion that the lenses do not have."""
-    return cameras(r, lambda c: replace(c, model="radtan", distortion=terms), *only)
-
-
 def one_of(rng: Rng, *ranges: tuple[float, float]) -> float:
     """A number from one of several ranges."""
     return float(rng.choice([rng.uniform(*limits) for limits in ranges]))
@@ -235,12 +206,6 @@ def edited(r: Recording, edit: Callable[[Events, Camera], Events], *only: int) -
         return e.take(np.argsort(e.t_us, kind="stable"))
 
     return EditedRecording(r, change)
-
-
-def mirrored(e: Events, sensor: Camera, *, columns: bool = True, rows: bool = True) -> Events:
-    x = (sensor.width_px - 1 - e.x).astype(np.uint16) if columns else e.x
-    y = (sensor.height_px - 1 - e.y).astype(np.uint16) if rows else e.y
-    return replace(e, x=x, y=y)
 
 
 def second_late(r: Recording, late_us: int) -> Recording:

@@ -1,0 +1,100 @@
+"""Extraction by focus from volumes that are kept whole, which the mapper never does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.depth.depth_map import without_border
+from eventsweep.emvs.depth.focus import (
+    FocusConfig,
+    FocusEstimate,
+    between_the_ends,
+    candidate_mask,
+    judge_at,
+    on_surface,
+)
+from eventsweep.emvs.dsi.maxima import FocusPeak, Maximum
+
+Floats = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+def most_reliable(estimate: FocusEstimate, points: int, border_px: int) -> Mask:
+    """The (H, W) mask of the `points` most reliable candidates, or of all if there are fewer.
+
+    Equal reliability is decided by confidence, then by the order of pixels.
+    """
+    allowed = np.flatnonzero(without_border(estimate.candidate, border_px))
+    reliability, confidence = (
+        image.ravel()[allowed] for image in (estimate.reliability, estimate.confidence)
+    )
+    kept = allowed[np.lexsort((allowed, -confidence, -reliability))[: max(points, 0)]]
+    mask = np.zeros(estimate.candidate.shape, np.bool_)
+    mask.flat[kept] = True
+    return mask
+
+
+def judge(
+    confidence: Floats,
+    vote_peak: Floats,
+    position: Floats,
+    camera_positions: Sequence[Floats],
+    disparity_px: NDArray[np.floating],
+    config: FocusConfig,
+    allowed: Mask | None = None,
+) -> FocusEstimate:
+    """`emvs.depth.focus.judge_at` at every pixel; everything is an image.
+
+    `allowed` is where a candidate may be, by default everywhere.
+    """
+    everywhere = tuple(np.indices(confidence.shape).reshape(2, -1))
+    candidate, cameras = candidate_mask(confidence, config), [c.ravel() for c in camera_positions]
+    candidate = candidate if allowed is None else candidate & allowed
+    return judge_at(
+        everywhere, candidate, confidence, vote_peak.ravel(), position, cameras, disparity_px,
+        config,
+    )  # fmt: skip
+
+
+def maximum_of(volume: Floats) -> Maximum:
+    """The first maximum of a whole (N, H, W) volume along its first axis."""
+    planes = len(volume)
+    index = volume.argmax(0)
+
+    def at(plane: NDArray[np.int64]) -> Floats:
+        inside = np.clip(plane, 0, planes - 1)[None]
+        value: Floats = np.take_along_axis(volume, inside, 0)[0]
+        return value
+
+    return Maximum(at(index), index.astype(np.int16), at(index - 1), at(index + 1), planes)
+
+
+def found_in_volumes(
+    fused: Floats, votes: Floats, disparity_px: NDArray[np.floating], config: FocusConfig
+) -> FocusEstimate:
+    """What the mapper's `Focus/...` finds, with any parameters, in volumes that are kept whole.
+
+    Args:
+        fused: (N, H, W) float32, the cameras' votes fused by any function.
+        votes: (C, N, H, W) float32 votes of each camera.
+        disparity_px: (N,) disparity of each plane, px, above 0.
+        config: parameters.
+    """
+    vote_peak = maximum_of(fused)
+    own, *cameras = (_sharpest(volume, config) for volume in (fused, *votes))
+    judged = judge(
+        vote_peak.value, vote_peak.position(), own.position(gaussian=True),
+        [one.position(gaussian=True) for one in cameras], disparity_px, config,
+        between_the_ends(own),
+    )  # fmt: skip
+    return on_surface(judged, disparity_px, config)
+
+
+def _sharpest(volume: Floats, config: FocusConfig) -> Maximum:
+    """Where a whole (N, H, W) volume is most in focus."""
+    peak = FocusPeak(volume.shape[2], volume.shape[1], config.measure, config.sigma_px)
+    peak.update(volume)
+    return peak.maximum()
