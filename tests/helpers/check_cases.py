@@ -14,8 +14,6 @@ import planting as pl
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.datasets.export import RecordingExport, write_recording
-from eventsweep.emvs.datasets.raw_streams import open_readable
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.plugins.diagnose.check.alternatives import CONVENTIONS, Chosen, MirroredRecording
@@ -362,16 +360,6 @@ class FileFault:
     format: str
     edit: Callable[[Path], None]
     named: tuple[str, ...]
-
-
-def exported(path: Path, out: Path, kind: str) -> Path:
-    """The sequence as files of another format, with a `recording.toml`; kept if it is there."""
-    if not out.exists():
-        readable = open_readable(path)
-        assert readable.recording is not None
-        sources = tuple(source for _, source in readable.streams)
-        write_recording(RecordingExport(readable.recording, sources, 0, lambda n: None), out, kind)
-    return out
 
 
 def _lines(path: Path, change: Callable[[list[str]], list[str]]) -> None:

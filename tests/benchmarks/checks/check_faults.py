@@ -1,10 +1,10 @@
 """How often `eventsweep check` names a planted fault, and accuses a recording that is right.
 
-    python tests/benchmarks check_faults --out FOLDER [--page PAGE] [--campaign NAME]
+    python tests/benchmarks check_faults --out FOLDER [--page PAGE]
 
 Sequences and verdicts are kept in the folder: the same command takes up what is done, and checks
-again what other code checked. Rules were chosen with the campaign `development` and with earlier
-ones (commit 77cd9c78); `unseen`, opened once, plants each new kind and every other known one.
+again what other code checked. The campaign is the last one, which was opened once: it plants each
+new kind and every other known one. Earlier ones, which chose the rules, are in commit 77cd9c78.
 """
 
 from __future__ import annotations
@@ -12,9 +12,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import shutil
 import sys
-import tempfile
 import time
 import zlib
 from collections import Counter
@@ -31,21 +29,11 @@ import check_unseen
 import eventsweep as es
 import eventsweep.plugins.diagnose.check
 import planting
-from check_cases import (
-    DEVELOPMENT,
-    FAULTS,
-    FILE_FAULTS,
-    NEW,
-    UNSPOILT,
-    Base,
-    FileFault,
-    exported,
-)
+from check_cases import FAULTS, NEW, UNSPOILT, Base
 from check_unseen import UNSEEN
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.plugins.diagnose.check.findings import Report
 from eventsweep.plugins.diagnose.check.recording import check
 from markdown_blocks import show
 from planting import UNKNOWN, Planter
@@ -96,39 +84,27 @@ class Case:
         kind: what is planted, or how it is told.
         named: what `check` may call it; empty where nothing is wrong.
         plant: makes it, in memory.
-        file_fault: or makes it, in files.
     """
 
     base: Base
     kind: str
     named: tuple[str, ...]
-    plant: Planter | None = None
-    file_fault: FileFault | None = None
+    plant: Planter
 
     @property
     def name(self) -> str:
         """Of its verdict's file."""
-        form = f"-{self.file_fault.format}" if self.file_fault else ""
         spoilt = "fault" if self.named else "right"
-        return f"{spoilt} {self.kind}{form} {self.base.name}".replace(" ", "_").replace("/", "-")
+        return f"{spoilt} {self.kind} {self.base.name}".replace(" ", "_").replace("/", "-")
 
 
-CAMPAIGNS = {
-    "development": (DEVELOPMENT, FAULTS, FILE_FAULTS),
-    "unseen": (NEW, (*UNSEEN, *FAULTS[::2]), ()),
-}
-
-
-def cases(campaign: str) -> list[Case]:
-    """All recordings to check in a campaign, in an order that never changes."""
-    bases, faults, file_faults = CAMPAIGNS[campaign]
-    every = list(_unspoilt(bases, 2 if campaign == "unseen" else 3))
-    stereo = [one for one in bases if one.scene not in _HARD]
-    for k, fault in enumerate(faults):
+def cases() -> list[Case]:
+    """All recordings to check, in an order that never changes: the first are a fair sample."""
+    every = list(_unspoilt(NEW, 2))
+    stereo = [one for one in NEW if one.scene not in _HARD]
+    for k, fault in enumerate((*UNSEEN, *FAULTS[::2])):
         every.append(Case(stereo[k % len(stereo)], fault.kind, fault.named, fault.plant))
-    for k, one in enumerate(file_faults, len(faults)):
-        every.append(Case(stereo[k % len(stereo)], one.kind, one.named, file_fault=one))
-    return every
+    return sorted(every, key=lambda case: zlib.crc32(case.name.encode()))
 
 
 # Scenes on which faults are not planted: bodies that move by themselves, mirrors, empty walls,
@@ -155,11 +131,6 @@ def sequence(base: Base, out: Path) -> Path:
     return path
 
 
-def in_any_order(campaign: str) -> list[Case]:
-    """All cases of a campaign as if shuffled: the first ones are a fair sample of all."""
-    return sorted(cases(campaign), key=lambda case: zlib.crc32(case.name.encode()))
-
-
 def verdict(case: Case, out: Path, code: str) -> dict[str, Any]:
     """What `check` says of a case: kept if the same code said it."""
     file = out / "verdicts" / f"{case.name}.json"
@@ -168,7 +139,7 @@ def verdict(case: Case, out: Path, code: str) -> dict[str, Any]:
         return kept
     path = sequence(case.base, out)
     began = time.process_time()
-    report = _of_file(case, path, out) if case.file_fault else check(_spoilt(case, path))
+    report = check(_spoilt(case, path))
     found = {
         "code": code, "kind": case.kind, "base": case.base.name, "named": list(case.named),
         "suspects": list(report.suspects),
@@ -178,7 +149,7 @@ def verdict(case: Case, out: Path, code: str) -> dict[str, Any]:
         "lines": [one.line() for one in report.findings if one.verdict != "good"],
         "unchecked": [list(one) for one in report.unchecked],
     }  # fmt: skip
-    if outcome(found) == "unnoticed" and case.plant is not None:
+    if outcome(found) == "unnoticed":
         found["harm"] = harm(es.open_recording(path), _spoilt(case, path))
     file.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(file) as partial:
@@ -187,22 +158,9 @@ def verdict(case: Case, out: Path, code: str) -> dict[str, Any]:
 
 
 def _spoilt(case: Case, path: Path) -> Recording:
-    assert case.plant is not None
     rng = np.random.default_rng(zlib.crc32(case.name.encode()))
     spoilt: Recording = case.plant(es.open_recording(path), rng)
     return spoilt
-
-
-def _of_file(case: Case, path: Path, out: Path) -> Report:
-    fault = case.file_fault
-    assert fault is not None
-    made = out / "exported" / f"{case.base.name}-{fault.format}"
-    made.parent.mkdir(parents=True, exist_ok=True)
-    exported(path, made, fault.format)
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(shutil.copytree(made, Path(folder) / "recording"))
-        fault.edit(copy)
-        return check(copy)
 
 
 def code_version() -> str:
@@ -308,9 +266,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for what is kept")
     parser.add_argument("--page", type=Path, help="page whose table is rewritten")
-    parser.add_argument("--campaign", choices=CAMPAIGNS, default="unseen", help="what is checked")
     flags = parser.parse_args()
-    code, every, chosen = code_version(), [], in_any_order(flags.campaign)
+    code, every, chosen = code_version(), [], cases()
     for k, case in enumerate(chosen, 1):
         every.append(found := verdict(case, flags.out, code))
         sys.stderr.write(

@@ -4,8 +4,8 @@
 runs `quick` with its first seed and the strict gate, the cheap cases first, until one is red. What
 all of them leave green meets the unit tests of the folder that belongs to the changed file. What
 passes those as well was missed, unless `mutation_reasons.json` says why nothing could see it. Each
-verdict is a line of `mutation_verdicts.jsonl`: a run that was stopped goes on where it was, and a
-second one with `--reverse` works from the other end. `--page docs/gate.md` writes the table.
+verdict is a line of `mutation_verdicts.jsonl`: a run that was stopped goes on where it was.
+`--page docs/gate.md` writes the table.
 """
 
 import argparse
@@ -37,8 +37,6 @@ KINDS = ("quick", "tests", "equivalent", "unreachable", "missed")
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--work", type=Path, help="folder for copies and the cache; kept")
-    parser.add_argument("--reverse", action="store_true", help="begin with the last mutation")
-    parser.add_argument("--quick-only", action="store_true", help="leave the unit tests for later")
     parser.add_argument("--limit-s", type=float, default=900, help="for one run, s")
     parser.add_argument("--page", type=Path, help="write the table there, and run nothing")
     asked = parser.parse_args()
@@ -50,18 +48,16 @@ def main():
     if asked.work is None:
         parser.error("needs --work or --page")
     fault_runs.LIMIT_S = asked.limit_s
-    work = asked.work / ("back" if asked.reverse else "forth")
-    order = drawn()[:: -1 if asked.reverse else 1]
-    judge_all(order, Judge(work, asked.work / "cache"), tests=not asked.quick_only)
+    judge_all(drawn(), Judge(asked.work, asked.work / "cache"))
 
 
-def judge_all(order, judge, *, tests):
+def judge_all(order, judge):
     """First everything by `quick`, then what is left, but for what has its reason, by tests."""
     for area, mutation in order:
         if mutation.digest not in read(VERDICTS):
             note(area, mutation, *judge.by_quick(mutation))
     known = json.loads(REASONS.read_text(encoding="utf-8"))
-    for area, mutation in order if tests else ():
+    for area, mutation in order:
         if mutation.digest in known:
             continue
         if read(VERDICTS)[mutation.digest]["seen"] == "green":
@@ -148,17 +144,19 @@ def first_of(verdicts):
 
 def tests_of(file):
     """What to run, the nearest first: named after the file, its folder's, and wider and wider."""
-    folder = ROOT / "tests" / Path(file).parent
+    top, *inside = Path(file).parts[:-1]
+    home = ROOT / "tests" / top if top != "plugins" else ROOT / top / inside.pop(0) / "tests"
+    folder = home.joinpath(*inside)
     while not folder.is_dir():
         folder = folder.parent
     own, every = (
         " ".join(sorted(path.relative_to(ROOT).as_posix() for path in folder.glob(pattern)))
         for pattern in (f"test_{Path(file).stem.removesuffix('_kernels')}*.py", "test_*.py")
     )
-    package = "/".join(("tests", *Path(file).parts[:-1][:2]))
-    whole = package if (ROOT / package).is_dir() else folder.relative_to(ROOT).as_posix()
-    widest = f"tests/{Path(file).parts[0]}"
-    return [what for what in dict.fromkeys((own, every, whole, widest)) if what]
+    package = home.joinpath(*inside[:1])
+    whole = package if package.is_dir() else folder
+    wider = (path.relative_to(ROOT).as_posix() for path in (whole, home))
+    return [what for what in dict.fromkeys((own, every, *wider)) if what]
 
 
 def kind(verdict, reasons):

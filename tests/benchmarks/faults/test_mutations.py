@@ -99,10 +99,10 @@ def test_a_stopped_run_goes_on_and_the_table_adds_up(tmp_path, monkeypatch):
     quick = dict.fromkeys(names, ("green", "")) | {names[0]: ("red", "desk events")}
     first = {name: quick[name] for name in names[:2]}
     with pytest.raises(KeyError):
-        mutation_runs.judge_all(order, Told(first, {}), tests=False)
+        mutation_runs.judge_all(order, Told(first, {}))
     tests = dict.fromkeys(names[2:], ("none", "")) | {names[1]: ("tests", "test_a.py::test_b")}
     judge = Told({name: quick[name] for name in names[2:]}, tests)
-    mutation_runs.judge_all(order, judge, tests=True)
+    mutation_runs.judge_all(order, judge)
     assert judge.quick == judge.tests == {}
     reasons = {names[2]: {"kind": "equivalent", "reason": "it is"},
                names[3]: {"kind": "unreachable", "reason": "no way"}}  # fmt: skip

@@ -11,13 +11,15 @@ import cv2
 import pytest
 
 from eventsweep.emvs import baselines
+from eventsweep.emvs.baselines import esvo, gts
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.reference_view import reference_view
 from eventsweep.emvs.windows import choose_window
-from point_world import Recorded, edge_stream, sideways, stereo_rig
+from point_world import Recorded, edge_stream, fronto_parallel, sideways, stereo_rig
 
 EVENTS, ROUNDS = 500_000, 3
+PLANE = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)
 SENSORS = {"346x260": (346, 260, 226.0), "640x480": (640, 480, 420.0)}
 
 
@@ -43,7 +45,7 @@ def write(line):
 
 
 # SGM only, whose cost does not depend on what matches. The two cameras' edges are drawn apart, so
-# ESVO rightly says that no two estimates agree; bench_baselines_esvo.py has a plane that both see.
+# ESVO rightly says that no two estimates agree: `test_a_window` has a plane that both see.
 @pytest.mark.parametrize("name", [n for n in baselines.GROUPS["baselines"] if n.startswith("SGM")])
 def test_rivals(benchmark, name, capsys):
     rival, config = baselines.BY_NAME[name], MapperConfig(threads=1)
@@ -62,3 +64,19 @@ def test_rivals(benchmark, name, capsys):
     benchmark.pedantic(run, rounds=1)
     with capsys.disabled():
         write(f"{name:12s} {' | '.join(rows)}")
+
+
+@pytest.mark.parametrize("points", [2000, 6000])
+@pytest.mark.parametrize("function", [esvo.estimate, esvo.estimate_window, gts.estimate])
+def test_a_window(benchmark, function, points, capsys):
+    recording = fronto_parallel(1.3, points=points)
+    window = choose_window(recording, PLANE)
+    view = reference_view(recording, PLANE, window.t_ref_us)
+    events = sum(len(s) for s in recording.streams)
+    benchmark.pedantic(function, (recording, window, view, PLANE), rounds=3, warmup_rounds=1)
+    begin = time.process_time()
+    function(recording, window, view, PLANE)
+    taken_ns = 1e9 * (time.process_time() - begin)
+    with capsys.disabled():
+        name = f"{function.__module__}.{function.__name__}"
+        sys.stdout.write(f"\n  {name}: {events} events, {taken_ns / events:.0f} ns each")

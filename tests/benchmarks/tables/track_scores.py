@@ -280,15 +280,14 @@ def _read(path: Path) -> Row:
         raise InputError(f"{path}: no row of this tool ({error}): remove the file") from error
 
 
-def twins_of(scenes: Sequence[str], seeds: str, seconds: float | None) -> Iterator[Twin]:
+def twins_of(scenes: Sequence[str], seeds: str) -> Iterator[Twin]:
     """Twins of `SCENE` or `SCENE=SEEDS`."""
     for asked in scenes:
         scene, _, own = asked.partition("=")
         if scene not in TWINS:
             raise InputError(f"no twin {scene!r}: choose from {', '.join(TWINS)}")
-        sensor, usual_s = TWINS[scene]
         for seed in job_flags.seed_numbers(own or seeds, "--seeds") or ():
-            yield Twin(scene, sensor, seed, usual_s if seconds is None else seconds)
+            yield Twin(scene, TWINS[scene][0], seed, TWINS[scene][1])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -298,10 +297,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--page", type=Path, help="page to write the table into")
     parser.add_argument("--scene", action="append", default=[], help="SCENE or SCENE=SEEDS")
     parser.add_argument("--seeds", default="4", help="seeds, such as 0,2-4")
-    parser.add_argument("--seconds", type=float, help="another length of all sequences, s")
     asked = parser.parse_args(arguments)
     with exit_code() as code:
-        twins = list(twins_of(asked.scene or list(TWINS), asked.seeds, asked.seconds))
+        twins = list(twins_of(asked.scene or list(TWINS), asked.seeds))
         show(table(measured(twins, asked.out)), asked.page, MARK)
     return code.value
 
