@@ -23,7 +23,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
-from collections.abc import Mapping
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -59,8 +58,8 @@ def measure(root: Path) -> dict[str, Any]:
         **{name: _sizes(files) for name, files in files_by_kind(root).items()},
         "median_module_lines": median(module.lines for module in modules.values()),
         "packages": {
-            name: _sizes([one.path for one in modules.values() if is_below(one, name)])
-            for name in (*PACKAGES, *plug_ins(modules))
+            name: _sizes([modules[one].path for one in within(graph, name)])
+            for name in (*PACKAGES, *sorted({one for one in parts if one.startswith("plugins.")}))
         },
         "into_plug_ins": into_plug_ins(graph),
         "folders": {
@@ -76,16 +75,6 @@ def measure(root: Path) -> dict[str, Any]:
         "subpackage_circles": circles(parts),
         "small_with_one_importer": small_with_one_importer(modules, graph),
     }
-
-
-def is_below(module: Module, package: str) -> bool:
-    """Whether a module lies in a package, at any depth."""
-    return f"{module.name}.".startswith(f"{package}.")
-
-
-def plug_ins(modules: Mapping[str, Module]) -> list[str]:
-    """The packages below `plugins`."""
-    return sorted(name for name in modules if name.startswith("plugins.") and name.count(".") == 1)
 
 
 def into_plug_ins(graph: Graph) -> list[str]:

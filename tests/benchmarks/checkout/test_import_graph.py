@@ -73,4 +73,4 @@ def test_product_tests_and_tools_are_counted_apart(tmp_path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("x = 1\ny = 2\n", encoding="utf-8")
     counts = {kind: len(files) for kind, files in files_by_kind(tmp_path).items()}
-    assert counts == {"product": 1, "tests": 3, "tests of tools": 1, "tools": 2}
+    assert counts == {"product": 1, "core": 1, "tests": 3, "tests of tools": 1, "tools": 2}
