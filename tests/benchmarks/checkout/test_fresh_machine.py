@@ -1,4 +1,4 @@
-"""The run on a fresh machine says in one line why it cannot be; the run itself takes minutes."""
+"""The run on fresh machines says in one line why it cannot be; the run itself takes minutes."""
 
 import shutil
 import subprocess
@@ -29,3 +29,15 @@ def test_without_root_or_debootstrap_it_is_skipped_in_one_line(tmp_path):
     assert done.returncode == 77, done.stderr
     assert done.stdout.startswith("fresh machine: skipped: needs ")
     assert done.stdout.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [(["--release"], "--release: needs the name"), (["--all"], "--all: unknown")],
+)
+def test_wrong_arguments_are_named_before_anything_is_made(arguments, said):
+    command = ["bash", str(SCRIPT), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"fresh machine: {said}")
+    assert done.stderr.count("\n") == 1

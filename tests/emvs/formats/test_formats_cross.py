@@ -24,6 +24,7 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.formats import FORMATS, open_events, write_events
 
 SIZE_PX = (1280, 720)
+NO_EXPELLIARMUS = "expelliarmus is not installed: its wheels end with Python 3.11, on x86_64"
 
 
 def rows(gap_us, start_us=0):
@@ -103,14 +104,14 @@ def test_every_compression_of_aedat4_is_read(tmp_path, compression):
 
 @pytest.mark.parametrize("gap_us", [0, 40_000_000])
 def test_expelliarmus_reads_what_is_written(tmp_path, gap_us):
-    expelliarmus = pytest.importorskip("expelliarmus", reason="expelliarmus is not installed")
+    expelliarmus = pytest.importorskip("expelliarmus", reason=NO_EXPELLIARMUS)
     path = written(tmp_path, "evt2", rows(gap_us))
     assert tuples(expelliarmus.Wizard(encoding="evt2", fpath=path).read()) == rows(gap_us)
 
 
 @pytest.mark.parametrize(("kind", "name"), [("evt2", "f.raw"), ("dat", "f.dat")])
 def test_what_expelliarmus_writes_is_read(tmp_path, kind, name):
-    expelliarmus = pytest.importorskip("expelliarmus", reason="expelliarmus is not installed")
+    expelliarmus = pytest.importorskip("expelliarmus", reason=NO_EXPELLIARMUS)
     path, expected = tmp_path / name, rows(2_000_000)
     array = np.zeros(len(expected), [("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("p", "u1")])
     table = structured(expected)
