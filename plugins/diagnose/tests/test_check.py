@@ -7,6 +7,7 @@ import pytest
 
 from dataset_world import rewritten, write_sequence
 from eventsweep.eval.cli.main import main
+from one_line import command_refused
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -68,8 +69,7 @@ def test_what_the_reader_refuses_is_a_finding(in_mm, capsys):
 @pytest.mark.parametrize("arguments", [["nowhere"], ["nowhere", "--force"]])
 def test_nothing_there_is_bad_input(arguments, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["check", *arguments]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    command_refused(capsys, "check", *arguments)
     assert list(tmp_path.iterdir()) == []
 
 

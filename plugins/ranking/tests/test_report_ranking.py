@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.output_manifest import NAME, strangers
 from eventsweep.emvs.utils.outputs import atomic_dir
 from eventsweep.eval.cli.main import main
@@ -27,18 +26,16 @@ from eventsweep.plugins.ranking.pages.method_page import page_names
 from eventsweep.plugins.ranking.pages.page import HTML_NAME, ranking_page, write_ranking
 from eventsweep.plugins.ranking.submission import SubmissionFacts
 from killed import killed_at_every_step
+from one_line import command_refused, refused, untouched
 from ranking_entries import CASES, entry
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
 ERRORS = {"Alg1/H": 0.1, "EMVS/cam0": 0.2, "Focus/H": 0.05, "Given/Guess": 0.4}
 STATED = {
-    "method": "Guess",
-    "authors": ["A. Author"],
-    "licence": "MIT",
-    "url": None,
+    "method": "Guess", "authors": ["A. Author"], "licence": "MIT", "url": None,
     "cost": {"seconds_per_window": 0.5, "peak_memory_mb": 120.0, "hardware": "a <laptop>"},
-}
+}  # fmt: skip
 
 
 def stored(folder, *entries, pictures=()):
@@ -58,9 +55,14 @@ def stored(folder, *entries, pictures=()):
 def with_guess(label, **changed):
     found = entry(label, ERRORS, **changed)
     cost = {m: one for m, one in found.cost.items() if m != "Given/Guess"}
-    return found.model_copy(
-        update={"stated": {"Given/Guess": SubmissionFacts(**STATED)}, "cost": cost}
-    )
+    stated = {"Given/Guess": SubmissionFacts(**STATED)}
+    return found.model_copy(update={"stated": stated, "cost": cost})
+
+
+def ranked(path, *entries):
+    """The page of entries."""
+    write_ranking([Source(path, entries)], path / "out")
+    return text_of(path / "out")
 
 
 @pytest.fixture
@@ -216,10 +218,9 @@ def test_a_ranking_goes_on_from_its_own_data(written, tmp_path):
 def test_damaged_pictures_are_left_out(tmp_path, error_cm):
     folder = stored(tmp_path / "in", entry("v1", ERRORS), pictures=["Alg1/H", "Focus/H"])
     index = json.loads((folder / "pictures" / METHODS_NAME).read_text())
+    index["Alg1/H"]["best"]["error_cm"] = error_cm
     if error_cm is None:
         del index["Alg1/H"]["best"]["error_cm"]  # as an older version wrote it
-    else:
-        index["Alg1/H"]["best"]["error_cm"] = error_cm
     (folder / "pictures" / METHODS_NAME).write_text(json.dumps(index))
     assert main(["ranking", str(folder), "--out", str(tmp_path / "out"), "--quiet"]) == 0
     assert "data:image/webp" not in text_of(tmp_path / "out")
@@ -251,23 +252,20 @@ def test_data_that_is_linked_from_outside_is_refused(tmp_path, capsys):
     folder = stored(tmp_path / "in", entry("v1", ERRORS))
     (folder / DATA_NAME).rename(tmp_path / "kept.json")
     (folder / DATA_NAME).symlink_to(tmp_path / "kept.json")
-    assert main(["ranking", str(folder), "--out", str(tmp_path / "out")]) == 2
-    assert "ranking.json: is a link" in capsys.readouterr().err
+    said = command_refused(capsys, "ranking", folder, "--out", tmp_path / "out")
+    assert "ranking.json: is a link" in said
 
 
 def test_a_perfect_score_and_other_sequences_are_said(tmp_path):
     flagged = entry("v1", ERRORS, perfect={"Focus/H": ["wall seed 0", "wall seed 1"]})
-    other = entry("v0", {"Alg1/G": 0.1}, drawn="elsewhere")
-    write_ranking([Source(tmp_path, (other, flagged))], tmp_path / "out")
-    page = text_of(tmp_path / "out")
+    page = ranked(tmp_path, entry("v0", {"Alg1/G": 0.1}, drawn="elsewhere"), flagged)
     assert cells(page, "Focus/H", "<main>")[-1] == "perfect in 2 sequences: copied truth?"
     assert "v0: not comparable, other sequences: drawn anew against drawn anew." in page
     assert "Alg1/G" not in page
 
 
 def test_one_seed_ranks_nobody(tmp_path):
-    write_ranking([Source(tmp_path, (entry("v1", ERRORS, seeds=1),))], tmp_path / "out")
-    page = text_of(tmp_path / "out")
+    page = ranked(tmp_path, entry("v1", ERRORS, seeds=1))
     assert "One seed says nothing about others" in page
     assert {cells(page, method, "<main>")[1] for method in ERRORS} == {"1"}
 
@@ -281,17 +279,13 @@ def test_names_from_files_cannot_write_into_the_page(tmp_path):
     assert ranking_page(page).title == "Ranking, tiny"
 
 
-@pytest.mark.parametrize(
-    ("entries", "words"),
-    [
-        ([entry("a", ERRORS), entry("a", ERRORS)], "two results are called a"),
-        ([entry("a", ERRORS, archive="1", part="hidden")], "only results of a hidden part"),
-        ([entry("a", {})], "no method was run on every case"),
-    ],
-)
+@pytest.mark.parametrize(("entries", "words"), [
+    ([entry("a", ERRORS), entry("a", ERRORS)], "two results are called a"),
+    ([entry("a", ERRORS, archive="1", part="hidden")], "only results of a hidden part"),
+    ([entry("a", {})], "no method was run on every case"),
+])  # fmt: skip
 def test_what_cannot_be_ranked_is_one_line(tmp_path, entries, words):
-    with pytest.raises(InputError, match=words):
-        write_ranking([Source(tmp_path, tuple(entries))], tmp_path / "out")
+    assert words in refused(ranked, tmp_path, *entries)
     assert not (tmp_path / "out").exists()
 
 
@@ -299,9 +293,9 @@ def test_a_folder_of_somebody_is_left_alone(tmp_path, capsys):
     stored(tmp_path / "in", entry("a", ERRORS))
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / HTML_NAME).write_text("mine")
-    assert main(["ranking", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 2
-    assert "which eventsweep did not write" in capsys.readouterr().err
-    assert text_of(tmp_path / "out") == "mine"
+    with untouched(tmp_path):
+        said = command_refused(capsys, "ranking", tmp_path / "in", "--out", tmp_path / "out")
+    assert "which eventsweep did not write" in said
 
 
 def test_the_summary_for_a_script(tmp_path, capsys):
@@ -317,9 +311,7 @@ def test_the_summary_for_a_script(tmp_path, capsys):
 
 
 def test_methods_that_were_trained_on_our_scenes_say_so(tmp_path):
-    errors = {"Alg1/H": 0.2, "Learned/H": 0.1, "DERD/H": 0.15}
-    write_ranking([Source(tmp_path, (entry("v1", errors),))], tmp_path / "out")
-    page = text_of(tmp_path / "out")
+    page = ranked(tmp_path, entry("v1", {"Alg1/H": 0.2, "Learned/H": 0.1, "DERD/H": 0.15}))
     for method, trained in (("Alg1/H", False), ("Learned/H", True), ("DERD/H", True)):
         note = cells(page, method, "<main>")[-1]
         assert (note == "trained on other motions of these scenes") == trained
@@ -349,16 +341,15 @@ def test_a_maps_page_killed_anywhere_is_taken_up_and_leaves_nothing(tmp_path, mo
     out = tmp_path / "map"
     with atomic_dir(out) as made:
         (made / "map.json").write_text("{}")
-    data = mock.Mock(cases=[mock.Mock()])
-    for name, value in (
-        ("load_run", data), ("_files", ()), ("page_text", "page"), ("overview_png", b"png"),
-        ("ranked_methods", ()),
-    ):  # fmt: skip
+    values = {
+        "load_run": mock.Mock(cases=[mock.Mock()]), "_files": (), "page_text": "page",
+        "overview_png": b"png", "ranked_methods": (),
+    }  # fmt: skip
+    for name, value in values.items():
         monkeypatch.setattr(run_page, name, lambda *_, value=value, **__: value)
     killed_at_every_step(lambda: run_page.write_report(out), lambda _: nothing_of_others(out))
-    assert {path.name for path in out.iterdir()} == {
-        "map.json", "report.html", "overview.png", NAME,
-    }  # fmt: skip
+    written = {"map.json", "report.html", "overview.png", NAME}
+    assert {path.name for path in out.iterdir()} == written
     assert [path.name for path in tmp_path.iterdir()] == ["map"]
 
 

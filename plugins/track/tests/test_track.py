@@ -1,7 +1,5 @@
 """`eventsweep track`: a folder with poses, facts, cloud and page; nothing overwritten."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess
@@ -20,6 +18,7 @@ from eventsweep.plugins.track import (
 )  # before what it opens recordings by is patched
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Change, Tracked
+from one_line import command_refused
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +45,7 @@ def test_the_folder_holds_poses_facts_cloud_and_page(recording, tmp_path, monkey
     assert (out / "cloud.ply").read_bytes().startswith(b"ply")
     page = (out / "report.html").read_text()
     assert "from above" in page or "path and map" in page
-    assert main(command) == 2
-    assert "exists" in capsys.readouterr().err
+    assert "exists" in command_refused(capsys, *command)
 
 
 class InterruptedRecording:
@@ -142,7 +140,6 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(tmp_path):
 
 
 def test_a_first_map_that_is_none_is_refused(tmp_path, capsys):
-    flags = ["--out", str(tmp_path / "out"), "--first-map", str(tmp_path)]
-    assert main(["track", str(tmp_path), *flags]) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
-    assert not (tmp_path / "out").exists()
+    out = tmp_path / "out"
+    command_refused(capsys, "track", tmp_path, "--out", out, "--first-map", tmp_path)
+    assert not out.exists()

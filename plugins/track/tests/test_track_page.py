@@ -1,7 +1,5 @@
 """The page of a tracked recording: marks that a slider moves lie on what the figure draws."""
 
-from __future__ import annotations
-
 import json
 import re
 
@@ -36,8 +34,7 @@ def test_marks_go_straight_from_left_to_right_on_every_panel():
     assert page.count('class="now dot"') == 2
     assert page.count('class="now line"') == 1
     moving = json.loads(re.search(r'<script type="application/json">(.*?)</script>', page)[1])
-    assert len(moving["names"]) == 50
-    assert moving["names"][0] == "0.00 s, tracking"
+    assert (len(moving["names"]), moving["names"][0]) == (50, "0.00 s, tracking")
     above, side, line = (np.array(mark) for mark in moving["marks"])
     for mark in (above, side, line):
         assert ((mark >= 0) & (mark <= 1)).all()

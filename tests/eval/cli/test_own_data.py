@@ -1,7 +1,5 @@
 """Data of one's own that cannot be used: one clear line of the command, and nothing is left."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -11,6 +9,7 @@ import rover
 from dataset_world import TRUTH_US, rewritten, write_sequence
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.eval.cli.main import main
+from one_line import command_refused, untouched
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -24,73 +23,53 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-def refused_without_a_trace(capsys, folder, arguments):
-    """Runs a command that must fail: exit code 2, one line, and no file more or less."""
-    before = sorted(folder.rglob("*"))
-    capsys.readouterr()
-    assert main(arguments) == 2
-    line = capsys.readouterr().err
-    assert line.startswith("eventsweep: ")
-    assert line.count("\n") == 1, line
-    assert sorted(folder.rglob("*")) == before
-    return line
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--mount", "tail"], "nothing is called 'tail' in the model: choose one of camera:flat"),
-        (["--mount", "body:tail"], "nothing is called 'body:tail'"),
-        (["--rig", "model:left,rear"], "nothing is called 'camera:rear'"),
-        (["--rig", "model:blind"], "'blind' of the model has a resolution of 1 x 1: give it"),
-        (["--rig", "model:flat"], "'flat' of the model has a resolution of 64 x 0: give it"),
-    ],
-)
+@pytest.mark.parametrize(("words", "message"), [
+    (["--mount", "tail"], "nothing is called 'tail' in the model: choose one of camera:flat"),
+    (["--mount", "body:tail"], "nothing is called 'body:tail'"),
+    (["--rig", "model:left,rear"], "nothing is called 'camera:rear'"),
+    (["--rig", "model:blind"], "'blind' of the model has a resolution of 1 x 1: give it"),
+    (["--rig", "model:flat"], "'flat' of the model has a resolution of 64 x 0: give it"),
+])  # fmt: skip
 def test_a_model_without_what_is_named_is_refused(here, capsys, words, message):
     flat = '<camera name="flat" xyaxes="0 -1 0 0 0 1" resolution="64 0"/><site name="eye"'
     rover.write(here, rover.MJCF.replace('<site name="eye"', flat))
     arguments = ["simulate", "rover.xml", "--out", "o", "--motion", "dynamics", *words]
-    assert message in refused_without_a_trace(capsys, here, arguments)
+    with untouched(here):
+        assert message in command_refused(capsys, *arguments)
 
 
 def test_a_calibration_of_a_camera_of_zero_size_is_refused(here, capsys):
     rover.write(here)
     short = ("--seconds", "0.005", "--sim.sampling", "fast", "--quiet")
-    words = ["simulate", "planes", "--rig", "oblique", "--out", "seq", *short]
-    assert main(words) == 0
+    assert main(["simulate", "planes", "--rig", "oblique", "--out", "seq", *short]) == 0
     text = (here / "seq" / "rig.json").read_text()
     (here / "rig.json").write_text(re.sub(r'"width_px": \d+', '"width_px": 0', text, count=1))
     arguments = ["simulate", "rover.xml", "--out", "o", "--motion", "walk", "--rig", "rig.json"]
-    line = refused_without_a_trace(capsys, here, arguments)
+    with untouched(here):
+        line = command_refused(capsys, *arguments)
     assert "rig.json" in line
     assert "must be at least 1" in line
 
 
-@pytest.mark.parametrize(
-    ("columns", "message"),
-    [
-        ({}, "columns none; needs x, y, one of p"),
-        ({"a": [1, 2], "b": [3, 4]}, "columns a, b; needs x, y, one of p"),
-        ({"x": [1], "y": [1], "p": [1]}, "columns p, x, y; needs x, y, one of p"),
-    ],
-)
+@pytest.mark.parametrize(("columns", "message"), [
+    ({}, "columns none; needs x, y, one of p"),
+    ({"a": [1, 2], "b": [3, 4]}, "columns a, b; needs x, y, one of p"),
+    ({"x": [1], "y": [1], "p": [1]}, "columns p, x, y; needs x, y, one of p"),
+])  # fmt: skip
 def test_a_parquet_without_columns_of_events_is_refused(here, capsys, columns, message):
     pyarrow = pytest.importorskip("pyarrow")
     parquet = pytest.importorskip("pyarrow.parquet")
     parquet.write_table(pyarrow.table(columns), here / "n.parquet")
     for arguments in (["info", "n.parquet"], ["convert", "n.parquet", "o", "--to", "npz"]):
-        assert message in refused_without_a_trace(capsys, here, arguments)
+        with untouched(here):
+            assert message in command_refused(capsys, *arguments)
 
 
-@pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        (lambda depth_m: depth_m[:-1], "give maps of the first camera's size"),
-        (lambda depth_m: depth_m * 1000, "set unit_m in [truth] (0.001 for millimetres)"),
-        (lambda depth_m: depth_m / 1000, "set unit_m in [truth] (0.001 for millimetres)"),
-    ],
-    ids=["size", "millimetres", "kilometres"],
-)
+@pytest.mark.parametrize(("spoil", "message"), [
+    (lambda depth_m: depth_m[:-1], "give maps of the first camera's size"),
+    (lambda depth_m: depth_m * 1000, "set unit_m in [truth] (0.001 for millimetres)"),
+    (lambda depth_m: depth_m / 1000, "set unit_m in [truth] (0.001 for millimetres)"),
+], ids=["size", "millimetres", "kilometres"])  # fmt: skip
 def test_truth_of_another_size_or_unit_is_refused(here, capsys, spoil, message):
     ours = write_sequence(here / "plane", "kb4")
     out = rewritten(ours, here / "recording", "npz")
@@ -101,5 +80,6 @@ def test_truth_of_another_size_or_unit_is_refused(here, capsys, spoil, message):
     camera = Sequence.open(ours).rig.cameras[0]
     for k in range(len(TRUTH_US)):
         np.save(out / f"d{k}.npy", spoil(np.full((camera.height_px, camera.width_px), 2.0)))
-    arguments = ["score", "map", "--score.truth-tolerance-s", "0.001"]
-    assert message in refused_without_a_trace(capsys, here, arguments)
+    with untouched(here):
+        said = command_refused(capsys, "score", "map", "--score.truth-tolerance-s", "0.001")
+    assert message in said

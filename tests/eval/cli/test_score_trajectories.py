@@ -11,6 +11,7 @@ from eventsweep.emvs.data.writer import SequenceWriter
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.report.trajectory_page import write_scores
 from made_trajectories import moved, noisy, part, room
+from one_line import command_refused, untouched
 from point_world import pinhole, stereo_rig
 from report_data import WellFormed
 
@@ -34,12 +35,6 @@ def run(*words):
     return main([str(word) for word in words])
 
 
-def refused(capsys, *words):
-    assert run(*words) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    return line
-
-
 def test_several_estimates_are_scored_into_a_folder(files, capsys):
     words = ("score", "good.txt", "tracked", "again=good.txt", "--truth", "gt.txt", "--out", "out")
     assert run(*words) == 0
@@ -59,7 +54,7 @@ def test_several_estimates_are_scored_into_a_folder(files, capsys):
     for row in rows.itertuples():
         metric = es.METRICS[row.metric]
         assert (row.unit, row.direction) == (metric.unit, metric.direction)
-    assert "--force" in refused(capsys, *words)
+    assert "--force" in command_refused(capsys, *words)
     assert run(*words, "--force", "--align", "sim3", "--case", "room", "--json") == 0
     assert json.loads(capsys.readouterr().out)["configuration"]["score"]["align"] == "sim3"
     assert set(es.read_results("out").rows["case"]) == {"room"}
@@ -90,34 +85,28 @@ def test_poses_of_a_recording_are_a_truth(files):
     assert by_path == es.score_trajectory(es.read_poses("good.txt"), es.Sequence("seq")).values
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("good.txt --truth gt.txt", "add --out"),
-        ("good.txt --out out", "add --truth"),
-        ("good.txt --align sim3", "add --truth"),
-        ("good.txt tracked", "trajectories need --truth"),
-        ("good.txt good.txt --truth gt.txt --out out", "two estimates are called good"),
-        ("=good.txt --truth gt.txt --out out", "needs NAME=FILE"),
-        ("far.txt --truth gt.txt --out out", "add --offset-s, such as -1000000"),
-        (". --truth gt.txt --out out", "a folder without trajectory.txt"),
-        ("none.txt --truth gt.txt --out out", "No such file"),
-        ("good.txt --truth none --out out", "No such file"),
-        ("good.txt --truth tracked --out out", "not recognised as a recording"),
-        ("good.txt --truth gt.txt --out out --prediction x", "--prediction is for maps"),
-        ("good.txt --truth gt.txt --out out --score.border-px 3", "--score. is for maps"),
-        ("good.txt --truth gt.txt --out gt.txt --force", "is a file"),
-        ("good.txt --truth gt.txt --out tracked --force", "eventsweep did not write"),
-        ("good.txt --truth gt.txt --out out --max-difference-s -1", "max_difference_s is '-1'"),
-        ("good.txt --truth gt.txt --out out --associate evo", "one-to-one"),
-    ],
-)
+@pytest.mark.parametrize(("words", "said"), [
+    ("good.txt --truth gt.txt", "add --out"), ("good.txt --out out", "add --truth"),
+    ("good.txt --align sim3", "add --truth"), ("good.txt tracked", "trajectories need --truth"),
+    ("good.txt good.txt --truth gt.txt --out out", "two estimates are called good"),
+    ("=good.txt --truth gt.txt --out out", "needs NAME=FILE"),
+    ("far.txt --truth gt.txt --out out", "add --offset-s, such as -1000000"),
+    (". --truth gt.txt --out out", "a folder without trajectory.txt"),
+    ("none.txt --truth gt.txt --out out", "No such file"),
+    ("good.txt --truth none --out out", "No such file"),
+    ("good.txt --truth tracked --out out", "not recognised as a recording"),
+    ("good.txt --truth gt.txt --out out --prediction x", "--prediction is for maps"),
+    ("good.txt --truth gt.txt --out out --score.border-px 3", "--score. is for maps"),
+    ("good.txt --truth gt.txt --out gt.txt --force", "is a file"),
+    ("good.txt --truth gt.txt --out tracked --force", "eventsweep did not write"),
+    ("good.txt --truth gt.txt --out out --max-difference-s -1", "max_difference_s is '-1'"),
+    ("good.txt --truth gt.txt --out out --associate evo", "one-to-one"),
+])  # fmt: skip
 def test_what_cannot_be_scored_is_refused_in_one_line_and_leaves_nothing(
     files, capsys, words, said
 ):
-    before = {path: path.stat().st_mtime_ns for path in files.rglob("*")}
-    assert said in refused(capsys, "score", *words.split())
-    assert {path: path.stat().st_mtime_ns for path in files.rglob("*")} == before
+    with untouched(files):
+        assert said in command_refused(capsys, "score", *words.split())
 
 
 def test_an_interrupt_leaves_nothing(files, monkeypatch):

@@ -1,7 +1,5 @@
 """Pages in a real browser: scripts run, the cursor reads, tables sort, nothing is fetched."""
 
-from __future__ import annotations
-
 import html
 import json
 import re
@@ -123,8 +121,7 @@ def test_a_comparison_shows_the_chosen_method_and_opens_what_is_folded(tmp_path,
       return [before, seen(), folded.querySelectorAll("tbody tr").length > 5];
     """
     before, after, rows = _ask(tmp_path, page, shown)
-    assert before == ["Depth [m] of Alg1/H, a"]
-    assert after == ["Depth [m] of Alg1/max, a"]
+    assert (before, after) == (["Depth [m] of Alg1/H, a"], ["Depth [m] of Alg1/max, a"])
     assert rows
 
 

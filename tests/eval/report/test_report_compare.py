@@ -1,7 +1,5 @@
 """Results side by side: what was changed, what came of it, and how sure that is."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
@@ -12,7 +10,6 @@ import pytest
 from scipy import stats
 
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.report.compare import pictures as side_by_side
 from eventsweep.eval.report.compare.page import (
@@ -29,6 +26,7 @@ from eventsweep.eval.scoring.results import Results, write_results
 from eventsweep.eval.scoring.significance import holm, interval
 from eventsweep.eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, write_suite
 from eventsweep.sim.config import SimConfig
+from one_line import command_refused, refused
 from report_data import WellFormed, report_data
 from score_rows import score_row
 
@@ -105,6 +103,24 @@ def compared(*folders):
     return compare(read_compared(folders))
 
 
+def compared_suites(path, *values, **last):
+    """A comparison of suites; values: method -> metric -> seed -> values, of the case `desk`."""
+    folders = [
+        suite_folder(path / "abc"[k], {"desk": one}, **(last if k == len(values) - 1 else {}))
+        for k, one in enumerate(values)
+    ]
+    return compared(*folders)
+
+
+def mean_errors(*values):
+    return [{"Alg1/H": {"mean_error": one}} for one in values]
+
+
+def two_runs(path, factor=2.0, **changes):
+    """Folders of a run and of one whose mean error is so many times as large."""
+    return [run_folder(path / "a"), run_folder(path / "b", factor, **changes)]
+
+
 def numbers(comparison, pair=0, **wanted):
     found = (*comparison.pairs[pair].means, *comparison.pairs[pair].cases)
     return [one for one in found if all(getattr(one, k) == v for k, v in wanted.items())]
@@ -144,8 +160,7 @@ def test_settings_of_simulator_and_scores_differ_too_and_have_units(tmp_path):
     )  # fmt: skip
     found = {one.name: (one.unit, *one.texts) for one in comparison.differing}
     assert found["sim.duration_s"] == ("s", "unset", "2")
-    assert found["map.min_depth_m"] == ("m", "unset", "0.5")
-    assert found["platform"][2] == "elsewhere"
+    assert (found["map.min_depth_m"], found["platform"][2]) == (("m", "unset", "0.5"), "elsewhere")
     assert found["numpy"][2] == "9"
     assert "map.planes" not in found
     assert "map.planes" in {one.name for one in comparison.settings}, "equal ones can be looked up"
@@ -154,9 +169,8 @@ def test_settings_of_simulator_and_scores_differ_too_and_have_units(tmp_path):
 def test_a_default_that_is_stated_is_no_difference(tmp_path):
     values = {"desk": {"Alg1/H": {"mean_error": spread(2)}}}
     folders = [
-        suite_folder(tmp_path / "a", values, mapper={"planes": 100}),
-        suite_folder(tmp_path / "b", values),
-        suite_folder(tmp_path / "c", values, mapper={"planes": 50}),
+        suite_folder(tmp_path / name, values, mapper=mapper)
+        for name, mapper in (("a", {"planes": 100}), ("b", None), ("c", {"planes": 50}))
     ]
     assert compared(*folders[:2]).differing == ()
     assert settings_text(compared(*folders[:2])) == "No setting differs."
@@ -183,9 +197,8 @@ def test_a_suites_code_and_failures_are_named(tmp_path):
         suite_folder(tmp_path / "a", values, jobs=(JobNote("map/desk/seed0", code="def"),)),
         suite_folder(tmp_path / "b", values, jobs=jobs),
     )
-    assert [(one.name, one.texts) for one in comparison.differing] == [
-        ("code of map", ("def", "abc"))
-    ]
+    (code,) = comparison.differing
+    assert (code.name, code.texts) == ("code of map", ("def", "abc"))
     assert "Failed in b: map/desk/seed1: no room" in comparison.pairs[0].only_in_one
 
 
@@ -194,11 +207,7 @@ def test_a_suites_code_and_failures_are_named(tmp_path):
 
 def test_seeds_and_windows_are_paired_and_the_interval_is_that_of_the_differences(tmp_path):
     first, other = spread(5), spread(5, 0.02, 0.004)
-    comparison = compared(
-        suite_folder(tmp_path / "a", {"desk": {"Alg1/H": {"mean_error": first}}}),
-        suite_folder(tmp_path / "b", {"desk": {"Alg1/H": {"mean_error": other}}}),
-    )
-    one = number(comparison)
+    one = number(compared_suites(tmp_path, *mean_errors(first, other)))
     groups = [np.subtract(other[seed], first[seed]) for seed in first]
     assert (one.low, one.high) == interval(groups)
     assert one.first == pytest.approx(np.mean(list(first.values())))
@@ -210,44 +219,39 @@ def test_seeds_and_windows_are_paired_and_the_interval_is_that_of_the_difference
     assert one.p < 0.05 < unpaired, "seeds differ by more than the results do"
 
 
-@pytest.mark.parametrize(
-    ("metric", "shift", "verdict"),
-    [("mean_error", 0.05, "worse"), ("mean_error", -0.05, "better"), ("mean_error", 0.0, None),
-     ("points", 0.05, "better"), ("rmse", 0.05, "not judged")],
-)  # fmt: skip
+@pytest.mark.parametrize(("metric", "shift", "verdict"), [
+    ("mean_error", 0.05, "worse"), ("mean_error", -0.05, "better"),
+    ("mean_error", 0.0, "no difference shown"), ("points", 0.05, "better"),
+    ("rmse", 0.05, "not judged"),
+])  # fmt: skip
 def test_verdicts_follow_the_metrics_direction(tmp_path, metric, shift, verdict):
-    values = [spread(6, 0, 0), spread(6, shift, 0.002)]
-    comparison = compared(*(
-        suite_folder(tmp_path / str(k), {"desk": {"Alg1/H": {metric: one}}})
-        for k, one in enumerate(values)
-    ))  # fmt: skip
-    assert number(comparison, metric=metric).verdict == (verdict or "no difference shown")
+    values = [{"Alg1/H": {metric: one}} for one in (spread(6, 0, 0), spread(6, shift, 0.002))]
+    assert number(compared_suites(tmp_path, *values), metric=metric).verdict == verdict
 
 
 def test_equal_is_equal_and_not_merely_undecided(tmp_path):
-    folders = [run_folder(tmp_path / name) for name in ("a", "b")]
-    found = numbers(compared(*folders))
+    found = numbers(compared(*two_runs(tmp_path, 1.0)))
     assert {one.verdict for one in found if one.metric in PRIMARY} == {"equal"}
 
 
 def test_many_numbers_need_more_to_be_called_different(tmp_path):
-    methods = [f"m{k}" for k in range(12)]
-    folders = []
-    for name, shift in (("a", 0.0), ("b", 0.02)):
-        values = {m: {"mean_error": spread(4, shift, 0.008, draw=k)} for k, m in enumerate(methods)}
-        folders.append(suite_folder(tmp_path / name, {"desk": values}))
-    found = numbers(compared(*folders))
+    comparison = compared_suites(tmp_path, *(
+        {f"m{k}": {"mean_error": spread(4, shift, 0.008, draw=k)} for k in range(12)}
+        for shift in (0.0, 0.02)
+    ))  # fmt: skip
+    found = numbers(comparison)
     assert [one.p_holm for one in found] == holm([one.p for one in found])
     lost = [one for one in found if one.p < 0.05 <= one.p_holm]
     assert lost, "a draw that shows nothing"
-    assert {one.verdict for one in lost} == {"no difference shown"}
-    assert {one.why for one in lost} == {"worse, but for the number of tests"}
+    assert {(one.verdict, one.why) for one in lost} == {
+        ("no difference shown", "worse, but for the number of tests")
+    }
     assert all(one.lost_to_correction for one in lost)
-    assert f"({len(lost)} of these only for the number of tests" in page_text(compared(*folders))
+    assert f"({len(lost)} of these only for the number of tests" in page_text(comparison)
 
 
 def test_one_seed_has_no_interval_and_decides_nothing(tmp_path, capsys):
-    folders = [run_folder(tmp_path / "a"), run_folder(tmp_path / "b", 2.0)]
+    folders = two_runs(tmp_path)
     one = number(compared(*folders))
     assert np.isnan([one.low, one.high, one.p]).all()
     assert (one.verdict, one.words) == ("undecided", "undecided (one seed: worse here)")
@@ -262,10 +266,7 @@ def test_one_seed_has_no_interval_and_decides_nothing(tmp_path, capsys):
 def test_one_seed_of_several_is_compared_with_itself_alone(tmp_path):
     values = spread(5)
     one_seed = {3: tuple(2 * value for value in values[3])}
-    comparison = compared(
-        suite_folder(tmp_path / "a", {"desk": {"Alg1/H": {"mean_error": values}}}),
-        suite_folder(tmp_path / "b", {"desk": {"Alg1/H": {"mean_error": one_seed}}}),
-    )
+    comparison = compared_suites(tmp_path, *mean_errors(values, one_seed))
     one = number(comparison)
     assert (one.seeds, one.verdict) == (1, "undecided")
     assert one.first == pytest.approx(np.mean(values[3]))
@@ -273,8 +274,7 @@ def test_one_seed_of_several_is_compared_with_itself_alone(tmp_path):
 
 
 def test_without_a_common_seed_nothing_is_paired(tmp_path):
-    folders = [run_folder(tmp_path / "a"), run_folder(tmp_path / "b", 2.0, seed=8)]
-    comparison = compared(*folders)
+    comparison = compared(*two_runs(tmp_path, seed=8))
     one = number(comparison)
     assert (one.verdict, one.why) == ("undecided", "no seed in common")
     assert one.change == pytest.approx(one.first)
@@ -314,30 +314,24 @@ def test_what_is_common_is_compared_and_the_rest_is_named(tmp_path):
 
 
 def test_windows_of_another_time_are_no_pair(tmp_path):
-    values = {"desk": {"Alg1/H": {"mean_error": spread(3)}}}
-    comparison = compared(
-        suite_folder(tmp_path / "a", values),
-        suite_folder(tmp_path / "b", values, windows=[0.0, 0.15, 0.2]),
-    )
-    mean = np.mean([[v[0], v[2]] for v in values["desk"]["Alg1/H"]["mean_error"].values()])
+    values = spread(3)
+    both = mean_errors(values, values)
+    comparison = compared_suites(tmp_path, *both, windows=[0.0, 0.15, 0.2])
+    mean = np.mean([[v[0], v[2]] for v in values.values()])
     assert number(comparison).first == pytest.approx(mean)
     assert comparison.pairs[0].only_in_one == (
         "Only a has the window w001 at 0.15 s.", "Only b has the window w001 at 0.2 s.",
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [({}, ()), ({"sequence": "x"}, ("not the same events, the same true depth",)),
-     ({"sequence": "x", "truth": "y"}, ("not the same data", "another true depth")),
-     ({"sequence": ""}, ("no hash shows",))],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "told"), [
+    ({}, ()), ({"sequence": "x"}, ("not the same events, the same true depth",)),
+    ({"sequence": "x", "truth": "y"}, ("not the same data", "another true depth")),
+    ({"sequence": ""}, ("no hash shows",)),
+])  # fmt: skip
 def test_other_data_are_told(tmp_path, changes, told):
-    values = {"desk": {"Alg1/H": {"mean_error": spread(3)}}}
-    comparison = compared(
-        suite_folder(tmp_path / "a", values),
-        suite_folder(tmp_path / "b", values, facts=replace(FACTS, **changes)),
-    )
+    both = mean_errors(spread(3), spread(3))
+    comparison = compared_suites(tmp_path, *both, facts=replace(FACTS, **changes))
     sentences = comparison.pairs[0].data
     assert len(sentences) == bool(told)
     assert all(words in sentences[0] for words in told)
@@ -346,12 +340,11 @@ def test_other_data_are_told(tmp_path, changes, told):
         assert "seeds and windows are paired, pixels are not" in sentences[0]
 
 
-@pytest.mark.parametrize(
-    ("changes", "why"),
-    [({"configuration": configuration(score_border_px=5)}, "score.border_px"),
-     ({"metrics": {"mean_error": "x"}}, "computes something else"),
-     ({"versions": {"eventsweep": "9.9"}}, "9.9")],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "why"), [
+    ({"configuration": configuration(score_border_px=5)}, "score.border_px"),
+    ({"metrics": {"mean_error": "x"}}, "computes something else"),
+    ({"versions": {"eventsweep": "9.9"}}, "9.9"),
+])  # fmt: skip
 def test_numbers_of_another_kind_show_no_difference(tmp_path, changes, why):
     first = {"metrics": {"mean_error": "w"}} if "metrics" in changes else {}
     folders = [run_folder(tmp_path / "a", **first), run_folder(tmp_path / "b", 2.0, **changes)]
@@ -365,10 +358,8 @@ def test_numbers_of_another_kind_show_no_difference(tmp_path, changes, why):
 
 def test_common_pixels_of_other_methods_are_not_comparable(tmp_path):
     values = {metric: spread(2) for metric in ("common_mean_error", "mean_error")}
-    comparison = compared(
-        suite_folder(tmp_path / "a", {"desk": {"Alg1/H": values}}),
-        suite_folder(tmp_path / "b", {"desk": {"Alg1/H": values, "Alg1/G": values}}),
-    )
+    both = {"Alg1/H": values}, {"Alg1/H": values, "Alg1/G": values}
+    comparison = compared_suites(tmp_path, *both)
     assert number(comparison).verdict == "equal"
     assert number(comparison, metric="common_mean_error").verdict == "not comparable"
 
@@ -376,52 +367,38 @@ def test_common_pixels_of_other_methods_are_not_comparable(tmp_path):
 def test_an_undefined_window_is_left_out_of_both_and_counted(tmp_path):
     first, other = spread(2), spread(2, 0.1)
     other[1] = (np.nan, *other[1][1:])
-    comparison = compared(
-        suite_folder(tmp_path / "a", {"desk": {"Alg1/H": {"mean_error": first}}}),
-        suite_folder(tmp_path / "b", {"desk": {"Alg1/H": {"mean_error": other}}}),
-    )
-    one = number(comparison)
+    one = number(compared_suites(tmp_path, *mean_errors(first, other)))
     assert one.first == pytest.approx(np.mean([np.mean(first[0]), np.mean(first[1][1:])]))
     assert "undefined in 1 of 6 windows" in one.why
 
 
-@pytest.mark.parametrize("what", ["case", "method"])
-def test_nothing_in_common_is_one_line_and_leaves_nothing(tmp_path, capsys, what):
-    folders = [run_folder(tmp_path / "a"), tmp_path / "b"]
-    if what == "case":
-        run_folder(folders[1], case="boxes")
-    else:
-        folders[1].mkdir()
-        write_results(
-            folders[1], Results((score_row("desk", "all", "Own", "mean_error", 1.0, "m", "lower"),))
-        )
-    out = tmp_path / "out"
-    assert main(["compare", *map(str, folders), "--out", str(out)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "nothing to compare" in line
-    assert not out.exists()
+def other_case(path):
+    run_folder(path, case="boxes")
 
 
-def test_one_result_is_refused(tmp_path):
-    with pytest.raises(InputError, match="1 result given, needs two"):
-        read_compared([run_folder(tmp_path / "a")])
+def other_method(path):
+    path.mkdir()
+    row = score_row("desk", "all", "Own", "mean_error", 1.0, "m", "lower")
+    write_results(path, Results((row,)))
 
 
-def test_a_missing_result_leaves_nothing_behind(tmp_path, capsys):
-    folder, out = run_folder(tmp_path / "a"), tmp_path / "out"
-    assert main(["compare", str(folder), str(tmp_path / "none"), "--out", str(out)]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
-    assert not out.exists()
+@pytest.mark.parametrize(("make", "words"), [
+    (other_case, "nothing to compare"), (other_method, "nothing to compare"), (lambda _: 0, ""),
+], ids=["case", "method", "missing"])  # fmt: skip
+def test_nothing_in_common_is_one_line_and_leaves_nothing(tmp_path, capsys, make, words):
+    make(tmp_path / "b")
+    folders = run_folder(tmp_path / "a"), tmp_path / "b"
+    assert words in command_refused(capsys, "compare", *folders, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
-def test_a_damaged_definition_is_one_line(tmp_path):
-    folder = suite_folder(tmp_path / "a", {"desk": {"Alg1/H": {"mean_error": spread(1)}}})
+def test_one_result_or_a_damaged_definition_is_refused_in_one_line(tmp_path):
+    assert "1 result given, needs two" in refused(read_compared, [run_folder(tmp_path / "one")])
+    folder = suite_folder(tmp_path / "a", {"desk": mean_errors(spread(1))[0]})
     content = json.loads((folder / "suite.json").read_text())
     del content["definition"]["cases"]
     (folder / "suite.json").write_text(json.dumps(content))
-    with pytest.raises(InputError, match="definition is damaged") as caught:
-        read_compared([folder, folder])
-    assert "\n" not in str(caught.value)
+    assert "definition is damaged" in refused(read_compared, [folder, folder])
 
 
 # --- the page
@@ -438,16 +415,15 @@ def test_two_folders_of_one_name_are_told_apart(tmp_path):
 
 
 def test_every_column_has_one_unit_and_cells_have_none(tmp_path):
-    folders = [run_folder(tmp_path / "a"), run_folder(tmp_path / "b", 2.0)]
-    for section in sections_of(compared(*folders)):
+    for section in sections_of(compared(*two_runs(tmp_path))):
         for grid in section.tables:
             cells = [cell.text for line in grid.lines for cell in line[1:-1]]
             assert cells
             assert not [text for text in cells if re.search(r"[a-zA-Z%]", text)]
 
 
-def test_tables_hold_the_same_numbers(tmp_path):
-    folders = [run_folder(tmp_path / "a"), run_folder(tmp_path / "b", 2.0)]
+def test_tables_hold_the_same_numbers(tmp_path, capsys):
+    folders = two_runs(tmp_path)
     write_comparison(folders, tmp_path / "out")
     assert all(path.name.isascii() for path in (tmp_path / "out/tables").iterdir())
     lines = list(csv.reader((tmp_path / "out/tables/desk-mean_error.csv").open()))
@@ -460,6 +436,15 @@ def test_tables_hold_the_same_numbers(tmp_path):
         assert float(share) == pytest.approx(100)
         assert (low, high, seeds, p) == ("", "", "1", "")
         assert verdict == "undecided (one seed: worse here)"
+    # Scripts get the same as people.
+    words = [*map(str, folders), "--out", str(tmp_path / "json"), "--json"]
+    assert main(["compare", *words]) == 0
+    (pair,) = json.loads(capsys.readouterr().out)["pairs"]
+    found = {(one["method"], one["metric"]): one for one in pair["numbers"]}
+    one = found["Alg1/H", "mean_error"]
+    assert len(found) == len(pair["numbers"])
+    assert (one["verdict"], one["low"]) == ("undecided", None)
+    assert one["change"] == pytest.approx(one["first"])
 
 
 def test_several_results_have_a_line_each(tmp_path):
@@ -476,7 +461,7 @@ def test_several_results_have_a_line_each(tmp_path):
 
 
 def test_the_page_is_whole_and_loads_nothing(tmp_path):
-    folders = [run_folder(tmp_path / name, factor) for name, factor in (("a", 1), ("b", 2))]
+    folders = two_runs(tmp_path)
     write_comparison(folders, tmp_path / "out")
     text = (tmp_path / "out/compare.html").read_text()
     page = WellFormed(text)
@@ -490,31 +475,18 @@ def test_the_page_is_whole_and_loads_nothing(tmp_path):
 def test_names_from_files_are_escaped(tmp_path):
     hostile = "<script>alert(1)</script>"
     rows = (score_row(hostile, "all", hostile, "mean_error", 1.0, "m", "lower"),)
-    names = ("a<b>&'c", "plain")
-    for name in names:
-        (tmp_path / name).mkdir()
-        settings = {hostile: {"map": {hostile: name}}, "more": hostile}
-        write_results(
-            tmp_path / name, Results(rows, settings, versions={hostile: hostile}, platform=name)
-        )
-    write_comparison([tmp_path / name for name in names], tmp_path / "out")
+    folders = [tmp_path / name for name in ("a<b>&'c", "plain")]
+    for folder in folders:
+        folder.mkdir()
+        settings = {hostile: {"map": {hostile: folder.name}}, "more": hostile}
+        about = {"versions": {hostile: hostile}, "platform": folder.name}
+        write_results(folder, Results(rows, settings, **about))
+    write_comparison(folders, tmp_path / "out")
     text = (tmp_path / "out/compare.html").read_text()
     WellFormed(text)
     assert "<script>alert" not in text
     assert "a<b>" not in text
     assert "&lt;script&gt;" in text
-
-
-def test_scripts_get_the_same_as_people(tmp_path, capsys):
-    folders = [run_folder(tmp_path / "a"), run_folder(tmp_path / "b", 2.0)]
-    assert main(["compare", *map(str, folders), "--out", str(tmp_path / "out"), "--json"]) == 0
-    (pair,) = json.loads(capsys.readouterr().out)["pairs"]
-    (one,) = [
-        one for one in pair["numbers"]
-        if (one["method"], one["metric"]) == ("Alg1/H", "mean_error")
-    ]  # fmt: skip
-    assert (one["verdict"], one["low"]) == ("undecided", None)
-    assert one["change"] == pytest.approx(one["first"])
 
 
 # --- pictures
@@ -528,11 +500,10 @@ def test_maps_lie_side_by_side_on_one_scale(tmp_path, monkeypatch):
     good = report_data("desk")
     (case,) = good.cases
     (window,) = case.windows
-    bad = replace(window, depth_range_m=(0.25, 2.0), methods=tuple(
-        replace(one, depth_m=one.depth_m * 1.5) for one in window.methods[:2]
-    ))  # fmt: skip
+    worse = tuple(replace(one, depth_m=one.depth_m * 1.5) for one in window.methods[:2])
+    bad = replace(window, depth_range_m=(0.25, 2.0), methods=worse)
     picture_data(monkeypatch, a=good, b=replace(good, cases=(replace(case, windows=(bad,)),)))
-    results = read_compared([run_folder(tmp_path / "a"), run_folder(tmp_path / "b")])
+    results = read_compared(two_runs(tmp_path, 1.0))
     (drawn,), missing = side_by_side.pictures_of(results, ["desk"])
     assert missing == ()
     assert drawn.methods == ("Alg1/max", "Alg1/H"), "what both have"
@@ -547,30 +518,22 @@ def test_maps_lie_side_by_side_on_one_scale(tmp_path, monkeypatch):
 
 
 def test_pictures_and_tables_begin_with_the_best_of_the_first_result(tmp_path, monkeypatch):
-    data = report_data("desk")
-    worse = {"Alg1/H": 3.0, "Alg1/max": 0.5}
+    data, worse = report_data("desk"), {"Alg1/H": 3.0, "Alg1/max": 0.5}
     rows = data.results.rows
     chosen = rows["metric"] == "mean_error"
     rows.loc[chosen, "value"] = [worse.get(method, 1.0) for method in rows["method"][chosen]]
-    swapped = data
-    picture_data(monkeypatch, a=swapped, b=swapped)
-    results = read_compared([run_folder(tmp_path / "a"), run_folder(tmp_path / "b")])
-    (drawn,), _ = side_by_side.pictures_of(results, ["desk"])
+    picture_data(monkeypatch, a=data, b=data)
+    (drawn,), _ = side_by_side.pictures_of(read_compared(two_runs(tmp_path, 1.0)), ["desk"])
     assert drawn.methods[drawn.chosen] == "Alg1/max"
 
 
 def test_pictures_are_on_the_page_or_it_says_why_not(tmp_path, monkeypatch):
+    runs = two_runs(tmp_path, 1.0)
+    assert page_text(compared(*runs)).count("No pictures of") == 2  # without maps
     picture_data(monkeypatch, a=report_data("desk"), b=report_data("desk"))
-    runs = [run_folder(tmp_path / name) for name in "ab"]
-    text = page_text(compared(*runs))
-    WellFormed(text)
-    assert text.count('alt="Error |e − g| [cm] of Alg1/H, ') == 2
-    values = {"desk": {"Alg1/H": {"mean_error": spread(1)}}}
-    text = page_text(compared(*runs, suite_folder(tmp_path / "c", values)))
-    assert text.count('alt="Error |e − g| [cm] of Alg1/H, ') == 2
+    more = suite_folder(tmp_path / "c", {"desk": mean_errors(spread(1))[0]})
+    for folders in (runs, [*runs, more]):
+        text = page_text(compared(*folders))
+        WellFormed(text)
+        assert text.count('alt="Error |e − g| [cm] of Alg1/H, ') == 2
     assert "No pictures of c: a suite keeps numbers, no depth maps." in text
-
-
-def test_a_result_without_maps_has_numbers_alone(tmp_path):
-    text = page_text(compared(run_folder(tmp_path / "a"), run_folder(tmp_path / "b")))
-    assert text.count("No pictures of") == 2

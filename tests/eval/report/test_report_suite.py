@@ -10,6 +10,7 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.scoring.results import POOLED, tidy, together
 from eventsweep.eval.suite import output
 from eventsweep.eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult
+from one_line import command_refused
 from report_data import WellFormed
 from score_rows import score_row
 
@@ -44,27 +45,27 @@ def folder(tmp_path, request):
     return tmp_path / "out"
 
 
+def reported(folder):
+    assert main(["report", str(folder), "--quiet"]) == 0
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
 def tables(text):
     """Every table's lines as texts of their cells."""
     return [
-        [
-            [re.sub("<[^>]+>", "", cell) for cell in re.findall(r"<td.*?</td>", line)]
-            for line in re.findall(r"<tr><td.*?</tr>", table)
-        ]
-        for table in re.findall(r"<tbody>.*?</tbody>", text, re.DOTALL)
-    ]
+        [[re.sub("<[^>]+>", "", cell) for cell in re.findall(r"<td.*?</td>",
+           line)] for line in re.findall(r"<tr><td.*?</tr>",
+          table)] for table in re.findall(r"<tbody>.*?</tbody>", text, re.DOTALL)
+    ]  # fmt: skip
 
 
 def test_a_suites_folder_gets_a_page_with_the_best_method_first(folder):
-    assert main(["report", str(folder), "--quiet"]) == 0
-    text = (folder / "report.html").read_text(encoding="utf-8")
-    mean, a, b, _versions = tables(text)
+    mean, a, b, _versions = tables(reported(folder))
     # (20 + 40 + 5 + 7) / 4 cm and so on; a single camera has no rank.
     assert mean == [
-        ["Alg1/H", "1", "12,345", "18.00"],
-        ["Focus/H", "2", "12,345", "25.00"],
+        ["Alg1/H", "1", "12,345", "18.00"], ["Focus/H", "2", "12,345", "25.00"],
         ["EMVS/cam0", "", "12,345", "30.50"],
-    ]
+    ]  # fmt: skip
     spread_cm = f"{20 / math.sqrt(2):.2f}"
     assert [line[:2] for line in a] == [["EMVS/cam0", ""], ["Focus/H", "1"], ["Alg1/H", "2"]]
     assert a[2] == ["Alg1/H", "2", "12,345 ± 0", f"30.00 ± {spread_cm}"]
@@ -72,8 +73,7 @@ def test_a_suites_folder_gets_a_page_with_the_best_method_first(folder):
 
 
 def test_its_page_links_its_files_and_escapes_names(folder):
-    assert main(["report", str(folder), "--quiet"]) == 0
-    text = (folder / "report.html").read_text(encoding="utf-8")
+    text = reported(folder)
     page = WellFormed(text)
     links = [source for source in page.sources if not source.startswith(("#", "data:"))]
     assert links == ["suite.json", "suite.csv"]
@@ -83,30 +83,19 @@ def test_its_page_links_its_files_and_escapes_names(folder):
 
 
 def test_what_is_for_runs_is_refused(folder, capsys):
-    assert main(["report", str(folder), "--tables"]) == 2
-    assert "`suite` writes its own files" in capsys.readouterr().err
+    said = command_refused(capsys, "report", folder, "--tables")
+    assert "`suite` writes its own files" in said
     assert not (folder / "report.html").exists()
 
 
 def test_one_case_has_no_mean_over_cases(tmp_path):
     samples, rows = zip(*(sample("a", seed) for seed in (0, 1)), strict=True)
-    result = SuiteResult(
-        "mine-v1",
-        "all",
-        "d",
-        {"metrics": ["mean_error"]},
-        {"a": "h"},
-        (0, 1),
-        samples,
-        together(rows),
-    )
-    output.write(tmp_path, result)
-    assert main(["report", str(tmp_path), "--quiet"]) == 0
-    assert len(tables((tmp_path / "report.html").read_text(encoding="utf-8"))) == 2
+    about = ("mine-v1", "all", "d", {"metrics": ["mean_error"]}, {"a": "h"}, (0, 1))
+    output.write(tmp_path, SuiteResult(*about, samples, together(rows)))
+    assert len(tables(reported(tmp_path))) == 2
 
 
 @pytest.mark.parametrize("folder", ["median_error", "delta_1"], indirect=True)
 def test_a_suite_without_the_ranking_metric_is_ordered_by_one_that_it_has(folder):
-    assert main(["report", str(folder), "--quiet"]) == 0
-    mean, a, b, _versions = tables((folder / "report.html").read_text(encoding="utf-8"))
+    mean, a, b, _versions = tables(reported(folder))
     assert [len(table) for table in (mean, a, b)] == [3, 3, 3]

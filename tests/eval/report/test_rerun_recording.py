@@ -1,7 +1,5 @@
 """Recordings for the Rerun viewer: what is logged, where and when; with the library, a file."""
 
-from __future__ import annotations
-
 import importlib.util
 import shutil
 import sys
@@ -14,13 +12,13 @@ from eventsweep import scenes
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.maps.folder import read_map
 from eventsweep.emvs.utils.release import install_extra
-from eventsweep.eval.cli.main import main
 from eventsweep.eval.config import EvalConfig, Settings
 from eventsweep.eval.pipeline import map_recording, score_folder
 from eventsweep.eval.report.rerun import write_rerun
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.simulate import simulate
 from mujoco_scenes import tiny_rig
+from one_line import command_refused
 
 
 @pytest.fixture(scope="module")
@@ -130,10 +128,7 @@ def test_a_recording_that_is_gone_leaves_the_maps(folder, stream, tmp_path):
 def test_without_the_library_one_line_says_how_to_get_it(folder, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "rerun", None)
     (folder / "recording.rrd").unlink(missing_ok=True)  # another test's, which no library wrote
-    assert main(["report", str(folder), "--rrd"]) == 2
-    err = capsys.readouterr().err
-    assert install_extra("rerun") in err
-    assert err.count("\n") == 1
+    assert install_extra("rerun") in command_refused(capsys, "report", folder, "--rrd")
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="no rerun-sdk installed")

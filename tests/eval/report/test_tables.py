@@ -1,7 +1,5 @@
 """Tables as files: whatever stands in a cell, the table stays a table."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re
@@ -63,14 +61,10 @@ def test_latex_by_hand():
     )
 
 
-def test_an_undefined_number_is_an_empty_cell():
+def test_an_undefined_number_is_an_empty_cell_and_others_are_in_the_unit_of_their_heading():
     table = Grid((Head("m", text=True), Head("v")), ((GridCell("a"), GridCell("–")),))
     assert as_csv(table) == "m,v\na,\n"
-
-
-def test_numbers_are_in_the_unit_of_their_heading():
-    assert in_unit(0.0625, "cm") == 6.25
-    assert in_unit(0.0625, "%") == 0.0625
+    assert (in_unit(0.0625, "cm"), in_unit(0.0625, "%")) == (6.25, 0.0625)
 
 
 @pytest.mark.parametrize("name", ["../up", "/root", ".hidden", "a b/c", "", "..", "<x>"])
@@ -89,7 +83,4 @@ def test_a_report_has_a_table_for_each_case_and_for_their_mean():
     # Alg1/H is off by 2 % of 0.6 to 3 m.
     assert 1.2 < float(first[at]) < 6.0
     assert "**" in as_markdown(tables["desk"])
-
-
-def test_without_truth_there_is_no_table():
     assert report_tables(report_data("slider", truth=False)) == {}

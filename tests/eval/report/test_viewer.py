@@ -1,7 +1,5 @@
 """What the page's script reads is what the maps hold."""
 
-from __future__ import annotations
-
 import base64
 import json
 import zlib

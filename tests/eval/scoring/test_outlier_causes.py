@@ -1,7 +1,5 @@
 """Regions of ground truth, and why pixels are bad: by construction, by hand and by slow twin."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

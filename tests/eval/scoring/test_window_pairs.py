@@ -1,7 +1,5 @@
 """A window's pairs and causes on rigs of one, two and three cameras, with lenses and without."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,0 +1,49 @@
+"""What is refused ends in one line, of a call or of a command, and all is left as it was."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from eventsweep.emvs.errors import InputError
+
+
+def refused(call, *arguments, **settings) -> str:
+    """The one line with which a call refuses its input."""
+    with pytest.raises(InputError) as caught:
+        call(*arguments, **settings)
+    line = str(caught.value)
+    assert line.isprintable(), line
+    return line
+
+
+def command_refused(capsys, *words, errno=False) -> str:
+    """The one line of a command that must fail: code 2, nothing printed, no raw error number."""
+    from eventsweep.eval.cli.main import main
+
+    capsys.readouterr()
+    assert main([str(word) for word in words]) == 2
+    out, line = capsys.readouterr()
+    assert out == ""
+    assert line.startswith("eventsweep: ")
+    assert line.count("\n") == 1, line
+    assert errno or "Errno" not in line
+    return line
+
+
+def contents(folder: Path) -> dict[Path, bytes | str]:
+    """Every file's bytes, and every folder, below one."""
+    return {path: path.read_bytes() if path.is_file() else "folder" for path in folder.rglob("*")}
+
+
+@contextmanager
+def untouched(folder: Path) -> Iterator[None]:
+    """Nothing below the folder is made, changed, written anew or removed meanwhile."""
+
+    def state():
+        return contents(folder), {path: path.lstat().st_mtime_ns for path in folder.rglob("*")}
+
+    before = state()
+    yield
+    assert state() == before
