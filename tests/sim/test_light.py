@@ -1,7 +1,5 @@
 """Light in floating point: linear over 120 dB, and without steps that make events."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
