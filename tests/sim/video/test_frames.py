@@ -78,77 +78,32 @@ def test_hidden_files_are_passed_over_and_foreign_ones_named(tmp_path):
     assert found[2].notes() == [f"{folder}: no images, left out: Thumbs.db, notes.md"]
 
 
-def folder_without_times(folder):
-    write_folder(folder, FRAMES)
-
-
-def more_times(folder):
-    write_folder(folder, FRAMES[:11], SECONDS)
-
-
-def fewer_times(folder):
-    write_folder(folder, FRAMES, SECONDS[:11])
-
-
-def one_image(folder):
-    write_folder(folder, FRAMES[:1], SECONDS[:1])
-
-
-def no_image(folder):
-    write_folder(folder, [], SECONDS)
-
-
-def two_kinds(folder):
-    write_folder(folder, FRAMES, SECONDS)
-    write_image(folder / "12.jpg", FRAMES[0])
-
-
-def falling(folder):
-    write_folder(folder, FRAMES, [*SECONDS[:10], "0.5", "0.6"])
-
-
-def repeated(folder):
-    write_folder(folder, FRAMES, [*SECONDS[:10], "0.9", "1.0"])
-
-
-def another_size(folder):
-    write_folder(folder, FRAMES, SECONDS)
-    write_image(folder / "7.png", FRAMES[0][:-1])
-
-
-def another_kind(folder):
-    write_folder(folder, FRAMES, SECONDS)
-    write_image(folder / "7.png", FRAMES[0].astype(np.uint16))
-
-
-def truncated(folder):
-    write_folder(folder, FRAMES, SECONDS)
-    os.truncate(folder / "7.png", 300)
-
-
 def outside(folder):
     write_folder(folder / "in", FRAMES)
     (folder / "in" / "images.txt").write_text("0.0 ../0.png\n0.1 1.png\n")
     write_image(folder / "0.png", FRAMES[0])
 
 
-def missing(folder):
-    write_folder(folder, FRAMES)
-    (folder / "images.txt").write_text("0.0 0.png\n0.1 nope.png\n")
-
-
 @pytest.mark.parametrize(("make", "message"), [
-    (folder_without_times, r"no times; add timestamps\.txt .*set rate_hz"),
-    (more_times, "12 times for 11 images"), (fewer_times, "11 times for 12 images"),
-    (one_image, "1 images; events need two or more"),
-    (no_image, "12 times for 0 images|0 images"), (two_kinds, r"several kinds, \.jpg, \.png"),
-    (falling, r"10\.png is at 500000 µs and 9\.png at 900000 µs: times must increase"),
-    (repeated, r"10\.png is at 900000 µs and 9\.png at 900000 µs"),
-    (another_size, r"7\.png is 40x29 grey uint8 and 6\.png 40x30 grey uint8"),
-    (another_kind, r"7\.png is 40x30 grey uint16"),
-    (truncated, r"7\.png: not a complete PNG"),
-    (outside, "no times|not an image in this folder"),
-    (missing, r"nope\.png is not an image in this folder"),
+    (lambda f: write_folder(f, FRAMES), r"no times; add timestamps\.txt .*set rate_hz"),
+    (lambda f: write_folder(f, FRAMES[:11], SECONDS), "12 times for 11 images"),
+    (lambda f: write_folder(f, FRAMES, SECONDS[:11]), "11 times for 12 images"),
+    (lambda f: write_folder(f, FRAMES[:1], SECONDS[:1]), "1 images; events need two or more"),
+    (lambda f: write_folder(f, [], SECONDS), "12 times for 0 images|0 images"),
+    (lambda f: write_image(write_folder(f, FRAMES, SECONDS) / "12.jpg", FRAMES[0]),
+     r"several kinds, \.jpg, \.png"),
+    (lambda f: write_folder(f, FRAMES, [*SECONDS[:10], "0.5", "0.6"]),
+     r"10\.png is at 500000 µs and 9\.png at 900000 µs: times must increase"),
+    (lambda f: write_folder(f, FRAMES, [*SECONDS[:10], "0.9", "1.0"]),
+     r"10\.png is at 900000 µs and 9\.png at 900000 µs"),
+    (lambda f: write_image(write_folder(f, FRAMES, SECONDS) / "7.png", FRAMES[0][:-1]),
+     r"7\.png is 40x29 grey uint8 and 6\.png 40x30 grey uint8"),
+    (lambda f: write_image(write_folder(f, FRAMES, SECONDS) / "7.png", np.uint16(FRAMES[0])),
+     r"7\.png is 40x30 grey uint16"),
+    (lambda f: os.truncate(write_folder(f, FRAMES, SECONDS) / "7.png", 300),
+     r"7\.png: not a complete PNG"), (outside, "no times|not an image in this folder"),
+    (lambda f: (write_folder(f, FRAMES) / "images.txt").write_text("0.0 0.png\n0.1 nope.png\n"),
+     r"nope\.png is not an image in this folder"),
 ])  # fmt: skip
 def test_folders_that_cannot_be_used_are_refused_in_one_line(tmp_path, make, message):
     make(tmp_path / "in")
@@ -195,12 +150,9 @@ def test_a_video_whose_end_is_missing_is_read_and_told_of(tmp_path):
     ]
 
 
-def bare_stream(path):
-    path.write_bytes(b"".join(cv2.imencode(".jpg", frame)[1].tobytes() for frame in COLOUR))
-
-
 def test_a_stream_without_container_has_no_time_base(tmp_path):
-    bare_stream(tmp_path / "v.mjpeg")
+    stream = b"".join(cv2.imencode(".jpg", frame)[1].tobytes() for frame in COLOUR)
+    (tmp_path / "v.mjpeg").write_bytes(stream)
     refused("no time base in its video stream; set rate_hz", read, tmp_path / "v.mjpeg")
     times_us, images, _ = read(tmp_path / "v.mjpeg", rate_hz=1000)
     assert times_us == [1000 * k for k in range(20)]
@@ -213,21 +165,13 @@ def test_h264_start_codes_are_no_time_base_either(tmp_path):
         refused("no time base", open_frames, tmp_path / "v.264", VideoConfig())
 
 
-def empty(path):
-    path.write_bytes(b"")
-
-
-def text(path):
-    path.write_text("cannot be opened as a video")
-
-
-def cut_mp4(path):
-    whole = write_video(path.with_name("w.mp4"), COLOUR, codec="mp4v")
-    path.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+def half(path):
+    os.truncate(write_video(path, COLOUR, codec="mp4v"), path.stat().st_size // 2)
 
 
 @pytest.mark.parametrize(("make", "name"), [
-    (empty, "v.mp4"), (text, "v.avi"), (cut_mp4, "v.mp4"),
+    (lambda path: path.write_bytes(b""), "v.mp4"), (half, "v.mp4"),
+    (lambda path: path.write_text("cannot be opened as a video"), "v.avi"),
 ])  # fmt: skip
 def test_files_that_are_no_video_are_refused_in_one_line(tmp_path, capfd, make, name):
     make(tmp_path / name)

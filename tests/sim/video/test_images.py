@@ -89,25 +89,18 @@ def test_arrays_that_are_no_image_are_refused(tmp_path, name, array, message):
     refused(message, read_image, tmp_path / name)
 
 
-def test_a_transparent_image_is_refused(tmp_path):
+def test_transparent_unreadable_and_vast_images_are_refused(tmp_path):
     seen_through = np.dstack([RGB8, np.full((9, 13), 254, np.uint8)])
     cv2.imwrite(str(tmp_path / "a.png"), seen_through)
     refused("transparent", read_image, tmp_path / "a.png")
-
-
-def test_an_image_beyond_memory_is_refused_before_it_is_read(tmp_path):
-    header = np.lib.format.magic(1, 0)
-    text = (
-        "{'descr': '|u1', 'fortran_order': False, 'shape': (1000000, 1000000), }".ljust(117) + "\n"
-    )
-    (tmp_path / "a.npy").write_bytes(header + len(text).to_bytes(2, "little") + text.encode())
-    refused(r"a\.npy", read_image, tmp_path / "a.npy")
-
-
-def test_an_unreadable_name_is_refused(tmp_path):
-    (tmp_path / "a.png").mkdir()
-    refused("is a folder", read_image, tmp_path / "a.png")
-    refused("No such file", read_image, tmp_path / "b.png")
+    shape = "{'descr': '|u1', 'fortran_order': False, 'shape': (1000000, 1000000), }"
+    text = shape.ljust(117).encode() + b"\n"
+    header = np.lib.format.magic(1, 0) + len(text).to_bytes(2, "little")
+    (tmp_path / "a.npy").write_bytes(header + text)
+    refused(r"a\.npy", read_image, tmp_path / "a.npy")  # before it is read
+    (tmp_path / "b.png").mkdir()
+    refused("is a folder", read_image, tmp_path / "b.png")
+    refused("No such file", read_image, tmp_path / "c.png")
 
 
 def mutated(data, random_):
