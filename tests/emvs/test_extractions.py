@@ -127,8 +127,3 @@ def test_former_names_of_grouped_settings_are_read():
     assert MapperConfig.model_validate(config.model_dump(mode="json")) == config
     mixed = MapperConfig.model_validate({"focus": {"sigma_px": 2.0}, "focus_measure": "dog"})
     assert (mixed.focus.sigma_px, mixed.focus.measure) == (2.0, "dog")
-
-
-def test_both_names_of_a_setting_are_refused():
-    with pytest.raises(InputError, match=r"focus_measure and focus\.measure are the same"):
-        MapperConfig.model_validate({"focus_measure": "dog", "focus": {"measure": "dog"}})

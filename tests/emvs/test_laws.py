@@ -135,8 +135,3 @@ def test_nearest_votes_find_the_plane_too():
     step = (1 / 0.5 - 1 / 4) / 24
     assert depth.points > 100
     assert abs(np.median(1 / depth.depth_m[depth.mask]) - 1 / 1.5) < step
-
-
-def test_the_compatibility_setting_votes_as_the_authors_do():
-    with pytest.raises(ValueError, match="voting nearest is not supported: set voting bilinear"):
-        MapperConfig(compatibility="mcemvs", voting="nearest")

@@ -99,20 +99,16 @@ def test_every_nth_event_does_not_depend_on_how_a_stream_is_cut(n, first, stride
     np.testing.assert_array_equal(np.concatenate(pieces), t_us[first::stride])
 
 
-def test_each_window_has_a_reference_view_of_its_own():
+def test_each_window_has_a_reference_view_and_a_name_of_its_own():
+    plan = plan_windows(WORLD, with_(window_s=0.01, stride_s=0.0003))
+    names = [plan.name(k) for k in range(len(plan))]
+    assert names == sorted(set(names))
+    assert len(names) > 1000
     middle, end = plan_windows(WORLD, CONFIG), plan_windows(WORLD, with_(reference="end"))
     for k in range(len(middle)):
         window = middle.window(k)
         assert window.t_ref_us == (window.t0_us + window.t1_us) // 2
         assert end.window(k).t_ref_us == min(window.t1_us, WORLD.trajectory.span_us[1])
-
-
-def test_names_sort_like_windows():
-    plan = plan_windows(WORLD, with_(window_s=0.01, stride_s=0.0003))
-    names = [plan.name(k) for k in range(len(plan))]
-    assert len(names) > 1000
-    assert names == sorted(names)
-    assert len(set(names)) == len(names)
 
 
 @pytest.mark.parametrize(("values", "words"), [
@@ -124,17 +120,6 @@ def test_names_sort_like_windows():
 ])  # fmt: skip
 def test_impossible_windows_are_refused_in_one_line(values, words):
     refused(words, plan_windows, WORLD, with_(**values))
-
-
-@pytest.mark.parametrize(("values", "words"), [
-    ({"window_events": 100}, "leave one of them out"),
-    ({"window_s": None, "stride_s": 0.1}, "stride_s without window_s"),
-    ({"stride_events": 100}, "stride_events without window_events"),
-    ({"reference_s": 0.1}, "reference_s is for a single window"),
-])  # fmt: skip
-def test_contradicting_settings_are_refused(values, words):
-    with pytest.raises(ValueError, match=words):
-        with_(**values)
 
 
 # The run

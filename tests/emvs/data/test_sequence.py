@@ -11,24 +11,18 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.data.writer import SequenceWriter
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.outputs import atomic_dir
 from folder_bytes import all_bytes
 from made_events import assert_same_events, random_events
+from point_world import stereo_rig
 from refusals import refused
 
 CAMERA = Camera(20, 10, 15, 15, 9.5, 4.5)
 
 
-def mounted(x_m: float) -> np.ndarray:
-    T_body_cam = np.eye(4)
-    T_body_cam[0, 3] = x_m
-    return T_body_cam
-
-
-RIG = Rig("three", (CAMERA,) * 3, tuple(mounted(0.1 * k) for k in range(3)))
+RIG = stereo_rig(CAMERA, 0.1, cameras=3)
 TRAJECTORY = Trajectory(np.array([0, 10_000]), np.zeros((2, 3)), np.tile([0.0, 0, 0, 1], (2, 1)))
 
 

@@ -11,6 +11,7 @@ from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.raw_streams import open_readable
 from eventsweep.emvs.formats import open_events
 from eventsweep.eval.cli.main import main
+from made_events import events_at
 from refusals import refused
 
 
@@ -114,18 +115,11 @@ def test_m3eds_index_lacks_the_last_millisecond_and_no_event(tmp_path, step_us):
     path = tmp_path / "x_data.h5"
     with h5py.File(path, "w") as file:
         group = file.create_group("prophesee/left")
-        dataset_files.write_m3ed_camera(group, events_at(t_us))
+        dataset_files.write_m3ed_camera(group, events_at(rng, t_us, 1, 1))
         assert len(group["ms_map_idx"]) == t_us[-1] // 1000
     reader = open_events(path)
     parts = [reader.between("prophesee/left", t, t + step_us) for t in range(0, 13_000, step_us)]
     np.testing.assert_array_equal(np.concatenate([part.t_us for part in parts]), t_us)
-
-
-def events_at(t_us):
-    from eventsweep.emvs.data.events import Events
-
-    zero = np.zeros(len(t_us), np.uint16)
-    return Events(zero, zero, t_us, zero.astype(np.uint8))
 
 
 def test_damage_to_m3ed_names_the_file(sequence, tmp_path):
