@@ -1,7 +1,5 @@
 """Focus methods and focus measures in the mapper: streaming, names, any rig, and their laws."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from typing import get_args
@@ -9,38 +7,21 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from depth_maps import assert_same_bits, mapper, steps_off
 from eventsweep.emvs.config import FocusParameters, MapperConfig
 from eventsweep.emvs.depth.focus import FocusConfig, at_least
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.maxima import RunningMaxima
-from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, overview
 from eventsweep.emvs.reference_view import inverse_depth_at
 from focus_volumes import found_in_volumes, judge
-from point_world import Recorded, fronto_parallel, pinhole, stereo_rig
+from point_world import fronto_parallel, with_cameras
+from refusals import refused
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25)
-FIELDS = ("depth_m", "confidence", "mask", "argmax")
+mapped = mapper(CONFIG)
 F = np.float32
-
-
-def mapped(recording, *names, **values):
-    own = CONFIG.model_dump(exclude_unset=True) | {"methods": names} | values
-    return map_window(recording, MapperConfig.model_validate(own))
-
-
-def assert_same_bits(a, b):
-    for name in FIELDS:
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-
-
-def steps_off(result, method, depth_m):
-    depth = result.depth_maps[method]
-    step = abs(float(result.view.rho[1] - result.view.rho[0]))
-    assert depth.points > 100
-    return np.median(np.abs(1 / depth.depth_m - 1 / depth_m)[depth.mask]) / step
 
 
 @pytest.mark.parametrize("fusion", ["H", "A"])
@@ -89,14 +70,8 @@ def test_threads_company_and_repetition_do_not_change_a_bit():
 def test_order_of_cameras_changes_nothing_but_rounding():
     """Camera 1 and 2 of three change places; the reference view stays camera 0's."""
     recording = fronto_parallel(1.5, cameras=3)
-    order = [0, 2, 1]
-    rig = replace(
-        recording.rig,
-        T_body_cam=tuple(recording.rig.T_body_cam[k] for k in order),
-        cameras=tuple(recording.rig.cameras[k] for k in order),
-    )
-    swapped = replace(recording, rig=rig, streams=tuple(recording.streams[k] for k in order))
-    one, other = (mapped(r, "Focus/A").depth_maps["Focus/A"] for r in (recording, swapped))
+    one = mapped(recording, "Focus/A").depth_maps["Focus/A"]
+    other = mapped(with_cameras(recording, (0, 2, 1)), "Focus/A").depth_maps["Focus/A"]
     assert (one.argmax == other.argmax).mean() > 0.999
 
 
@@ -115,38 +90,10 @@ def test_polarities_apart_are_one_camera_still():
 
 
 def test_one_camera_at_rest_is_refused():
-    moving = fronto_parallel(1.5, cameras=1)
-    still = Trajectory(
-        moving.trajectory.t_us, np.zeros((len(moving.trajectory.t_us), 3)),
-        moving.trajectory.quats_xyzw,
-    )  # fmt: skip
-    recording = Recorded(stereo_rig(pinhole(), cameras=1), still, moving.streams)
-    with pytest.raises(InputError, match="one camera that does not move sees no parallax") as error:
-        mapped(recording, "Focus/cam0")
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("name", "cameras", "words"),
-    [
-        ("Focus/X", 2, r"unknown method 'Focus/X': the names are Focus/<F>"),
-        ("Focus/AtHc", 2, "the names are"),
-        ("Focus/cam2", 2, r"unknown method 'Focus/cam2' for 2 camera\(s\)"),
-        ("Focus/cam01", 2, "the names are"),
-        ("Focus/H", 1, r"for 1 camera\(s\): choose from EMVS/cam0, Focus/cam0 or all"),
-        ("Focus/cam1", 1, r"for 1 camera\(s\)"),
-    ],
-)
-def test_names_that_cannot_be_get_one_line(name, cameras, words):
-    with pytest.raises(InputError, match=words) as error:
-        methods_by_name((name,), cameras)
-    assert "\n" not in str(error.value)
-
-
-def test_the_harmonic_mean_of_mcemvs_is_for_two_cameras_by_focus_too():
-    with pytest.raises(InputError, match="Focus/H in the mcemvs setting fuses 2 cameras"):
-        methods_by_name(("Focus/H",), 3, mcemvs=True)
-    assert any(name.startswith("Focus/<F>") for name in overview())
+    recording = fronto_parallel(1.5, cameras=1)
+    poses = recording.trajectory
+    still = replace(recording, trajectory=replace(poses, positions_m=0 * poses.positions_m))
+    refused("one camera that does not move sees no parallax", mapped, still, "Focus/cam0")
 
 
 @pytest.mark.parametrize("measure", [name for name in focus_measures.MEASURES if name != "votes"])
@@ -166,6 +113,7 @@ def test_a_measure_moves_the_depth_of_any_method_and_nothing_else(measure):
 
 
 def test_the_configuration_names_every_measure():
+    assert any(name.startswith("Focus/<F>") for name in overview())
     field = MapperConfig.model_fields["extraction"]
     assert get_args(field.annotation) == tuple(focus_measures.MEASURES)
     own = get_args(FocusParameters.model_fields["measure"].annotation)
@@ -179,18 +127,11 @@ def test_the_focus_methods_have_parameters_of_their_own():
     by_votes = mapped(recording, *names, extraction="gradient", threshold_c=1)
     by_focus = mapped(recording, *names, focus={"measure": "gradient", "threshold_c": 15})
     wide = mapped(recording, *names, focus={"threshold_kernel_px": 25})
-    same_map(plain, by_votes, "Focus/H")
+    assert_same_bits(plain.depth_maps["Focus/H"], by_votes.depth_maps["Focus/H"])
     for other in (by_focus, wide):
-        same_map(plain, other, "Alg1/H")
+        assert_same_bits(plain.depth_maps["Alg1/H"], other.depth_maps["Alg1/H"])
         assert (plain.depth_maps["Focus/H"].mask != other.depth_maps["Focus/H"].mask).any()
     assert (plain.depth_maps["Alg1/H"].mask != by_votes.depth_maps["Alg1/H"].mask).any()
-
-
-def same_map(one, other, name):
-    for field in ("depth_m", "confidence", "mask", "argmax"):
-        np.testing.assert_array_equal(
-            getattr(one.depth_maps[name], field), getattr(other.depth_maps[name], field)
-        )
 
 
 @pytest.mark.parametrize("interpolate", [True, False])

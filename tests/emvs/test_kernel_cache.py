@@ -128,13 +128,11 @@ CALLERS = {
     "emvs/dsi/fusion_kernels.py": FOLD,
     "plugins/track/odometry/registration/lines_kernels.py": LINES,
     "plugins/track/odometry/registration/residuals_kernels.py": EQUATIONS,
-    "emvs/utils/vectors_kernels.py": VARIANCE,
-    "sim/sensor/esim_kernels.py": PIXELS,
+    "emvs/utils/vectors_kernels.py": VARIANCE, "sim/sensor/esim_kernels.py": PIXELS,
     "sim/compensation/edge_reach_kernels.py": CARRIED,
-    "sim/compensation/layer_kernels.py": CARRIED,
-    "sim/compensation/light_kernels.py": CARRIED,
+    "sim/compensation/layer_kernels.py": CARRIED, "sim/compensation/light_kernels.py": CARRIED,
     "sim/compensation/path_kernels.py": CARRIED,
-}
+}  # fmt: skip
 EDITS = {
     "add_points": ("np.float32(v - j)", "np.float32(v - j + 0.2)"),
     "later": ("x + dt_s * ax", "y + dt_s * ax"),

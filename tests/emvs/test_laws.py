@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.dsi.rays import PACKET, event_rays
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.reference_view import inverse_depth_planes
+from made_events import random_events
 from point_world import fronto_parallel, pinhole, sideways
 from whole_volume import dsi
 
@@ -33,9 +33,7 @@ def turning(seed, poses=6):
 
 def events_of(seed, n, motion):
     rng = np.random.default_rng(seed)
-    x, y = rng.integers(0, CAMERA.width_px, n), rng.integers(0, CAMERA.height_px, n)
-    t_us = np.sort(rng.integers(*motion.span_us, n))
-    return Events(x.astype(np.uint16), y.astype(np.uint16), t_us, np.zeros(n, np.uint8))
+    return random_events(rng, n, CAMERA.width_px, CAMERA.height_px, *motion.span_us)
 
 
 def moved(trajectory, T_new_old):
@@ -137,8 +135,3 @@ def test_nearest_votes_find_the_plane_too():
     step = (1 / 0.5 - 1 / 4) / 24
     assert depth.points > 100
     assert abs(np.median(1 / depth.depth_m[depth.mask]) - 1 / 1.5) < step
-
-
-def test_the_compatibility_setting_votes_as_the_authors_do():
-    with pytest.raises(ValueError, match="voting nearest is not supported: set voting bilinear"):
-        MapperConfig(compatibility="mcemvs", voting="nearest")

@@ -1,17 +1,15 @@
 """Mapping with a source of poses that learns them as it goes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 import point_world as world
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.altered import AlteredRecording
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.windows import Window, choose_window
+from refusals import refused
 
 CONFIG = MapperConfig(methods=("Alg1/H",), planes=30, min_depth_m=1.0, max_depth_m=4.0)
 STEP_US = 100_000
@@ -69,5 +67,4 @@ def test_windows_go_as_far_as_poses_are_known(recording):
         tracker.push((), t_us)
         assert choose_window(tracked, CONFIG).t1_us == t_us + 1
         assert sum(choose_window(tracked, CONFIG).left_out) > 0
-    with pytest.raises(InputError, match="poses"):
-        map_window(tracked, CONFIG, window=window_until(500_000))
+    refused("poses", map_window, tracked, CONFIG, window=window_until(500_000))

@@ -5,8 +5,6 @@ damaged or taken away, everything that a reader offers is read, and the end is a
 an `InputError` of one line that names a file of it. What is taken away must be missed.
 """
 
-from __future__ import annotations
-
 import copy
 import json
 import shutil
@@ -146,10 +144,9 @@ def file_begun(folder, kind):
     return example
 
 
-def with_odd_values(path, rng):
-    """The file with one to three of its values, or whole branches, replaced by odd ones."""
-    is_json = path.suffix == ".json"
-    values = parsed(path)
+def odd(values, rng, choices=ODD):
+    """A copy with one to three of its values, or whole branches, replaced by odd ones."""
+    values = copy.deepcopy(values)
     for _ in range(int(rng.integers(1, 4))):
         places = list(containers(values))
         inside = places[int(rng.integers(0, len(places)))]
@@ -159,8 +156,14 @@ def with_odd_values(path, rng):
             if rng.random() < 0.2:
                 del inside[key]
             else:
-                inside[key] = copy.deepcopy(ODD[int(rng.integers(0, len(ODD)))])
-    return json.dumps(values) if is_json else yaml.safe_dump(values)
+                inside[key] = copy.deepcopy(choices[int(rng.integers(0, len(choices)))])
+    return values
+
+
+def with_odd_values(path, rng):
+    """A calibration's text with odd values."""
+    values = odd(parsed(path), rng)
+    return json.dumps(values) if path.suffix == ".json" else yaml.safe_dump(values)
 
 
 def containers(values):

@@ -6,8 +6,6 @@ that a reader does must end in events or in an `InputError` of one line that nam
 example's number is its seed: `python tests/fuzz/fuzz_events.py 1 KIND FIRST` repeats it.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import resource
@@ -36,6 +34,7 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import open_events
 from eventsweep.emvs.formats.tables.columns import ColumnMap
+from made_events import part_of, same_events
 
 SIZE_PX = (1280, 720)
 # A line of what a run prints.
@@ -300,7 +299,7 @@ def consistent(reader, name, whole):
     assert whole.t_us.min() >= 0, "negative time"
     if reader.format in ("dsec", "tumvie", "m3ed") and (np.diff(whole.t_us) < 0).any():
         return
-    if not same(whole, Events.concat(list(reader.chunks(name)))):
+    if not same_events(whole, Events.concat(list(reader.chunks(name)))):
         # Blosc unpacks a damaged chunk to whatever memory held: it has no check sum.
         assert reader.format in ("dsec", "tumvie", "mvsec"), "two readings differ"
         return
@@ -308,15 +307,8 @@ def consistent(reader, name, whole):
     assert (first, last) == (whole.t_us.min(), whole.t_us.max()), "span"
     middle = (first + last) // 2
     for t0_us, t1_us in ((first, last + 1), (middle, middle + 1000)):
-        inside = (whole.t_us >= t0_us) & (whole.t_us < t1_us)
-        columns = (getattr(whole, name)[inside] for name in ("x", "y", "t_us", "p"))
-        part = reader.between(name, t0_us, t1_us)
-        assert same(part, Events(*columns)), f"slice {t0_us} to {t1_us}"
-
-
-def same(one, other):
-    columns = ("x", "y", "t_us", "p")
-    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in columns)
+        part = part_of(whole, (whole.t_us >= t0_us) & (whole.t_us < t1_us))
+        assert same_events(reader.between(name, t0_us, t1_us), part), f"slice {t0_us} to {t1_us}"
 
 
 @dataclass

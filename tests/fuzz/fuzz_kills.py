@@ -8,8 +8,6 @@ what two runs that nobody killed have made, byte by byte but for the seconds tha
 of ours is left over, and nothing of somebody is lost.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -59,8 +57,7 @@ COMMANDS = {
     "fuse": (MAP, "fuse out"),
     "report": (MAP, "report out --tables --figures svg"),
     "score": (f"run planes {RUN} {PLANES}", "score out"),
-    "events": ("events video --out out",),
-    "convert": ("convert rec out --to dsec",),
+    "events": ("events video --out out",), "convert": ("convert rec out --to dsec",),
     "convert a file": ("convert rec out.npz --to npz --stream cam0",),
     "suite": (f"{SUITE} --out out",),
     "suite anew": (f"{SUITE} --out out", f"{SUITE} --seeds 1 --out out --force"),
@@ -73,14 +70,12 @@ COMMANDS = {
     ),
     "submission": ("submission make theirs --suite pair.toml --out out.tar.zst",),
     "compare": (f"{SUITE} --out ran", "compare ran ran --out out"),
-    "ranking": ("ranking results --out out",),
-    "gate": (*UPDATED, COMPARED),
+    "ranking": ("ranking results --out out",), "gate": (*UPDATED, COMPARED),
     "gate anew": (*UPDATED, COMPARED, f"{COMPARED} --force"),
-    "baseline": UPDATED,
-    "info": ("info rec --picture out.png",),
+    "baseline": UPDATED, "info": ("info rec --picture out.png",),
     "cache": (ARCHIVE, "cache --cache cache --prune 0"),
     "completion": ("completion bash",),
-}
+}  # fmt: skip
 # Of somebody, and named like what the commands make on their way.
 THEIRS = (
     "thesis.txt", ".out.abcdefgh.partial/thesis.txt", ".out.lock", "cache/notes.txt",

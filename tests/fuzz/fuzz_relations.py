@@ -6,8 +6,6 @@ links to each other. Whatever it says, no file of somebody is lost or changed, i
 2 and no traceback, and what it refuses is one line.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -58,13 +56,8 @@ def archive(folder):
 def plant(folder, rng):
     """One more thing of somebody at a random place: a file, a link, a pipe, an empty folder."""
     names = (
-        "index.html",
-        "ranking.json",
-        "w.tar.zst",
-        "archive.json",
-        "pictures",
-        ".eventsweep.json",
-    )
+        "index.html", "ranking.json", "w.tar.zst", "archive.json", "pictures", ".eventsweep.json",
+    )  # fmt: skip
     place = folder / pick(PLACES, rng) / pick(names, rng)
     with suppress(OSError):
         place.parent.mkdir(parents=True, exist_ok=True)

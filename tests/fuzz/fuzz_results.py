@@ -5,9 +5,6 @@ archive some values are replaced, everything that reads it is called, and the en
 `InputError` of one line.
 """
 
-from __future__ import annotations
-
-import copy
 import json
 import shutil
 import sys
@@ -54,23 +51,6 @@ from small_suite import case, suite_text
 COST = {"seconds_per_window": 0.5, "peak_memory_mb": 120.0, "hardware": "a laptop"}
 FACTS = {"method": "Guess", "authors": ["A. Author"], "licence": "MIT", "url": None, "cost": COST}
 ODD = (*fuzz_datasets.ODD, "\ud800", 1 << 63, 1 << 64, "../../x", "a\x1b]0;b\x07", {"x": [0] * 9})
-
-
-def odd(values, rng):
-    """A copy with one to three of its values, or whole branches, replaced by odd ones."""
-    values = copy.deepcopy(values)
-    for _ in range(int(rng.integers(1, 4))):
-        places = list(fuzz_datasets.containers(values))
-        inside = places[int(rng.integers(0, len(places)))]
-        keys = list(inside) if isinstance(inside, dict) else list(range(len(inside)))
-        key = keys[int(rng.integers(0, len(keys)))]
-        if rng.random() < 0.2:
-            del inside[key]
-        else:
-            inside[key] = copy.deepcopy(ODD[int(rng.integers(0, len(ODD)))])
-        if not values:
-            break
-    return values
 
 
 def ranking(folder):
@@ -217,7 +197,7 @@ def begin(folder, kind):
         if rng.random() < 0.1:
             text = "[" * 200_000 if rng.random() < 0.5 else '{"a":' * 100_000
         else:
-            text = json.dumps(odd(json.loads(file.read_text()), rng))
+            text = json.dumps(fuzz_datasets.odd(json.loads(file.read_text()), rng, ODD))
         file.write_text(text)
         try:
             read(target)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -173,3 +173,20 @@ def _entered(p_world, trajectory, camera, T_body_cam):
     order = np.argsort(t, kind="stable")
     x, y = np.rint(u[order]).astype(np.uint16), np.rint(v[order]).astype(np.uint16)
     return Events(x, y, t[order], (order % 2).astype(np.uint8))
+
+
+def looking_ahead(depth_m):
+    """The plane before a rig whose second camera stands in front of the first."""
+    recording, ahead = fronto_parallel(depth_m), np.eye(4)
+    ahead[2, 3] = 0.1
+    return replace(recording, rig=Rig("ahead", recording.rig.cameras, (np.eye(4), ahead)))
+
+
+def with_cameras(recording, order):
+    """The recording with its cameras in another order."""
+    cameras, T_body_cam = (
+        tuple(values[k] for k in order)
+        for values in (recording.rig.cameras, recording.rig.T_body_cam)
+    )
+    rig = replace(recording.rig, cameras=cameras, T_body_cam=T_body_cam)
+    return replace(recording, rig=rig, streams=tuple(recording.streams[k] for k in order))

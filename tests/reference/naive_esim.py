@@ -4,8 +4,6 @@ Nothing here is rounded but the times of events: the inputs are binary fractions
 up exactly. So the reference is one number that moves, and no count of crossings.
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 from itertools import pairwise
 from math import floor

@@ -1,7 +1,5 @@
 """Slow, plain twins of the extraction by focus: one pixel at a time, in float64."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

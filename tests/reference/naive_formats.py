@@ -1,7 +1,5 @@
 """Slow, plain twins of the event formats' kernels: one word, one event, one line at a time."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a lens map is for, in plain loops."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

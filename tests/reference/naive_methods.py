@@ -1,7 +1,5 @@
 """Slow, plain twins of the methods: one voxel, one event at a time."""
 
-from __future__ import annotations
-
 import naive_sweep
 
 

@@ -1,7 +1,5 @@
 """Slow twins of the metrics, of the curves and of pooling, from the formulae."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
@@ -145,13 +143,10 @@ def pooled(parts):
         return None if any(column is None for column in columns) else np.concatenate(columns)
 
     return Pairs(
-        joined(part.estimate_m for part in parts),
-        joined(part.truth_m for part in parts),
-        sum(part.truth_count for part in parts),
-        parts[0].baseline_focal_px_m,
-        joined(part.cells for part in parts),
-        joined(part.confidence for part in parts),
-    )
+        joined(part.estimate_m for part in parts), joined(part.truth_m for part in parts),
+        sum(part.truth_count for part in parts), parts[0].baseline_focal_px_m,
+        joined(part.cells for part in parts), joined(part.confidence for part in parts),
+    )  # fmt: skip
 
 
 def pooled_methods(parts):

@@ -1,7 +1,5 @@
 """Pixels from render samples, and how far they move, in plain numpy."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eventsweep.emvs.geometry import se3

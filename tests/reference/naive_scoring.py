@@ -1,7 +1,5 @@
 """Slow twins of masks, taxonomy, bootstrap and paired tests: loops from the definitions."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import statistics

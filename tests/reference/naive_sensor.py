@@ -1,7 +1,5 @@
 """The imperfect sensor's parts, pixel by pixel and request by request, in plain Python."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """Slow, plain twins of the mapper's kernels: one event, one voxel, one pixel at a time."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

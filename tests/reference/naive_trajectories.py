@@ -1,7 +1,5 @@
 """Slow twins of trajectory scores, each derived another way than in the product."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """Ground truth in plain Python, pixel by pixel."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

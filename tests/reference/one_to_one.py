@@ -3,8 +3,6 @@
 Anything with `x`, `y`, `t_us` and `p` (0 or 1) is a stream.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Protocol
 

@@ -4,8 +4,6 @@ Log intensity is taken as linear between two pictures, which are so close that n
 than `STEP_PX` from one to the next.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from itertools import pairwise

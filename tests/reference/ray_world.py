@@ -7,8 +7,6 @@ nearest panel. Nothing here is shared with the renderer or the compensation, len
 Axes are those of cameras: x right, y down, z forward. Pixel centres lie at integer coordinates.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

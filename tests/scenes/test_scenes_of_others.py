@@ -79,14 +79,11 @@ def test_a_scene_of_another_package_is_listed_and_simulated(package, tmp_path):
     assert (Path(tmp_path) / "out" / "manifest.json").is_file()
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("green-house = nowhere:SCENE", "theirs: its scene (green-house = nowhere:SCENE) cannot"),
-        ("green-house = theirs_scenes:GONE", "cannot be loaded"),
-        ("green-house = theirs_scenes:WRONG", "theirs_scenes:WRONG is a int, not a Scene"),
-    ],
-)
+@pytest.mark.parametrize(("line", "message"), [
+    ("green-house = nowhere:SCENE", "theirs: its scene (green-house = nowhere:SCENE) cannot"),
+    ("green-house = theirs_scenes:GONE", "cannot be loaded"),
+    ("green-house = theirs_scenes:WRONG", "theirs_scenes:WRONG is a int, not a Scene"),
+])  # fmt: skip
 def test_one_that_fails_is_told_in_one_line(here, tmp_path, capsys, line, message):
     offers(here, line)
     assert main(["simulate", "green-house", "--out", str(tmp_path / "out")]) == 2

@@ -110,12 +110,9 @@ def test_wrapped_picture_shows_its_middle_in_front_and_its_seam_behind():
 
 
 VIEWS = {
-    "front": ((0, -3, 0), (0, 0, 1)),
-    "right": ((3, 0, 0), (0, 0, 1)),
-    "back": ((0, 3, 0), (0, 0, 1)),
-    "left": ((-3, 0, 0), (0, 0, 1)),
-    "top": ((0, 0, 3), (0, 1, 0)),
-}
+    "front": ((0, -3, 0), (0, 0, 1)), "right": ((3, 0, 0), (0, 0, 1)),
+    "back": ((0, 3, 0), (0, 0, 1)), "left": ((-3, 0, 0), (0, 0, 1)), "top": ((0, 0, 3), (0, 1, 0)),
+}  # fmt: skip
 
 
 def test_cube_map_faces_look_upright_from_outside():

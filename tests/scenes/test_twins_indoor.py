@@ -27,16 +27,13 @@ from twin_checks import (
 TWINS = {
     "tumvie-6dof": (1280, 720, 0.1184, (0.45, 4.0)),
     "tumvie-desk2": (1280, 720, 0.1184, (0.45, 4.0)),
-    "tumvie-1d": (1280, 720, 0.1184, (0.45, 4.0)),
-    "tumvie-3d": (1280, 720, 0.1184, (0.45, 4.0)),
+    "tumvie-1d": (1280, 720, 0.1184, (0.45, 4.0)), "tumvie-3d": (1280, 720, 0.1184, (0.45, 4.0)),
     "mvsec-flying": (346, 260, 0.0999, (1.0, 6.5)),
-    "rpg-boxes": (240, 180, 0.147, (0.5, 6.0)),
-    "rpg-reader": (240, 180, 0.147, (0.5, 6.0)),
-    "rpg-monitor": (240, 180, 0.147, (0.5, 6.0)),
-    "rpg-bin": (240, 180, 0.147, (0.5, 6.0)),
+    "rpg-boxes": (240, 180, 0.147, (0.5, 6.0)), "rpg-reader": (240, 180, 0.147, (0.5, 6.0)),
+    "rpg-monitor": (240, 180, 0.147, (0.5, 6.0)), "rpg-bin": (240, 180, 0.147, (0.5, 6.0)),
     "hdr-window": (1280, 720, 0.1184, (0.6, 12.0)),
     "hdr-night": (1280, 720, 0.1184, (0.6, 12.0)),
-}
+}  # fmt: skip
 LIT = [name for name in TWINS if not name.startswith("hdr")]
 ROOMS = ["tumvie-6dof", "mvsec-flying", "rpg-boxes", "hdr-window", "hdr-night"]
 OFTEN = {"mvsec-flying", "rpg-bin"}

@@ -2,6 +2,8 @@
 
 import pytest
 
+import rover
+from eventsweep.sim.graphics import import_mujoco
 from noise_scene import scene_in
 
 
@@ -13,3 +15,13 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def scene(folder):
     return scene_in(folder)
+
+
+@pytest.fixture(scope="module")
+def rover_xml(tmp_path_factory):
+    return rover.write(tmp_path_factory.mktemp("rover"))
+
+
+@pytest.fixture(scope="module")
+def rover_model(rover_xml):
+    return import_mujoco().MjModel.from_xml_path(str(rover_xml))

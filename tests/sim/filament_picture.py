@@ -4,8 +4,6 @@ Usage: python filament_picture.py SCENE.xml VIEW.json OUT.npy, where the view ho
 up, left, right, top, bottom, near, far, width and height.
 """
 
-from __future__ import annotations
-
 import collections.abc
 import json
 import os

@@ -1,7 +1,5 @@
 """Float light against an independent renderer: MuJoCo's Filament, where Vulkan runs."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """How finely scenes are drawn: by focal length, and not where light cannot be carried."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,26 +1,21 @@
 """From a scene to a sequence on disk."""
 
-from __future__ import annotations
-
-import hashlib
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import mujoco_scenes as made
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.emvs.errors import InputError
-from eventsweep.sim.config import SimConfig
+from eventsweep.sim.config import FramesConfig, SimConfig
 from eventsweep.sim.rigs import RIGS, rig
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.simulate import simulate
+from folder_bytes import all_bytes
+from refusals import refused
 
 CONFIG = SimConfig(truth_interval_s=0.01)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("simulate")
 
 
 @pytest.fixture(scope="module")
@@ -33,18 +28,13 @@ def sequence(folder, scene):
     return Sequence.open(simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "first"))
 
 
-def hashes(path):
-    files = sorted(p for p in path.rglob("*") if p.is_file())
-    return {str(p.relative_to(path)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
-
-
 def everything(sequence, camera):
     return sequence.events(camera, 0, sequence.trajectory.span_us[1] + 1)
 
 
 def test_the_same_arguments_give_the_same_bytes(folder, scene, sequence):
     again = simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "again")
-    assert hashes(again) == hashes(sequence.path)
+    assert all_bytes(again) == all_bytes(sequence.path)
     sequence.verify()
 
 
@@ -85,15 +75,7 @@ def test_events_integrate_to_the_stored_frames(sequence):
 
 
 def test_truth_holds_the_start_the_middle_the_end_and_the_right_depth(sequence):
-    assert sequence.truth_times_us(0).tolist() == [
-        0,
-        10_000,
-        20_000,
-        25_000,
-        30_000,
-        40_000,
-        50_000,
-    ]
+    assert [t / 1000 for t in sequence.truth_times_us(0)] == [0, 10, 20, 25, 30, 40, 50]
     wall_m = 2.4
     for k, camera in enumerate(sequence.rig.cameras):
         T_world_cam = sequence.trajectory.at(25_000) @ sequence.rig.T_body_cam[k]
@@ -124,19 +106,16 @@ def test_progress_ends_at_the_end(folder, scene):
         folder / "progress", progress=lambda *call: calls.append(call),
     )  # fmt: skip
     done, total, events = zip(*calls, strict=True)
-    assert done[0] == 0
-    assert done[-1] == 10_000
-    assert set(total) == {10_000}
+    assert (done[0], done[-1], set(total)) == (0, 10_000, {10_000})
     assert list(done) == sorted(set(done))
     assert list(events) == sorted(events)
     assert events[-1] > 0
 
 
 def test_an_existing_folder_is_kept_without_force(folder, scene, sequence):
-    before = hashes(sequence.path)
-    with pytest.raises(InputError, match="first"):
-        simulate(scene, made.tiny_rig(), CONFIG, 1, sequence.path)
-    assert hashes(sequence.path) == before
+    before = all_bytes(sequence.path)
+    refused("first", simulate, scene, made.tiny_rig(), CONFIG, 1, sequence.path)
+    assert all_bytes(sequence.path) == before
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
@@ -153,37 +132,29 @@ def test_an_interrupted_run_leaves_nothing(folder, scene, error):
     assert set(folder.iterdir()) == before
 
 
-def test_too_fast_a_motion_leaves_nothing(folder, scene):
+@pytest.mark.parametrize(("config", "seed", "words"), [
+    (CONFIG, -1, "seed -1"), (SimConfig(duration_s=1e-7), 0, "duration_s"),
+    (SimConfig(max_displacement_px=0.5, min_frame_interval_us=9_000), 0, "slow the motion"),
+    (SimConfig(frames=FramesConfig(rate_hz=200, exposure_us=5_001)), 0, "lower the rate"),
+    (SimConfig(truth_times_s=(0.06,)), 0, r"0.06 s, but the sequence lasts 0.05 s"),
+])  # fmt: skip
+def test_what_cannot_be_simulated_leaves_nothing(folder, scene, config, seed, words):
     before = set(folder.iterdir())
-    config = SimConfig(max_displacement_px=0.5, min_frame_interval_us=9_000)
-    with pytest.raises(InputError, match="slow the motion"):
-        simulate(scene, made.tiny_rig(), config, 0, folder / "fast")
+    refused(words, simulate, scene, made.tiny_rig(), config, seed, folder / "bad")
     assert set(folder.iterdir()) == before
 
 
-def test_refuses_a_negative_seed_and_no_duration(folder, scene):
-    with pytest.raises(InputError, match="seed -1"):
-        simulate(scene, made.tiny_rig(), CONFIG, -1, folder / "bad")
-    with pytest.raises(InputError, match="duration_s"):
-        simulate(scene, made.tiny_rig(), SimConfig(duration_s=1e-7), 0, folder / "bad")
-    with pytest.raises(ValueError, match="duration_s"):
-        SimConfig(duration_s=0)
-
-
-def test_textures_must_fit_the_mjcf(scene):
-    from dataclasses import replace
-
-    unknown = replace(scene, textures=lambda: {"stone": np.zeros((4, 4, 3), np.uint8)})
-    with pytest.raises(InputError, match="it has: noise"):
-        unknown.spec()
-    grey = replace(scene, textures=lambda: {"noise": np.zeros((4, 4), np.uint8)})
-    with pytest.raises(InputError, match="needs uint8"):
-        grey.spec()
-    with pytest.raises(InputError, match="has no file"):
-        replace(scene, mjcf=scene.mjcf.with_name("none.xml")).spec()
+@pytest.mark.parametrize(("change", "words"), [
+    ({"textures": lambda: {"stone": np.zeros((4, 4, 3), np.uint8)}}, "it has: noise"),
+    ({"textures": lambda: {"noise": np.zeros((4, 4), np.uint8)}}, "needs uint8"),
+    ({"mjcf": Path("none.xml")}, "has no file"),
+])  # fmt: skip
+def test_textures_must_fit_the_mjcf(scene, change, words):
+    refused(words, replace(scene, **change).spec)
 
 
 def test_named_rigs_are_what_their_names_say():
+    refused(r"davis346, .*tumvie", rig, "davis")
     assert (rig("davis346").cameras[0].width_px, rig("davis346").cameras[0].height_px) == (346, 260)
     assert rig("davis346").baseline_m() == pytest.approx(0.10)
     assert (rig("tumvie").cameras[1].width_px, rig("tumvie").cameras[1].height_px) == (1280, 720)
@@ -192,8 +163,3 @@ def test_named_rigs_are_what_their_names_say():
         centres = {(camera.cx_px, camera.cy_px) for camera in known.cameras}
         assert len(centres) == len(known) >= 2
         assert np.array_equal(known.T_body_cam[0], np.eye(4))
-
-
-def test_an_unknown_rig_is_refused_with_the_names():
-    with pytest.raises(InputError, match=r"davis346, .*tumvie"):
-        rig("davis")

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from eventsweep.emvs.data.altered import AlteredRecording
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.plugins.diagnose import sharpness_kernels
 from eventsweep.plugins.diagnose.sharpness import Hypothesis, Level, Sharpness, WindowEvents
 from naive_sharpness import naive_ray_maxima
 from point_world import fronto_parallel, stereo_rig
+from refusals import refused
 
 T0_US, T1_US = 100_000, 300_000
 
@@ -111,5 +111,4 @@ def test_one_camera_is_its_own_volume(recording):
 def test_a_window_without_poses_is_refused(recording):
     poses = recording.trajectory
     later = Trajectory(poses.t_us + 10_000_000, poses.positions_m, poses.quats_xyzw)
-    with pytest.raises(InputError, match="poses"):
-        sharpness(replace(recording, trajectory=later))
+    refused("poses", sharpness, replace(recording, trajectory=later))

@@ -1,16 +1,14 @@
 """Folders as data sets have them, videos as cameras write them, and all that is wrong with both."""
 
-from __future__ import annotations
-
 import os
 
 import cv2
 import numpy as np
 import pytest
 
-from eventsweep.emvs.errors import InputError
 from eventsweep.plugins.video.frames import checked, open_frames
 from eventsweep.sim.config import VideoConfig
+from refusals import refused
 from video_files import decoded, drifting, write_folder, write_image, write_video
 
 FRAMES = drifting(12)
@@ -80,106 +78,49 @@ def test_hidden_files_are_passed_over_and_foreign_ones_named(tmp_path):
     assert found[2].notes() == [f"{folder}: no images, left out: Thumbs.db, notes.md"]
 
 
-def folder_without_times(folder):
-    write_folder(folder, FRAMES)
-
-
-def more_times(folder):
-    write_folder(folder, FRAMES[:11], SECONDS)
-
-
-def fewer_times(folder):
-    write_folder(folder, FRAMES, SECONDS[:11])
-
-
-def one_image(folder):
-    write_folder(folder, FRAMES[:1], SECONDS[:1])
-
-
-def no_image(folder):
-    write_folder(folder, [], SECONDS)
-
-
-def two_kinds(folder):
-    write_folder(folder, FRAMES, SECONDS)
-    write_image(folder / "12.jpg", FRAMES[0])
-
-
-def falling(folder):
-    write_folder(folder, FRAMES, [*SECONDS[:10], "0.5", "0.6"])
-
-
-def repeated(folder):
-    write_folder(folder, FRAMES, [*SECONDS[:10], "0.9", "1.0"])
-
-
-def another_size(folder):
-    write_folder(folder, FRAMES, SECONDS)
-    write_image(folder / "7.png", FRAMES[0][:-1])
-
-
-def another_kind(folder):
-    write_folder(folder, FRAMES, SECONDS)
-    write_image(folder / "7.png", FRAMES[0].astype(np.uint16))
-
-
-def truncated(folder):
-    write_folder(folder, FRAMES, SECONDS)
-    os.truncate(folder / "7.png", 300)
-
-
 def outside(folder):
     write_folder(folder / "in", FRAMES)
     (folder / "in" / "images.txt").write_text("0.0 ../0.png\n0.1 1.png\n")
     write_image(folder / "0.png", FRAMES[0])
 
 
-def missing(folder):
-    write_folder(folder, FRAMES)
-    (folder / "images.txt").write_text("0.0 0.png\n0.1 nope.png\n")
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (folder_without_times, r"no times; add timestamps\.txt .*set rate_hz"),
-        (more_times, "12 times for 11 images"),
-        (fewer_times, "11 times for 12 images"),
-        (one_image, "1 images; events need two or more"),
-        (no_image, "12 times for 0 images|0 images"),
-        (two_kinds, r"several kinds, \.jpg, \.png"),
-        (falling, r"10\.png is at 500000 µs and 9\.png at 900000 µs: times must increase"),
-        (repeated, r"10\.png is at 900000 µs and 9\.png at 900000 µs"),
-        (another_size, r"7\.png is 40x29 grey uint8 and 6\.png 40x30 grey uint8"),
-        (another_kind, r"7\.png is 40x30 grey uint16"),
-        (truncated, r"7\.png: not a complete PNG"),
-        (outside, "no times|not an image in this folder"),
-        (missing, r"nope\.png is not an image in this folder"),
-    ],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    (lambda f: write_folder(f, FRAMES), r"no times; add timestamps\.txt .*set rate_hz"),
+    (lambda f: write_folder(f, FRAMES[:11], SECONDS), "12 times for 11 images"),
+    (lambda f: write_folder(f, FRAMES, SECONDS[:11]), "11 times for 12 images"),
+    (lambda f: write_folder(f, FRAMES[:1], SECONDS[:1]), "1 images; events need two or more"),
+    (lambda f: write_folder(f, [], SECONDS), "12 times for 0 images|0 images"),
+    (lambda f: write_image(write_folder(f, FRAMES, SECONDS) / "12.jpg", FRAMES[0]),
+     r"several kinds, \.jpg, \.png"),
+    (lambda f: write_folder(f, FRAMES, [*SECONDS[:10], "0.5", "0.6"]),
+     r"10\.png is at 500000 µs and 9\.png at 900000 µs: times must increase"),
+    (lambda f: write_folder(f, FRAMES, [*SECONDS[:10], "0.9", "1.0"]),
+     r"10\.png is at 900000 µs and 9\.png at 900000 µs"),
+    (lambda f: write_image(write_folder(f, FRAMES, SECONDS) / "7.png", FRAMES[0][:-1]),
+     r"7\.png is 40x29 grey uint8 and 6\.png 40x30 grey uint8"),
+    (lambda f: write_image(write_folder(f, FRAMES, SECONDS) / "7.png", np.uint16(FRAMES[0])),
+     r"7\.png is 40x30 grey uint16"),
+    (lambda f: os.truncate(write_folder(f, FRAMES, SECONDS) / "7.png", 300),
+     r"7\.png: not a complete PNG"), (outside, "no times|not an image in this folder"),
+    (lambda f: (write_folder(f, FRAMES) / "images.txt").write_text("0.0 0.png\n0.1 nope.png\n"),
+     r"nope\.png is not an image in this folder"),
+])  # fmt: skip
 def test_folders_that_cannot_be_used_are_refused_in_one_line(tmp_path, make, message):
     make(tmp_path / "in")
-    with pytest.raises(InputError, match=message) as told:
-        read(tmp_path / "in")
-    assert "\n" not in str(told.value)
+    refused(message, read, tmp_path / "in")
 
 
 def test_a_list_never_leads_out_of_its_folder(tmp_path):
     outside(tmp_path)
-    with pytest.raises(InputError, match=r"\.\./0\.png is not an image in this folder"):
-        read(tmp_path / "in")
+    refused(r"\.\./0\.png is not an image in this folder", read, tmp_path / "in")
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"slow_motion": 2}, "slow_motion is for video files"),
-        ({"stamps": "gone.txt"}, "gone.txt: cannot be read"),
-    ],
-)
+@pytest.mark.parametrize(("values", "message"), [
+    ({"slow_motion": 2}, "slow_motion is for video files"),
+    ({"stamps": "gone.txt"}, "gone.txt: cannot be read"),
+])  # fmt: skip
 def test_settings_that_say_nothing_of_a_folder_are_refused(tmp_path, values, message):
-    with pytest.raises(InputError, match=message):
-        read(write_folder(tmp_path / "in", FRAMES, SECONDS), **values)
+    refused(message, read, write_folder(tmp_path / "in", FRAMES, SECONDS), **values)
 
 
 COLOUR = drifting(20, 64, 48, colour=True)
@@ -209,14 +150,10 @@ def test_a_video_whose_end_is_missing_is_read_and_told_of(tmp_path):
     ]
 
 
-def bare_stream(path):
-    path.write_bytes(b"".join(cv2.imencode(".jpg", frame)[1].tobytes() for frame in COLOUR))
-
-
 def test_a_stream_without_container_has_no_time_base(tmp_path):
-    bare_stream(tmp_path / "v.mjpeg")
-    with pytest.raises(InputError, match="no time base in its video stream; set rate_hz"):
-        read(tmp_path / "v.mjpeg")
+    stream = b"".join(cv2.imencode(".jpg", frame)[1].tobytes() for frame in COLOUR)
+    (tmp_path / "v.mjpeg").write_bytes(stream)
+    refused("no time base in its video stream; set rate_hz", read, tmp_path / "v.mjpeg")
     times_us, images, _ = read(tmp_path / "v.mjpeg", rate_hz=1000)
     assert times_us == [1000 * k for k in range(20)]
     assert images.shape == (20, 48, 64, 3)
@@ -225,38 +162,20 @@ def test_a_stream_without_container_has_no_time_base(tmp_path):
 def test_h264_start_codes_are_no_time_base_either(tmp_path):
     for head in (b"\0\0\0\1\x67", b"\0\0\1\xb3\x14"):
         (tmp_path / "v.264").write_bytes(head + bytes(100))
-        with pytest.raises(InputError, match="no time base"):
-            open_frames(tmp_path / "v.264", VideoConfig())
+        refused("no time base", open_frames, tmp_path / "v.264", VideoConfig())
 
 
-def empty(path):
-    path.write_bytes(b"")
+def half(path):
+    os.truncate(write_video(path, COLOUR, codec="mp4v"), path.stat().st_size // 2)
 
 
-def text(path):
-    path.write_text("cannot be opened as a video")
-
-
-def cut_mp4(path):
-    whole = write_video(path.with_name("w.mp4"), COLOUR, codec="mp4v")
-    path.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-
-
-@pytest.mark.parametrize(
-    ("make", "name"),
-    [
-        (empty, "v.mp4"),
-        (text, "v.avi"),
-        (cut_mp4, "v.mp4"),
-    ],
-)
+@pytest.mark.parametrize(("make", "name"), [
+    (lambda path: path.write_bytes(b""), "v.mp4"), (half, "v.mp4"),
+    (lambda path: path.write_text("cannot be opened as a video"), "v.avi"),
+])  # fmt: skip
 def test_files_that_are_no_video_are_refused_in_one_line(tmp_path, capfd, make, name):
     make(tmp_path / name)
-    with pytest.raises(
-        InputError, match=rf"{name}: (cannot be opened as a video|no frame)"
-    ) as told:
-        read(tmp_path / name)
-    assert "\n" not in str(told.value)
+    refused(rf"{name}: (cannot be opened as a video|no frame)", read, tmp_path / name)
     assert capfd.readouterr().err == ""
 
 
@@ -267,13 +186,11 @@ def test_files_that_are_no_video_are_refused_in_one_line(tmp_path, capfd, make, 
 def test_a_list_of_other_videos_is_refused_unread(tmp_path, name, text):
     write_video(tmp_path / "other.avi", COLOUR)
     (tmp_path / name).write_text(text.replace("other.ts", "other.avi"))
-    with pytest.raises(InputError, match=rf"{name}: is a playlist, not a video"):
-        read(tmp_path / name)
+    refused(rf"{name}: is a playlist, not a video", read, tmp_path / name)
 
 
 def test_a_video_of_one_frame_is_refused(tmp_path):
-    with pytest.raises(InputError, match="1 frame; events need two"):
-        read(write_video(tmp_path / "v.avi", COLOUR[:1]))
+    refused("1 frame; events need two", read, write_video(tmp_path / "v.avi", COLOUR[:1]))
 
 
 @pytest.mark.parametrize(
@@ -281,16 +198,12 @@ def test_a_video_of_one_frame_is_refused(tmp_path):
     [({"unit": "us"}, "for a video set rate_hz"), ({"stamps": "t.txt"}, "for a video set rate_hz")],
 )
 def test_settings_that_say_nothing_of_a_video_are_refused(tmp_path, values, message):
-    with pytest.raises(InputError, match=message):
-        read(write_video(tmp_path / "v.avi", COLOUR), **values)
+    refused(message, read, write_video(tmp_path / "v.avi", COLOUR), **values)
 
 
 def test_what_is_neither_is_refused(tmp_path):
     write_image(tmp_path / "a.png", FRAMES[0])
-    with pytest.raises(InputError, match="is a single image"):
-        open_frames(tmp_path / "a.png", VideoConfig())
-    with pytest.raises(InputError, match="no such file or folder"):
-        open_frames(tmp_path / "gone", VideoConfig())
+    refused("is a single image", open_frames, tmp_path / "a.png", VideoConfig())
+    refused("no such file or folder", open_frames, tmp_path / "gone", VideoConfig())
     os.mkfifo(tmp_path / "pipe.avi")
-    with pytest.raises(InputError, match="pipe"):
-        open_frames(tmp_path / "pipe.avi", VideoConfig())
+    refused("pipe", open_frames, tmp_path / "pipe.avi", VideoConfig())

@@ -1,7 +1,5 @@
 """Videos as sequences and as files of events: whole, streamed, and what can be done with them."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -24,6 +22,7 @@ from eventsweep.sim.config import PixelConfig, SimConfig, VideoConfig
 from eventsweep.sim.parallel import sensors
 from eventsweep.sim.sensor.sensor import Sensor
 from eventsweep.sim.sensor_presets import SensorConfig
+from refusals import refused
 from video_files import drifting, events_of, rows, write_folder, write_video
 
 SECONDS = [f"{k / 20:.2f}" for k in range(10)]
@@ -53,10 +52,8 @@ def test_a_sequence_without_poses_opens_and_tells_so(tmp_path, folder):
     sequence.verify()
     with pytest.raises(InputError, match="has no poses"):
         sequence.trajectory  # noqa: B018
-    with pytest.raises(InputError, match="has no poses"):
-        es.map_window(sequence)
-    with pytest.raises(InputError, match="has no poses"):
-        es.map_windows(sequence.path, tmp_path / "map")
+    refused("has no poses", es.map_window, sequence)
+    refused("has no poses", es.map_windows, sequence.path, tmp_path / "map")
     assert not (tmp_path / "map").exists()
 
 
@@ -102,13 +99,10 @@ def test_every_format_holds_the_same_events(tmp_path, folder, name):
     assert rows(events_of(tmp_path / "again")) == rows(events_of(out))
 
 
-@pytest.mark.parametrize(
-    ("out", "format_"),
-    [
-        ("seq", "sequence"), ("my.seq", "sequence"), ("a.h5", "dsec"), ("a.AEDAT4", "aedat4"),
-        ("a.raw", "evt2"), ("a.csv", "csv"), ("a.npz", "npz"), ("a.bag", "rosbag1"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("out", "format_"), [
+    ("seq", "sequence"), ("my.seq", "sequence"), ("a.h5", "dsec"), ("a.AEDAT4", "aedat4"),
+    ("a.raw", "evt2"), ("a.csv", "csv"), ("a.npz", "npz"), ("a.bag", "rosbag1"),
+])  # fmt: skip
 def test_the_name_says_the_format(tmp_path, out, format_):
     assert format_of(tmp_path / out) == format_
     assert format_of(tmp_path / out, "sequence") == "sequence"
@@ -221,29 +215,25 @@ def test_poses_that_cover_a_part_are_noted(tmp_path, folder, calibration):
 
 
 def test_what_does_not_belong_to_the_video_is_refused(tmp_path, folder, calibration, rendered):
-    def refused(view, message, out="out"):
-        with pytest.raises(InputError, match=message):
-            made(folder, tmp_path / out, view=view)
+    def not_made(view, words, out="out"):
+        refused(words, made, folder, tmp_path / out, view=view)
         assert not (tmp_path / out).exists()
 
     late = poses(tmp_path / "late.txt", 10**9, 2 * 10**9)
-    refused(View(calibration, None, late), "put both on one clock")
-    refused(View(rendered / "rig.json"), "cameras left, right; set camera to the one")
-    refused(View(rendered / "rig.json", "left"), "346x260 px, the frames have 40x30")
-    refused(View(rendered / "rig.json", "middle"), "set camera to the one")
-    refused(View(calibration), "an event file cannot hold calibration", "out.h5")
-    with pytest.raises(InputError, match="but no calibration"):
-        View(None, None, late)
+    not_made(View(calibration, None, late), "put both on one clock")
+    not_made(View(rendered / "rig.json"), "cameras left, right; set camera to the one")
+    not_made(View(rendered / "rig.json", "left"), "346x260 px, the frames have 40x30")
+    not_made(View(rendered / "rig.json", "middle"), "set camera to the one")
+    not_made(View(calibration), "an event file cannot hold calibration", "out.h5")
+    refused("but no calibration", View, None, None, late)
 
 
 def test_an_output_is_replaced_only_when_told(tmp_path, folder):
     for out in (tmp_path / "seq", tmp_path / "a.h5"):
         made(folder, out)
-        with pytest.raises(InputError, match="exists"):
-            made(folder, out)
+        refused("exists", made, folder, out)
         made(folder, out, NOISY, force=True)
-    with pytest.raises(InputError, match="input"):
-        made(folder, folder, force=True)
+    refused("input", made, folder, folder, force=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.h5", "in", "seq"]
 
 
@@ -309,7 +299,6 @@ def test_a_playlist_is_not_followed_to_other_hosts(tmp_path):
         address = f"http://127.0.0.1:{server.server_port}/x.ts"
         text = f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{address}\n#EXT-X-ENDLIST\n"
         (tmp_path / "v.m3u8").write_text(text)
-        with pytest.raises(InputError, match="is a playlist, not a video"):
-            open_frames(tmp_path / "v.m3u8", VideoConfig())
+        refused("is a playlist, not a video", open_frames, tmp_path / "v.m3u8", VideoConfig())
         server.shutdown()
     assert asked == []

@@ -21,12 +21,12 @@ from eventsweep.emvs.config import (
     Regularisation,
 )
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.reference_view import reference_view
 from eventsweep.emvs.utils.runtime import use_threads
 from eventsweep.emvs.windows import choose_window
-from point_world import Recorded, fronto_parallel
+from made_events import part_of
+from point_world import fronto_parallel, looking_ahead
+from refusals import refused
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)
 RHO = st.floats(0.1, 5.0)
@@ -300,29 +300,16 @@ def test_settings_of_the_configuration_reach_the_mapping():
 # Bad input
 
 
-def test_too_few_events_are_refused():
+def of_few_events():
     recording = fronto_parallel(1.3)
-    few = tuple(Events(s.x[::400], s.y[::400], s.t_us[::400], s.p[::400])
-                for s in recording.streams)  # fmt: skip
-    with pytest.raises(
-        InputError, match=r"0 estimates from 9 maps up to \d+ µs, but no pixel where 2"
-    ) as error:
-        mapped(Recorded(recording.rig, recording.trajectory, few))
-    assert "\n" not in str(error.value)
+    few = tuple(part_of(stream, slice(None, None, 400)) for stream in recording.streams)
+    return replace(recording, streams=few)
 
 
-def test_one_camera_is_refused():
-    recording = fronto_parallel(1.3, cameras=1)
-    with pytest.raises(InputError, match="stereo matching needs 2") as error:
-        mapped(recording)
-    assert "\n" not in str(error.value)
-
-
-def test_a_rig_that_looks_along_its_baseline_is_refused():
-    recording = fronto_parallel(1.3)
-    ahead = np.eye(4)
-    ahead[2, 3] = 0.1
-    rig = Rig("ahead", recording.rig.cameras, (np.eye(4), ahead))
-    with pytest.raises(InputError, match=r"cannot be rectified.*90\.0 degrees") as error:
-        mapped(Recorded(rig, recording.trajectory, recording.streams))
-    assert "\n" not in str(error.value)
+@pytest.mark.parametrize(("recording", "words"), [
+    (of_few_events(), r"0 estimates from 9 maps up to \d+ µs, but no pixel where 2"),
+    (fronto_parallel(1.3, cameras=1), "stereo matching needs 2"),
+    (looking_ahead(1.3), r"cannot be rectified.*90\.0 degrees"),
+])  # fmt: skip
+def test_what_cannot_be_mapped_is_refused(recording, words):
+    refused(words, mapped, recording)

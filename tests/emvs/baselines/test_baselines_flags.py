@@ -30,28 +30,21 @@ def points(sequence, folder, method, *flags):
     return read_map(folder).windows[0].depth_map(method).points
 
 
-@pytest.mark.parametrize(
-    ("method", "flag", "few", "many"),
-    [
-        ("SGM/ts", "--map.sgm.active-s", "0.003", "0.03"),
-        ("ESVO/own-rate", "--map.esvo.clean-up.least-fusions", "4", "0"),
-        ("ESVO/own-rate", "--map.esvo.matching.least-zncc", "0.99", "0.5"),
-    ],
-)
+@pytest.mark.parametrize(("method", "flag", "few", "many"), [
+    ("SGM/ts", "--map.sgm.active-s", "0.003", "0.03"),
+    ("ESVO/own-rate", "--map.esvo.clean-up.least-fusions", "4", "0"),
+    ("ESVO/own-rate", "--map.esvo.matching.least-zncc", "0.99", "0.5"),
+])  # fmt: skip
 def test_a_flag_reaches_its_baseline(sequence, tmp_path, method, flag, few, many):
     fewer = points(sequence, tmp_path / "few", method, flag, few)
     assert 0 < fewer < points(sequence, tmp_path / "many", method, flag, many)
 
 
-@pytest.mark.parametrize(
-    ("flag", "value", "words"),
-    [
-        ("--map.sgm.matcher.block-px", "8", "must be odd"),
-        ("--map.esvo.refinement.dof", "2", "greater than 2"),
-        ("--map.esvo.decay-s", "nan", "finite"),
-        ("--map.gts.memory-s", "0", "greater than 0"),
-    ],
-)
+@pytest.mark.parametrize(("flag", "value", "words"), [
+    ("--map.sgm.matcher.block-px", "8", "must be odd"),
+    ("--map.esvo.refinement.dof", "2", "greater than 2"),
+    ("--map.esvo.decay-s", "nan", "finite"), ("--map.gts.memory-s", "0", "greater than 0"),
+])  # fmt: skip
 def test_values_that_make_no_sense_are_refused_in_a_line(
     sequence, tmp_path, capsys, flag, value, words
 ):

@@ -59,18 +59,13 @@ def disparity_errors_px(sequence, name, **values):
 
 # Method, scene: least points, largest median error in px, least share that is off by less than 1 px
 STATED = {
-    ("SGM/ts", "planes"): (15_000, 0.5, 0.9),
-    ("SGM/window", "planes"): (30_000, 0.5, 0.85),
-    ("ESVO/own-rate", "planes"): (90, 0.3, 0.85),
-    ("ESVO/window", "planes"): (300, 0.3, 0.9),
-    ("GTS/events", "planes"): (2000, 0.5, 0.65),
-    ("Frames/sgm", "planes"): (60_000, 0.5, 0.9),
-    ("SGM/ts", "desk"): (9000, 0.5, 0.7),
-    ("SGM/window", "desk"): (18_000, 0.5, 0.7),
-    ("ESVO/own-rate", "desk"): (200, 0.5, 0.75),
-    ("ESVO/window", "desk"): (700, 0.5, 0.8),
+    ("SGM/ts", "planes"): (15_000, 0.5, 0.9), ("SGM/window", "planes"): (30_000, 0.5, 0.85),
+    ("ESVO/own-rate", "planes"): (90, 0.3, 0.85), ("ESVO/window", "planes"): (300, 0.3, 0.9),
+    ("GTS/events", "planes"): (2000, 0.5, 0.65), ("Frames/sgm", "planes"): (60_000, 0.5, 0.9),
+    ("SGM/ts", "desk"): (9000, 0.5, 0.7), ("SGM/window", "desk"): (18_000, 0.5, 0.7),
+    ("ESVO/own-rate", "desk"): (200, 0.5, 0.75), ("ESVO/window", "desk"): (700, 0.5, 0.8),
     ("Frames/sgm", "desk"): (50_000, 0.5, 0.9),
-}
+}  # fmt: skip
 
 
 # One of each baseline on planes: the desk takes longest, and its depth is less sure than theirs.

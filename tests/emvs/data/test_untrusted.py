@@ -19,7 +19,6 @@ from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.custom import read_descriptor
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import open_events
 from eventsweep.emvs.formats.calibration_values import parsed
 from eventsweep.emvs.geometry.camera import Camera
@@ -31,6 +30,7 @@ from eventsweep.eval.gate.baseline import read_baseline
 from eventsweep.eval.report.study_page import find_studies
 from eventsweep.eval.scoring.predictions import read_description
 from eventsweep.eval.suite import definition
+from refusals import refused
 
 DEEP = "[" * 100_000
 
@@ -47,14 +47,10 @@ def sequence(made, tmp_path):
     return shutil.copytree(made, tmp_path / "edges")
 
 
-def refused(call, *arguments, match):
-    """Refuses in one line, and soon."""
+def refused_soon(words, call, *arguments):
     began = time.process_time()
-    with pytest.raises(InputError, match=match) as caught:
-        call(*arguments)
+    assert len(refused(words, call, *arguments)) < 1000
     assert time.process_time() - began < 10
-    assert len(str(caught.value).splitlines()) == 1
-    assert len(str(caught.value)) < 1000
 
 
 def external_storage(file, path):
@@ -77,7 +73,7 @@ def test_hdf5_that_leads_into_another_file_is_refused(tmp_path, lead, call):
     (tmp_path / "secret").write_bytes(bytes(32))
     with h5py.File(tmp_path / "events.h5", "w") as file:
         lead(file, str(tmp_path / "secret"))
-    refused(call, tmp_path / "events.h5", match="another file")
+    refused_soon("another file", call, tmp_path / "events.h5")
 
 
 def pipe(path):
@@ -97,23 +93,19 @@ def plug(path):
 
 
 READERS = {
-    "poses": read_poses,
-    "calibration": parsed,
-    "recording.toml": read_descriptor,
+    "poses": read_poses, "calibration": parsed, "recording.toml": read_descriptor,
     "events": open_events,
     "hdf5": lambda path: open_hdf5(path).__enter__(),
-    "baseline": read_baseline,
-    "suite": definition.read,
-    "settings": lambda path: settings.load(path),
-    "prediction.toml": read_description,
-}
+    "baseline": read_baseline, "suite": definition.read,
+    "settings": lambda path: settings.load(path), "prediction.toml": read_description,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("plant", [pipe, device, plug])
 @pytest.mark.parametrize("name", READERS)
 def test_only_regular_files_are_opened(tmp_path, name, plant):
     plant(tmp_path / name)
-    refused(READERS[name], tmp_path / name, match="pipe|device|is a link")
+    refused_soon("pipe|device|is a link", READERS[name], tmp_path / name)
 
 
 @pytest.mark.parametrize("plant", [pipe, device, plug])
@@ -121,7 +113,7 @@ def test_only_regular_files_are_opened(tmp_path, name, plant):
 def test_only_regular_files_are_opened_in_a_sequence(sequence, name, plant):
     (sequence / name).unlink()
     plant(sequence / name)
-    refused(Sequence, sequence, match="pipe, device or socket|not a file in this folder")
+    refused_soon("pipe, device or socket|not a file in this folder", Sequence, sequence)
 
 
 @pytest.mark.parametrize("name", ["/etc/hostname", "../secret", "cam0/../../secret", "a\0b", ""])
@@ -131,7 +123,7 @@ def test_a_manifest_names_only_what_is_inside(sequence, name):
     content = json.loads(index.read_text())
     content["files"][name] = {"sha256": "0" * 64, "bytes": 1}
     index.write_text(json.dumps(content))
-    refused(Sequence, sequence, match="not a file in this folder")
+    refused_soon("not a file in this folder", Sequence, sequence)
 
 
 def test_a_link_that_leaves_a_sequence_is_refused_and_one_that_stays_is_followed(sequence):
@@ -140,9 +132,13 @@ def test_a_link_that_leaves_a_sequence_is_refused_and_one_that_stays_is_followed
     poses.symlink_to("kept.txt")
     assert len(Sequence(sequence).trajectory.t_us)
     (sequence / "kept.txt").rename(sequence.parent / "kept.txt")
-    poses.unlink()
-    poses.symlink_to(sequence.parent / "kept.txt")
-    refused(Sequence, sequence, match="not a file in this folder.*replace the link")
+    for target, words in (
+        (sequence.parent / "kept.txt", "not a file in this folder.*replace the link"),
+        ("poses.txt", "missing"),  # in a circle
+    ):
+        poses.unlink()
+        poses.symlink_to(target)
+        refused_soon(words, Sequence, sequence)
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "poses.txt", "rig.json", "cam0", "sensor.json"])
@@ -156,13 +152,7 @@ def test_no_link_in_a_sequence_leads_out_of_it(sequence, name, listed):
         index.write_text(json.dumps(content))
     place.rename(outside) if place.exists() else outside.write_text("[]")
     place.symlink_to(outside)
-    refused(Sequence, sequence, match=f"{name} is not a file in this folder.*replace the link")
-
-
-def test_links_in_a_circle_are_refused(sequence):
-    (sequence / "poses.txt").unlink()
-    (sequence / "poses.txt").symlink_to("poses.txt")
-    refused(Sequence, sequence, match="missing")
+    refused_soon(f"{name} is not a file in this folder.*replace the link", Sequence, sequence)
 
 
 @pytest.mark.parametrize("kind", ["dsec", "tumvie", "mvsec", "rosbag1", "npz"])
@@ -189,7 +179,7 @@ def test_deep_nesting_in_a_sequence_is_one_line(sequence, name):
     if name in index["files"]:
         index["files"][name]["bytes"] = len(text)
         (sequence / "manifest.json").write_text(json.dumps(index))
-    refused(Sequence, sequence, match="damaged|nested")
+    refused_soon("damaged|nested", Sequence, sequence)
 
 
 @pytest.mark.parametrize(
@@ -198,19 +188,19 @@ def test_deep_nesting_in_a_sequence_is_one_line(sequence, name):
 @pytest.mark.parametrize("text", [DEEP, "a = " + DEEP, '{"a":' * 30_000, "a = " + "1" * 9000])
 def test_deep_nesting_and_long_numbers_are_one_line(tmp_path, name, text):
     (tmp_path / name).write_text(text)
-    refused(READERS[name], tmp_path / name, match=".")
+    refused_soon(".", READERS[name], tmp_path / name)
 
 
 def test_deep_nesting_in_a_map_and_a_study(tmp_path):
     (tmp_path / "map.json").write_text(DEEP)
-    refused(read_info, tmp_path, match="nested too deeply")
+    refused_soon("nested too deeply", read_info, tmp_path)
     assert find_studies(tmp_path) == []
 
 
 @pytest.mark.parametrize("text", ["1" * 5_000_000, "1:" * 100_000 + "1", "1" * 200_000])
 def test_a_calibration_of_digits_is_refused_soon(tmp_path, text):
     (tmp_path / "chain.yaml").write_text(f"cam0: {text}\n")
-    refused(parsed, tmp_path / "chain.yaml", match="bytes|digits")
+    refused_soon("bytes|digits", parsed, tmp_path / "chain.yaml")
 
 
 @pytest.mark.parametrize("value", [10**30, 1e30, 10**400, float("inf"), float("nan")])
@@ -219,30 +209,23 @@ def test_impossible_intrinsics_are_one_line(key, value):
     values = {"width_px": 4, "height_px": 3, "fx_px": 5.0, "fy_px": 5.0, "cx_px": 2, "cy_px": 1}
     given = (0, 0, 0, value) if key == "distortion" else value
     values |= {"model": "radtan", "distortion": (0, 0, 0, 0), key: given}
-    refused(Camera.from_json, values, match="must be finite")
+    refused_soon("must be finite", Camera.from_json, values)
 
 
-@pytest.mark.parametrize("size", [(10**30, 3), (4, 10**400)])
-def test_impossible_sensors_are_one_line(size):
-    refused(Camera, *size, 5, 5, 2, 1, match="at most 65536")
+def depth_range_of(near, far):
+    edges = MovingEdges((64, 48), 3000)
+    return depth_range_m(edges, MapperConfig(min_depth_m=near, max_depth_m=far))
 
 
-@pytest.mark.parametrize("call", [read_poses, parsed, open_events])
-def test_a_nul_in_a_name_is_one_line(tmp_path, call):
-    refused(call, tmp_path / "a\0b", match="a..?x?0*b")
-
-
-@pytest.mark.parametrize(("near", "far"), [(1e-300, 1e300), (1e-320, 5), (0.1, 1e12)])
-def test_a_depth_range_beyond_reason_is_one_line(near, far):
-    config = MapperConfig(min_depth_m=near, max_depth_m=far)
-    refused(depth_range_m, MovingEdges((64, 48), 3000), config, match="must lie within")
-
-
-def test_too_many_windows_are_counted_and_refused():
-    config = MapperConfig(window_s=1e-6)
-    refused(
-        plan_windows,
-        MovingEdges((64, 48), 3000),
-        config,
-        match=rf"\d+ windows, at most {MOST_WINDOWS}",
-    )
+@pytest.mark.parametrize(("words", "call", "values"), [
+    ("at most 65536", Camera, (10**30, 3, 5, 5, 2, 1)),
+    ("at most 65536", Camera, (4, 10**400, 5, 5, 2, 1)),
+    *(("a..?x?0*b", call, (Path("a\0b"),)) for call in (read_poses, parsed, open_events)),
+    ("must lie within", depth_range_of, (1e-300, 1e300)),
+    ("must lie within", depth_range_of, (1e-320, 5)),
+    ("must lie within", depth_range_of, (0.1, 1e12)),
+    (rf"\d+ windows, at most {MOST_WINDOWS}", plan_windows,
+     (MovingEdges((64, 48), 3000), MapperConfig(window_s=1e-6))),
+])  # fmt: skip
+def test_values_beyond_reason_are_one_line(words, call, values):
+    refused_soon(words, call, *values)

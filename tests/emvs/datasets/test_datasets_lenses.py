@@ -1,7 +1,5 @@
 """Miniatures with lenses and turned rigs: every layout maps to the same depth map as our own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +8,9 @@ import pytest
 import dataset_files
 import dataset_world as world
 from dataset_world import rewritten
+from depth_maps import mapped_like
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.emvs.datasets import open_recording
-from eventsweep.emvs.mapper import map_window
-from eventsweep.emvs.windows import choose_window
 
 PAIRS = [
     ("kb4", "tumvie"), ("kb4", "mvsec"), ("kb4", "dsec"), ("kb4", "rosbag1"), ("kb4", "evt3"),
@@ -30,15 +26,19 @@ def sequences(tmp_path_factory) -> dict[str, Path]:
     return {model: world.write_sequence(folder / model, model) for model in world.LENSES}
 
 
-def mapped(path: Path, ours: Path):
-    window = choose_window(Sequence.open(ours), CONFIG)
-    return map_window(open_recording(path), CONFIG, window=window).depth_maps["Alg1/H"]
+def assert_alike(theirs, ours, config=CONFIG):
+    """The same pixels at the same depths; whether there are many."""
+    expected, got = mapped_like(ours, ours, config), mapped_like(theirs, ours, config)
+    np.testing.assert_array_equal(got.mask, expected.mask)
+    np.testing.assert_allclose(got.depth_m[got.mask], expected.depth_m[got.mask], rtol=1e-5)
+    assert expected.mask.sum() > 100
 
 
 @pytest.mark.parametrize("model", world.LENSES)
 def test_our_own_layout_maps_to_the_plane(sequences, model):
     """Else the comparisons below would say little: the lens and the rig count."""
-    sequence, found = Sequence.open(sequences[model]), mapped(sequences[model], sequences[model])
+    sequence = Sequence.open(sequences[model])
+    found = mapped_like(sequence.path, sequence.path, CONFIG)
     truth_m = sequence.truth_view_depth_m(0, 250_000)
     off = np.abs(found.depth_m - truth_m)[found.mask] / truth_m[found.mask]
     assert found.mask.sum() > 100
@@ -48,10 +48,7 @@ def test_our_own_layout_maps_to_the_plane(sequences, model):
 @pytest.mark.parametrize(("model", "kind"), PAIRS)
 def test_lenses_and_turned_rigs_map_to_the_same_depth(sequences, tmp_path, model, kind):
     ours = sequences[model]
-    theirs = rewritten(ours, tmp_path / kind, kind)
-    expected, got = mapped(ours, ours), mapped(theirs, ours)
-    np.testing.assert_array_equal(got.mask, expected.mask)
-    np.testing.assert_allclose(got.depth_m[got.mask], expected.depth_m[got.mask], rtol=1e-5)
+    assert_alike(rewritten(ours, tmp_path / kind, kind), ours)
 
 
 @pytest.mark.parametrize("model", world.LENSES)
@@ -59,10 +56,7 @@ def test_lenses_and_turned_rigs_map_to_the_same_depth(sequences, tmp_path, model
 def test_what_publishers_write_maps_to_the_same_depth(sequences, tmp_path, model, kind):
     """Written beside the product: bags, mocap of the rig's body, EVT 2.1, M3ED, VECtor, EVIMO2."""
     ours = sequences[model]
-    theirs = dataset_files.WRITERS[kind](Sequence.open(ours), tmp_path / kind)
-    expected, got = mapped(ours, ours), mapped(theirs, ours)
-    np.testing.assert_array_equal(got.mask, expected.mask)
-    np.testing.assert_allclose(got.depth_m[got.mask], expected.depth_m[got.mask], rtol=1e-5)
+    assert_alike(dataset_files.WRITERS[kind](Sequence.open(ours), tmp_path / kind), ours)
 
 
 @pytest.mark.parametrize("model", ["pinhole", "radtan"])
@@ -71,12 +65,4 @@ def test_what_has_one_camera_maps_to_the_same_depth(tmp_path, model, kind):
     """EMVS of the same events."""
     ours = world.write_sequence(tmp_path / "ours", model, cameras=1)
     theirs = dataset_files.SINGLE[kind](Sequence.open(ours), tmp_path / kind)
-    config = CONFIG.model_copy(update={"methods": ("EMVS/cam0",)})
-    window = choose_window(Sequence.open(ours), config)
-    expected, got = (
-        map_window(open_recording(path), config, window=window).depth_maps["EMVS/cam0"]
-        for path in (ours, theirs)
-    )
-    assert expected.mask.sum() > 100
-    np.testing.assert_array_equal(got.mask, expected.mask)
-    np.testing.assert_allclose(got.depth_m[got.mask], expected.depth_m[got.mask], rtol=1e-5)
+    assert_alike(theirs, ours, CONFIG.model_copy(update={"methods": ("EMVS/cam0",)}))

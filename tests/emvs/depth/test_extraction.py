@@ -1,7 +1,5 @@
 """Extraction by focus: kernels equal their twins, and depth obeys its laws."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -30,13 +28,9 @@ from focus_volumes import found_in_volumes, judge, maximum_of, most_reliable
 
 F = np.float32
 TWINS = {
-    "votes": lambda plane, _: plane,
-    "variance": naive.variance,
-    "mean-square": naive.mean_square,
-    "gradient": naive.gradient,
-    "laplacian": naive.laplacian,
-    "dog": naive.difference_of_gaussians,
-}
+    "votes": lambda plane, _: plane, "variance": naive.variance, "mean-square": naive.mean_square,
+    "gradient": naive.gradient, "laplacian": naive.laplacian, "dog": naive.difference_of_gaussians,
+}  # fmt: skip
 
 
 def falling(volume):
@@ -78,7 +72,6 @@ def test_more_votes_scale_the_measure(name, power):
     np.testing.assert_array_equal(measure(4 * plane, 2.0), F(4**power) * measure(plane, 2.0))
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.integers(2, 40))
 def test_peak_equals_twin(seed, planes, levels):
     volume = np.random.default_rng(seed).integers(0, levels, (planes, 4, 5)).astype(F)
@@ -93,7 +86,6 @@ def test_peak_equals_twin(seed, planes, levels):
         assert after is None or found.right[y, x] == after
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.sampled_from([0.5, 2.0, 9.0]))
 def test_support_equals_twin(seed, radius, tolerance):
     rng = np.random.default_rng(seed)
@@ -104,7 +96,6 @@ def test_support_equals_twin(seed, radius, tolerance):
     np.testing.assert_allclose(out, slow, atol=1e-6)
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.sampled_from([0.5, 2.0, 9.0]))
 def test_own_surface_equals_twin(seed, radius, tolerance):
     rng = np.random.default_rng(seed)
@@ -115,7 +106,7 @@ def test_own_surface_equals_twin(seed, radius, tolerance):
     np.testing.assert_allclose(out, slow, atol=1e-5)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 4), st.sampled_from([0.5, 2.0, 9.0]))
 def test_fitted_surface_equals_twin(seed, radius, tolerance):
     rng = np.random.default_rng(seed)
@@ -192,7 +183,7 @@ def filtered_variance(plane, sigma_px):
     return mean(centred**2) - mean(centred) ** 2
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(
     seed=st.integers(0, 2**32 - 1),
     height=st.sampled_from([1, 2, 7, BLOCK, 2 * BLOCK + 3]),
@@ -246,7 +237,7 @@ def test_positions_at_pixels_are_those_of_the_image(measure):
     assert np.abs(planes - at).max() <= 0.5
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 12))
 def test_disparity_between_planes_is_linear_and_ends_with_them(seed, planes):
     rng = np.random.default_rng(seed)
@@ -284,7 +275,6 @@ def some_found(seed, levels=5):
     return FocusEstimate(confidence, confidence, candidate, *factors)
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 120), st.integers(0, 4))
 def test_most_reliable_equals_twin(seed, points, border_px):
     found = some_found(seed)
@@ -345,7 +335,7 @@ def test_one_camera_agrees_with_itself():
     np.testing.assert_array_equal(find(volume, volume[None]).agreement, 1)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1))
 def test_reliability_is_a_share_and_only_candidates_have_one(seed):
     votes = random_planes(seed, 2, 6, 20, 25)

@@ -28,13 +28,9 @@ def depth_map(seed=0):
         method="Alg1/H",
         depth_m=rng.uniform(0.5, 4, shape).astype(np.float32),
         confidence=rng.uniform(1, 9, shape).astype(np.float32),
-        mask=rng.random(shape) < 0.3,
-        argmax=np.zeros(shape, np.int16),
-        rho=inverse_depth_planes(0.5, 4, 10),
-        t_us=5,
-        T_world_rv=POSE,
-        camera=camera,
-    )
+        mask=rng.random(shape) < 0.3, argmax=np.zeros(shape, np.int16),
+        rho=inverse_depth_planes(0.5, 4, 10), t_us=5, T_world_rv=POSE, camera=camera,
+    )  # fmt: skip
 
 
 def test_points_project_back_onto_their_pixels_at_their_depth():

@@ -17,6 +17,7 @@ from eventsweep.emvs.maps.folder import RecordingInfo, read_map
 from eventsweep.emvs.maps.merge import fuse_windows
 from eventsweep.emvs.maps.sliding import map_windows
 from point_world import fronto_parallel
+from refusals import refused
 
 
 def cloud_of(points):
@@ -48,7 +49,7 @@ windows = st.lists(
 )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(windows, st.sampled_from([0.1, 0.7, 2.0]), st.integers(1, 3), st.booleans())
 def test_voxels_equal_their_slow_twin(points, voxel_m, min_windows, often):
     clouds = [cloud_of(p) for p in points]
@@ -85,8 +86,7 @@ def test_memory_follows_the_voxels_and_not_the_points(monkeypatch):
 
 
 def test_points_too_far_for_the_voxels_are_refused():
-    with pytest.raises(InputError, match="choose larger voxels"):
-        VoxelCloud(1e-6).add(cloud_of([[1e3, 0, 0]]))
+    refused("choose larger voxels", lambda: VoxelCloud(1e-6).add(cloud_of([[1e3, 0, 0]])))
 
 
 @pytest.fixture(scope="module")
@@ -125,8 +125,7 @@ def test_support_only_takes_points_away(folder):
         fuse_windows(stored, FuseConfig(voxel_m=0.05, min_windows=k))[1].points for k in (1, 2, 3)
     ]
     assert counts[0] > counts[1] > counts[2] > 0
-    with pytest.raises(InputError, match="lower min_windows"):
-        fuse_windows(stored, FuseConfig(voxel_m=0.05, min_windows=99))
+    refused("lower min_windows", fuse_windows, stored, FuseConfig(voxel_m=0.05, min_windows=99))
 
 
 def test_only_methods_that_were_mapped(folder):
@@ -172,8 +171,7 @@ def test_a_mesh_lies_on_the_surface_that_was_seen(tmp_path):
 
 
 def test_an_empty_mesh_is_refused(tmp_path):
-    with pytest.raises(InputError, match="no surface found"):
-        write_mesh(tmp_path / "mesh.ply", SurfaceFusion(0.05).mesh())
+    refused("no surface found", write_mesh, tmp_path / "mesh.ply", SurfaceFusion(0.05).mesh())
     assert list(tmp_path.iterdir()) == []
 
 

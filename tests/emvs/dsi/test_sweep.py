@@ -54,13 +54,11 @@ def check_against_twin(rays, rho, nearest):
     assert same == counts
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
-    seed=st.integers(0, 2**32 - 1),
-    n=st.sampled_from([1, 7, CHUNK, CHUNK + 3]),
-    depth_spread=st.sampled_from([0.0, 0.3, 2.0]),
-    nearest=st.booleans(),
-)
+    seed=st.integers(0, 2**32 - 1), n=st.sampled_from([1, 7, CHUNK, CHUNK + 3]),
+    depth_spread=st.sampled_from([0.0, 0.3, 2.0]), nearest=st.booleans(),
+)  # fmt: skip
 def test_kernel_equals_twin_bit_for_bit(seed, n, depth_spread, nearest):
     rays = random_rays(seed, n, depth_spread)
     check_against_twin(rays, inverse_depth_planes(0.4, 5, 3), nearest)

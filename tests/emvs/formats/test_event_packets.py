@@ -1,13 +1,11 @@
 """ROS2 bags of event_camera_msgs: written by the library's typed encoder, read without ROS."""
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
@@ -22,6 +20,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import blocks, open_events, rosbag
 from eventsweep.emvs.formats.event_packets import TYPES, packet_events
 from eventsweep.emvs.formats.prophesee_kernels import initial_state
+from refusals import refused
 
 SIZE_PX = (640, 480)
 ROWS = [(5000 * k + 17 * (k % 3), k % 640, k // 7 % 480, k % 2) for k in range(4000)]
@@ -64,7 +63,7 @@ def test_slices_take_up_the_stream_where_its_clock_wrapped(tmp_path, monkeypatch
 
 
 @pytest.mark.slow
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30)
 @given(
     words=st.lists(WORDS, max_size=40),
     cuts=st.lists(st.integers(0, 40), max_size=6),
@@ -127,9 +126,7 @@ def test_a_lone_mcap_file_is_a_bag(tmp_path):
     assert read(lone) == ROWS
     whole = lone.read_bytes()
     lone.write_bytes(whole[:-100])
-    with pytest.raises(InputError, match="cut off or damaged") as error:
-        open_events(lone)
-    assert "\n" not in str(error.value)
+    refused("cut off or damaged", open_events, lone)
 
 
 def test_chunks_of_mcap_unpack_to_a_bound(tmp_path, monkeypatch):
@@ -148,10 +145,7 @@ def test_chunks_of_mcap_unpack_to_a_bound(tmp_path, monkeypatch):
     path = tmp_path / "packed" / "packed.mcap"
     assert read(path) == ROWS
     monkeypatch.setattr(blocks, "MOST_BYTES", 20_000)
-    with pytest.raises(InputError, match="unpacks to more than 20000 bytes") as error:
-        read(path)
-    assert str(path) in str(error.value)
-    assert "\n" not in str(error.value)
+    refused(["unpacks to more than 20000 bytes", path], read, path)
 
 
 REAL = Path(__file__).parents[3] / "../shared/data/real/test_events_2_0.mcap"
@@ -200,25 +194,19 @@ def test_ros1_bags_hold_packets_too(tmp_path):
     assert naive.rows_of(Events.concat(list(reader.chunks("/events")))) == ROWS
 
 
-@pytest.mark.parametrize(
-    ("payload", "changes", "message_"),
-    [
-        (b"", {"encoding": "libcaer"}, "coded as libcaer; supported: evt3, mono, libcaer_cmp"),
-        (b"", {"encoding": "trigger"}, "coded as trigger; supported: evt3, mono"),
-        (b"", {"is_bigendian": True}, "evt3, big-endian; supported"),
-        (bytes(7), {}, "7 bytes of evt3 are no multiple of its 2-byte"),
-        (bytes(12), {"encoding": "mono"}, "12 bytes of mono are no multiple of its 8-byte"),
-        (bytes(8), {"encoding": "mono", "time_base": 1 << 63}, "time_base"),
-        (b"\x00\x11", {}, "word 0: 0x1100 is not a word of EVT3"),
-    ],
-)
+@pytest.mark.parametrize(("payload", "changes", "message_"), [
+    (b"", {"encoding": "libcaer"}, "coded as libcaer; supported: evt3, mono, libcaer_cmp"),
+    (b"", {"encoding": "trigger"}, "coded as trigger; supported: evt3, mono"),
+    (b"", {"is_bigendian": True}, "evt3, big-endian; supported"),
+    (bytes(7), {}, "7 bytes of evt3 are no multiple of its 2-byte"),
+    (bytes(12), {"encoding": "mono"}, "12 bytes of mono are no multiple of its 8-byte"),
+    (bytes(8), {"encoding": "mono", "time_base": 1 << 63}, "time_base"),
+    (b"\x00\x11", {}, "word 0: 0x1100 is not a word of EVT3"),
+])  # fmt: skip
 def test_what_is_no_packet_is_refused_by_name(tmp_path, payload, changes, message_):
     encoding = changes.pop("encoding", "evt3")
     path = write_packets(tmp_path / "bag", SIZE_PX, [(5, 0, payload)], encoding, **changes)
-    with pytest.raises(InputError, match=message_) as error:
-        list(open_events(path).chunks("/events"))
-    assert str(path) in str(error.value)
-    assert "\n" not in str(error.value)
+    refused([message_, path], list, open_events(path).chunks("/events"))
 
 
 def test_packets_that_declare_too_much():
@@ -226,8 +214,7 @@ def test_packets_that_declare_too_much():
     for cut in range(len(whole)):
         with pytest.raises(InputError, match=r"here: (message ends|40 bytes|not encoded)"):
             packet_events(whole[:cut], True, "here", initial_state())
-    with pytest.raises(InputError, match="present"):
-        packet_events(whole + bytes(4), True, "here", initial_state())
+    refused("present", packet_events, whole + bytes(4), True, "here", initial_state())
 
 
 def test_nanoseconds_are_rounded():
@@ -252,13 +239,10 @@ class Misled:
                 yield topic, stamp_ns, data
 
 
-@pytest.mark.parametrize(
-    ("stamps", "message_"),
-    [
-        (lambda number, start: 500 - number, "recorded earlier than the message before it"),
-        (lambda number, start: number if number < 9 or not start else -1, "found by its index"),
-    ],
-)
+@pytest.mark.parametrize(("stamps", "message_"), [
+    (lambda number, start: 500 - number, "recorded earlier than the message before it"),
+    (lambda number, start: number if number < 9 or not start else -1, "found by its index"),
+])  # fmt: skip
 def test_a_bag_whose_index_misleads_is_refused(tmp_path, monkeypatch, stamps, message_):
     """Otherwise slices, which are found by times of recording, would lose events in silence."""
     path = write_packets(tmp_path / "bag", SIZE_PX, PAYLOADS["mono"], "mono")
@@ -272,6 +256,4 @@ def test_a_bag_whose_index_misleads_is_refused(tmp_path, monkeypatch, stamps, me
     monkeypatch.setattr(rosbag, "opened_bag", misled)
     monkeypatch.setattr(rosbag, "_BLOCK_EVENTS", 300)
     reader = open_events(path)
-    with pytest.raises(InputError, match=message_) as error:
-        reader.between("/events", ROWS[1000][0], ROWS[2000][0])
-    assert str(path) in str(error.value)
+    refused([message_, path], reader.between, "/events", ROWS[1000][0], ROWS[2000][0])

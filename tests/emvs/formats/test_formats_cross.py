@@ -6,8 +6,6 @@ times when it writes, and adds 4096 µs for each low part that falls when it rea
 of DSEC, TUM-VIE and MVSEC use it, and HDF5's own loader of filters.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -73,13 +71,10 @@ def test_faery_reads_what_is_written(tmp_path, kind, gap_us):
     assert tuples(faery.events_stream_from_file(path).to_array()) == rows(gap_us)
 
 
-@pytest.mark.parametrize(
-    ("name", "version", "kind"),
-    [
-        ("f.raw", "evt2", "evt2"), ("f.raw", "evt3", "evt3"), ("f.dat", "dat2", "dat"),
-        ("f.aedat4", None, "aedat4"), ("f.csv", None, "csv"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "version", "kind"), [
+    ("f.raw", "evt2", "evt2"), ("f.raw", "evt3", "evt3"), ("f.dat", "dat2", "dat"),
+    ("f.aedat4", None, "aedat4"), ("f.csv", None, "csv"),
+])  # fmt: skip
 def test_what_faery_writes_is_read(tmp_path, name, version, kind):
     faery = pytest.importorskip("faery", reason="faery is not installed (extra `dev`)")
     path, expected = tmp_path / name, rows(6_000_000)

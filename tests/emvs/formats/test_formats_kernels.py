@@ -1,7 +1,5 @@
 """Every kernel of the event formats against its slow twin."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -36,18 +34,18 @@ def word_lists(kinds, bits):
     return st.lists(word.map(lambda kind: kind[0] << (bits - 4) | kind[1]), max_size=200)
 
 
-@given(word_lists([0, 1, 8, 8, 10, 14, 15], 32), st.integers(32, 70))
-def test_evt2_equals_its_twin(words, room):
-    rows, unknown = decode(prophesee_kernels.decode_evt2, np.array(words, np.uint32), room)
-    assert unknown is None
-    assert rows == naive.decode_evt2(words)
-
-
-@given(word_lists([0, 1, 8, 10, 14, 15], 64), st.integers(32, 70))
-def test_evt21_equals_its_twin(words, room):
-    rows, unknown = decode(prophesee_kernels.decode_evt21, np.array(words, np.uint64), room)
-    assert unknown is None
-    assert rows == naive.decode_evt21(words)
+@pytest.mark.parametrize(("kernel", "twin", "kind", "drawn"), [
+    (prophesee_kernels.decode_evt2, naive.decode_evt2, np.uint32,
+     word_lists([0, 1, 8, 8, 10, 14, 15], 32)),
+    (prophesee_kernels.decode_evt21, naive.decode_evt21, np.uint64,
+     word_lists([0, 1, 8, 10, 14, 15], 64)),
+    (prophesee_kernels.decode_dat, naive.decode_dat, np.uint64,
+     st.lists(st.integers(0, 2**61 - 1), max_size=200)),
+])  # fmt: skip
+@given(data=st.data(), room=st.integers(32, 70))
+def test_words_equal_their_twin(kernel, twin, kind, drawn, data, room):
+    words = data.draw(drawn)
+    assert decode(kernel, np.array(words, kind), room) == (twin(words), None)
 
 
 @given(word_lists([0, 2, 2, 3, 6, 7, 8, 10, 14, 15], 16), st.integers(32, 70))
@@ -62,27 +60,16 @@ def test_evt3_equals_its_twin(words, room):
         assert unknown >> 12 in (4, 5)  # a vector that began beyond column 2047
 
 
-@given(st.lists(st.integers(0, 2**61 - 1), max_size=200))
-def test_dat_equals_its_twin(words):
-    rows, unknown = decode(prophesee_kernels.decode_dat, np.array(words, np.uint64), 32)
-    assert unknown is None
-    assert rows == naive.decode_dat(words)
-
-
 @pytest.mark.parametrize("kind", [0x1, 0x9, 0xB, 0xC, 0xD])
 def test_evt3_refuses_words_of_no_known_kind(kind):
     words = np.array([0x8000, 0x2001, kind << 12, 0x2002], np.uint16)
-    rows, unknown = decode(prophesee_kernels.decode_evt3, words, 32)
-    assert rows == [(0, 1, 0, 0)]
-    assert unknown == kind << 12
+    assert decode(prophesee_kernels.decode_evt3, words, 32) == ([(0, 1, 0, 0)], kind << 12)
 
 
 @pytest.mark.parametrize("kind", [2, 7, 9, 13])
 def test_evt2_refuses_words_of_no_known_kind(kind):
     words = np.array([0x80000000, 0x10000801, kind << 28], np.uint32)
-    rows, unknown = decode(prophesee_kernels.decode_evt2, words, 32)
-    assert rows == [(0, 1, 1, 1)]
-    assert unknown == kind << 28
+    assert decode(prophesee_kernels.decode_evt2, words, 32) == ([(0, 1, 1, 1)], kind << 28)
 
 
 steps_us = st.sampled_from([0, 0, 0, 0, 1, 63, 64, 4095, 4096, 2**24, 2**24 + 1, 17_000_000, 2**35])
@@ -100,13 +87,10 @@ def sorted_rows(draw):
     return rows
 
 
-@pytest.mark.parametrize(
-    ("encode", "twin", "kind", "bits"),
-    [
-        (prophesee_kernels.encode_evt2, naive.decode_evt2, np.uint32, 34),
-        (prophesee_kernels.encode_evt3, naive.decode_evt3, np.uint16, 24),
-    ],
-)
+@pytest.mark.parametrize(("encode", "twin", "kind", "bits"), [
+    (prophesee_kernels.encode_evt2, naive.decode_evt2, np.uint32, 34),
+    (prophesee_kernels.encode_evt3, naive.decode_evt3, np.uint16, 24),
+])  # fmt: skip
 @given(rows=sorted_rows(), cut=st.integers(0, 100))
 def test_what_is_encoded_decodes_to_the_same_by_the_twin(encode, twin, kind, bits, rows, cut):
     state, words = prophesee_kernels.encoder_state(), []
@@ -215,14 +199,11 @@ def test_text_takes_the_scientific_notation_of_savetxt(t_s):
     assert row == (round(t_s * 1e6), 1, 2, 1) or abs(row[0] - t_s * 1e6) <= 0.51
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "1 2 3", "1 2 3 1 5", "-1 2 3 1", "1 -2 3 1", "1 2 65536 1", "1 2.5 3 1", "1 2 3 2",
-        "x 2 3 1", "1 2 3 -", "1e 2 3 1", "1..2 2 3 1", "1e300 2 3 1", "9" * 30 + " 2 3 1",
-        "nan 2 3 1", "inf 2 3 1", "1 2 3 1x", "0x1 2 3 1", ".", "-",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("line", [
+    "1 2 3", "1 2 3 1 5", "-1 2 3 1", "1 -2 3 1", "1 2 65536 1", "1 2.5 3 1", "1 2 3 2",
+    "x 2 3 1", "1 2 3 -", "1e 2 3 1", "1..2 2 3 1", "1e300 2 3 1", "9" * 30 + " 2 3 1",
+    "nan 2 3 1", "inf 2 3 1", "1 2 3 1x", "0x1 2 3 1", ".", "-",
+])  # fmt: skip
 @pytest.mark.parametrize("end", ["", "\n"])
 def test_text_points_at_a_bad_line(line, end):
     rows, bad = parse(f"0.5 1 1 1\n\n# remark\n{line}{end}")

@@ -1,7 +1,5 @@
 """What NumPy pickled is read without running anything: the same plain values, and nothing else."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os
@@ -14,6 +12,7 @@ from hypothesis import strategies as st
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats.tables.object_arrays import object_values
+from refusals import refused
 
 LEAVES = st.one_of(
     st.none(), st.booleans(), st.integers(-(2**70), 2**70), st.floats(allow_nan=False),
@@ -60,30 +59,25 @@ class Hostile:
 @pytest.mark.parametrize("protocol", range(5))
 @pytest.mark.parametrize("value", [Hostile(), [np.float64(1)], {"a": complex(1, 2)}, os.getcwd])
 def test_anything_else_is_refused_and_nothing_is_run(protocol, value):
-    with pytest.raises(InputError, match="plain values") as caught:
-        object_values(pickled(value, protocol), "file, array meta")
-    assert str(caught.value).startswith("file, array meta: ")
-    assert str(caught.value).isprintable()
+    said = refused("plain values", object_values, pickled(value, protocol), "file, array meta")
+    assert said.startswith("file, array meta: ")
+    assert said.isprintable()
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        b"", b".", b"N.", b"\x80\x04" + b"r\xff\xff\xff\xff", b"\x80\x04" + b"\x8d" + b"\xff" * 8,
-        b"(" * 1000, b"]" * 10 + b".", b"2" * 5, b"\x8b\xff\xff\xff\x7f", b"h\x05.", b"e.", b"a.",
-        pickle.dumps([1, 2]), pickle.dumps(np.arange(3)),
-        pickled(1, 4)[:-1], pickled({"a": [1, 2]}, 4)[:40],
-        b"\x8a\x11" + b"\x01" * 17 + b".", b"I" + b"9" * 10_000 + b"\n.",
-        b"\x80\x04Nr\xff\xff\xff\xff.", b"\x80\x05\x96" + b"\xff" * 5 + b"\0\0\0.",
-        b"\x80\x02\x82\x01.",
-        pickled({(1, 2): 3}, 4), pickled({3}, 4), b"cnumpy\nndarray\n)R}U\x04nameNsb.",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("data", [
+    b"", b".", b"N.", b"\x80\x04" + b"r\xff\xff\xff\xff", b"\x80\x04" + b"\x8d" + b"\xff" * 8,
+    b"(" * 1000, b"]" * 10 + b".", b"2" * 5, b"\x8b\xff\xff\xff\x7f", b"h\x05.", b"e.", b"a.",
+    pickle.dumps([1, 2]), pickle.dumps(np.arange(3)),
+    pickled(1, 4)[:-1], pickled({"a": [1, 2]}, 4)[:40],
+    b"\x8a\x11" + b"\x01" * 17 + b".", b"I" + b"9" * 10_000 + b"\n.",
+    b"\x80\x04Nr\xff\xff\xff\xff.", b"\x80\x05\x96" + b"\xff" * 5 + b"\0\0\0.",
+    b"\x80\x02\x82\x01.",
+    pickled({(1, 2): 3}, 4), pickled({3}, 4), b"cnumpy\nndarray\n)R}U\x04nameNsb.",
+])  # fmt: skip
 def test_damage_ends_in_one_line(data):
-    with pytest.raises(InputError) as caught:
-        object_values(data, "f")
-    assert str(caught.value).isprintable()
-    assert len(str(caught.value)) < 500
+    said = refused("", object_values, data, "f")
+    assert said.isprintable()
+    assert len(said) < 500
 
 
 def test_every_byte_may_be_damaged():

@@ -1,7 +1,5 @@
 """PNG images of data sets: every pixel exact, and no damage that is not refused in one line."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 
@@ -12,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats.depth import read_grey, read_png
+from refusals import refused
 
 SIZES = arrays.array_shapes(min_dims=2, max_dims=2, max_side=40)
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -36,13 +34,11 @@ def made(width, height, *more, bits=8, colour=0, pixels=b""):
     return SIGNATURE + header + b"".join(more) + chunk(b"IDAT", pixels) + chunk(b"IEND")
 
 
-def refused(path, data, message="not a complete PNG image", read=read_png):
+def not_png(path, data, words="not a complete PNG image", read=read_png):
     path.write_bytes(data)
-    with pytest.raises(InputError, match=message) as caught:
-        read(path)
-    assert "\n" not in str(caught.value)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert len(str(caught.value)) < len(str(path)) + 300
+    said = refused(words, read, path)
+    assert said.startswith(f"{path}: ")
+    assert len(said) < len(str(path)) + 300
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +46,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("png")
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.sampled_from(["uint8", "uint16"]).flatmap(lambda kind: arrays.arrays(kind, SIZES)))
 def test_grey_levels_come_back_exactly(folder, image):
     path = folder / "a.png"
@@ -91,58 +87,48 @@ def test_what_follows_the_end_does_not_matter(tmp_path):
 def test_every_cut_and_every_changed_byte_is_refused(tmp_path):
     whole = encoded(GRID)
     for at in range(len(whole)):
-        refused(tmp_path / "a.png", whole[:at])
-        refused(tmp_path / "a.png", whole[:at] + bytes([whole[at] ^ 0x10]) + whole[at + 1 :])
+        not_png(tmp_path / "a.png", whole[:at])
+        not_png(tmp_path / "a.png", whole[:at] + bytes([whole[at] ^ 0x10]) + whole[at + 1 :])
 
 
-@pytest.mark.parametrize(
-    ("width", "height"), [(1 << 14, (1 << 12) + 1), (40_000, 40_000), (2**31 - 1, 2**31 - 1)]
-)
+SIZES_PX = [(1 << 14, (1 << 12) + 1), (40_000, 40_000), (2**31 - 1, 2**31 - 1)]
+BOMB = zlib.compress(bytes(1 << 24))
+HOSTILE = [
+    chunk(b"iCCP", b"p\0\0" + BOMB), chunk(b"zTXt", b"k\0\0" + BOMB), chunk(b"acTL", bytes(8)),
+    chunk(b"IHDR", bytes(13)), chunk(b"IHDR", b""), b"\xff\xff\xff\xffIDAT",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("size_px", SIZES_PX)
 @pytest.mark.filterwarnings("error")
-def test_declared_sizes_are_bounded_before_anything_is_unpacked(tmp_path, width, height):
-    data = made(width, height, pixels=zlib.compress(b""))
-    refused(tmp_path / "a.png", data, f"a.png: declares {width}x{height} pixels; at most 2")
+def test_declared_sizes_are_bounded_before_anything_is_unpacked(tmp_path, size_px):
+    data = made(*size_px, pixels=zlib.compress(b""))
+    not_png(tmp_path / "a.png", data, "a.png: declares {}x{} pixels; at most 2".format(*size_px))
 
 
-@pytest.mark.parametrize(
-    ("width", "height", "pixels"),
-    [
-        (0, 5, b""), (5, 0, b""), (4, 4, b""), (4, 4, b"no zlib"),
-        (4, 4, zlib.compress(bytes(7))), (4, 4, zlib.compress(bytes(20))[:-6]),
-    ],
-)  # fmt: skip
-def test_too_few_pixels_are_refused(tmp_path, width, height, pixels):
-    refused(tmp_path / "a.png", made(width, height, pixels=pixels))
-    refused(tmp_path / "a.png", made(width, height, pixels=pixels), read=read_grey)
-
-
-@pytest.mark.parametrize(
-    "more",
-    [
-        chunk(b"iCCP", b"p\0\0" + zlib.compress(bytes(1 << 24))),
-        chunk(b"zTXt", b"k\0\0" + zlib.compress(bytes(1 << 24))),
-        chunk(b"acTL", bytes(8)),
-        chunk(b"IHDR", bytes(13)),
-        chunk(b"IHDR", b""),
-        b"\xff\xff\xff\xffIDAT",
-    ],
-)
+@pytest.mark.parametrize("data", [
+    *(made(4, 4, more, pixels=zlib.compress(bytes(20))) for more in HOSTILE),
+    *(b"", b"\x89PNG", b"GIF89a" + bytes(50), SIGNATURE),
+])  # fmt: skip
 @pytest.mark.filterwarnings("default")
-def test_hostile_chunks_are_refused_and_nothing_else_is_said(tmp_path, more, recwarn):
-    pixels = zlib.compress(bytes(20))
-    refused(tmp_path / "a.png", made(4, 4, more, pixels=pixels))
+def test_hostile_chunks_and_other_files_are_refused_and_nothing_else_is_said(
+    tmp_path, data, recwarn
+):
+    not_png(tmp_path / "a.png", data)
     assert not recwarn.list
 
 
-@pytest.mark.parametrize("data", [b"", b"\x89PNG", b"GIF89a" + bytes(50), SIGNATURE])
-def test_other_files_are_refused(tmp_path, data):
-    refused(tmp_path / "a.png", data)
+@pytest.mark.parametrize(("width", "height", "pixels"), [
+    (0, 5, b""), (5, 0, b""), (4, 4, b""), (4, 4, b"no zlib"),
+    (4, 4, zlib.compress(bytes(7))), (4, 4, zlib.compress(bytes(20))[:-6]),
+])  # fmt: skip
+@pytest.mark.parametrize("read", [read_png, read_grey])
+def test_too_few_pixels_are_refused(tmp_path, width, height, pixels, read):
+    not_png(tmp_path / "a.png", made(width, height, pixels=pixels), read=read)
 
 
 def test_a_missing_file_and_a_huge_one_are_refused(tmp_path):
-    with pytest.raises(InputError, match="cannot be read"):
-        read_png(tmp_path / "none.png")
+    refused("cannot be read", read_png, tmp_path / "none.png")
     with (tmp_path / "big.png").open("wb") as file:
         file.truncate((1 << 28) + 1)
-    with pytest.raises(InputError, match="more than 268435456 bytes"):
-        read_png(tmp_path / "big.png")
+    refused("more than 268435456 bytes", read_png, tmp_path / "big.png")

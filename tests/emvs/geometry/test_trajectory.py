@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.data.poses import read_poses, write_tum
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
+from refusals import refused
 
 
 def random_trajectory(n: int, seed: int) -> Trajectory:
@@ -67,10 +67,8 @@ def test_outside_the_span_is_refused_with_the_distance():
     trajectory = Trajectory(
         np.array([1000, 2000]), np.zeros((2, 3)), np.tile([0.0, 0, 0, 1], (2, 1))
     )
-    with pytest.raises(InputError, match="5 µs before the first"):
-        trajectory.at(995)
-    with pytest.raises(InputError, match="7 µs after the last"):
-        trajectory.at([1500, 2007])
+    refused("5 µs before the first", trajectory.at, 995)
+    refused("7 µs after the last", trajectory.at, [1500, 2007])
     assert trajectory.at(np.zeros(0, np.int64)).shape == (0, 4, 4)
 
 
@@ -79,18 +77,15 @@ def test_one_pose_covers_one_instant():
     np.testing.assert_allclose(trajectory.at(5)[:3, 3], 1)
 
 
-@pytest.mark.parametrize(
-    ("t_us", "position", "quat", "message"),
-    [
-        ([0, 1], [[0, 0, 0], [0, np.nan, 0]], [[0, 0, 0, 1]] * 2, "pose 1 is not finite"),
-        ([0, 1], [[0, 0, 0]] * 2, [[0, 0, 0, 1], [0, 0, 0, 2]], "pose 1: quaternion of length 2"),
-        ([1, 1], [[0, 0, 0]] * 2, [[0, 0, 0, 1]] * 2, "does not come after"),
-        ([], np.zeros((0, 3)), np.zeros((0, 4)), "N >= 1"),
-    ],
-)
-def test_impossible_poses_are_refused(t_us, position, quat, message):
-    with pytest.raises(InputError, match=message):
-        Trajectory(np.array(t_us, np.int64), np.array(position, float), np.array(quat, float))
+@pytest.mark.parametrize(("t_us", "position", "quat", "words"), [
+    ([0, 1], [[0, 0, 0], [0, np.nan, 0]], [[0, 0, 0, 1]] * 2, "pose 1 is not finite"),
+    ([0, 1], [[0, 0, 0]] * 2, [[0, 0, 0, 1], [0, 0, 0, 2]], "pose 1: quaternion of length 2"),
+    ([1, 1], [[0, 0, 0]] * 2, [[0, 0, 0, 1]] * 2, "does not come after"),
+    ([], np.zeros((0, 3)), np.zeros((0, 4)), "N >= 1"),
+])  # fmt: skip
+def test_impossible_poses_are_refused(t_us, position, quat, words):
+    position, quat = np.array(position, float), np.array(quat, float)
+    refused(words, Trajectory, np.array(t_us, np.int64), position, quat)
 
 
 @given(trajectories)
@@ -101,30 +96,17 @@ def test_tum_text_round_trip(tmp_path, trajectory):
     np.testing.assert_allclose(again.at(again.t_us), trajectory.at(trajectory.t_us), atol=1e-11)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "no poses"),
-        ("# only a comment\n", "no poses"),
-        ("0 0 0 0 0 0 1\n", "line 1: 7 numbers"),
-        ("0 0 0 0 0 0 0 1\n1 x 0 0 0 0 0 1\n", "line 2"),
-        ("nan 0 0 0 0 0 0 1\n", "needs a finite time"),
-        ("0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "does not come after"),
-    ],
-)
-def test_damaged_text_is_refused(tmp_path, text, message):
+@pytest.mark.parametrize(("data", "words"), [
+    (b"", "no poses"), (b"# only a comment\n", "no poses"), (None, "No such file"),
+    (b"0 0 0 0 0 0 1\n", "line 1: 7 numbers"), (b"0 0 0 0 0 0 0 1\n1 x 0 0 0 0 0 1\n", "line 2"),
+    (b"nan 0 0 0 0 0 0 1\n", "needs a finite time"), (b"\xff\xfe\x00", "text"),
+    (b"0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "does not come after"),
+])  # fmt: skip
+def test_damaged_text_is_refused(tmp_path, data, words):
     path = tmp_path / "poses.txt"
-    path.write_text(text)
-    with pytest.raises(InputError, match=message):
-        read_poses(path)
-
-
-def test_missing_or_binary_file_is_refused(tmp_path):
-    with pytest.raises(InputError, match="No such file"):
-        read_poses(tmp_path / "poses.txt")
-    (tmp_path / "poses.txt").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="text"):
-        read_poses(tmp_path / "poses.txt")
+    if data is not None:
+        path.write_bytes(data)
+    refused(words, read_poses, path)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from eventsweep.emvs.formats.depth import read_depth
 from eventsweep.emvs.maps.folder import read_npz
 from eventsweep.emvs.utils.inputs import NPZ_BYTES, opened_npz
 from eventsweep.eval.scoring.depth_files import read_confidence, read_stored
+from refusals import refused
 
 SHAPE = (4, 6)
 _UNPACKED_AT = 24  # in an entry of the archive's directory
@@ -47,7 +48,5 @@ def test_whoever_reads_one(reader, tmp_path):
 def test_no_pipe_and_no_more_than_is_asked_for(tmp_path):
     with opened_npz(npz(tmp_path / "right.npz")) as arrays:
         assert arrays["depth_m"].shape == SHAPE
-    with pytest.raises(InputError, match="at most 10 are read"):
-        opened_npz(tmp_path / "right.npz", 10)
-    with pytest.raises(InputError, match="is a folder"):
-        opened_npz(tmp_path)
+    refused("at most 10 are read", opened_npz, tmp_path / "right.npz", 10)
+    refused("is a folder", opened_npz, tmp_path)

@@ -46,7 +46,7 @@ def every_word(a, b, number, out):
 numbers = st.floats(-100, 100, width=32)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(numbers, min_size=WIDTH, max_size=WIDTH), numbers, st.integers(0, 2**32 - 1))
 def test_each_word_does_what_numpy_does(values, number, seed):
     a = np.asarray([7, *values], np.float32)

@@ -1,7 +1,5 @@
 """Light between two fine frames, against a continuous world whose pictures are known by formula."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +7,6 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.sim.compensation.interval import Passage, interval_between, lens_of
@@ -22,6 +19,7 @@ from eventsweep.sim.rendering.moving_bodies import BodyPixels
 from eventsweep.sim.sensor.esim import EventSimulator
 from eventsweep.sim.sensor.sensor import Sensor
 from painted_planes import Plane, fine_frame, pixel_light, pose, sampled_frame
+from refusals import refused
 
 WAVES = Plane(2.0)
 STRAIGHT = Camera(48, 36, 60.0, 62.0, 23.1, 17.4)
@@ -188,8 +186,7 @@ def test_imperfect_pixels_see_the_dense_pictures():
 def test_a_passage_must_begin_where_the_last_one_ended():
     way, pixels = passage(STRAIGHT), EventSimulator(48, 36)
     pixels.start(way.before.pixels, 0)
-    with pytest.raises(InputError, match="begins there"):
-        pixels.between(way)
+    refused("begins there", pixels.between, way)
 
 
 @pytest.mark.parametrize("model", CAMERAS)

@@ -1,7 +1,5 @@
 """Which pixels can need layers: as many as when everything is walked, and few others."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 And whose surfaces they are, where a body passes before a wall.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from itertools import pairwise
 from typing import NamedTuple

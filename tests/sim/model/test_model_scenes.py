@@ -9,21 +9,16 @@ import pytest
 import noise_scene
 import rover
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.emvs.errors import InputError
 from eventsweep.scenes import prepared
 from eventsweep.sim.config import ModelConfig, ReplayConfig, SimConfig
 from eventsweep.sim.model.scenes import scene_of
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.simulate import simulate
+from refusals import refused
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
 CONFIG = SimConfig(sampling="fast", supersample=2, duration_s=0.02, truth_interval_s=0.01)
-
-
-@pytest.fixture(scope="module")
-def path(tmp_path_factory):
-    return rover.write(tmp_path_factory.mktemp("rover"))
 
 
 def made(path, rig="model:left,right", said=None, config=CONFIG, **model):
@@ -33,8 +28,8 @@ def made(path, rig="model:left,right", said=None, config=CONFIG, **model):
 
 
 @pytest.mark.slow
-def test_dynamics_become_a_sequence_that_any_number_of_workers_makes(path, tmp_path):
-    scene, rig, config = made(path, motion="dynamics", key="go")
+def test_dynamics_become_a_sequence_that_any_number_of_workers_makes(rover_xml, tmp_path):
+    scene, rig, config = made(rover_xml, motion="dynamics", key="go")
     assert scene.name == "rover"
     assert pickle.loads(pickle.dumps(scene)).name == "rover"
     for workers in (1, 2):
@@ -47,16 +42,16 @@ def test_dynamics_become_a_sequence_that_any_number_of_workers_makes(path, tmp_p
     assert sequence.manifest.configuration["model"]["sha256"] == config.model.sha256 != ""
 
 
-def test_depth_is_that_of_the_walls_and_not_of_the_arm(path):
-    scene, _, _ = made(path, motion="dynamics", key="go")
+def test_depth_is_that_of_the_walls_and_not_of_the_arm(rover_xml):
+    scene, _, _ = made(rover_xml, motion="dynamics", key="go")
     near_m, far_m = scene.depth_range_m
     assert 0.3 < near_m < 1.0  # the floor below; the arm begins 5 cm away
     assert 2.6 < far_m < 3.5  # the wall
     assert scene.carrier == "rover"
 
 
-def test_a_head_style_begins_at_the_mount(path):
-    scene, rig, _ = made(path, rig="oblique", mount="eye", motion="walk")
+def test_a_head_style_begins_at_the_mount(rover_xml):
+    scene, rig, _ = made(rover_xml, rig="oblique", mount="eye", motion="walk")
     T = scene.motion(1.0, 0).T_world_body(0.0)
     assert np.linalg.norm(T[:3, 3] - [0.22, 0, 0.35]) < 0.1
     assert T[0, 2] > 0.9
@@ -64,14 +59,14 @@ def test_a_head_style_begins_at_the_mount(path):
     assert scene.animate is None
 
 
-def test_recorded_poses_are_in_the_models_world(path, tmp_path):
+def test_recorded_poses_are_in_the_models_world(rover_xml, tmp_path):
     poses = tmp_path / "poses.txt"
     rows = [f"{k / 100} {-0.5 + k / 100} 0 1 -0.5 0.5 -0.5 0.5" for k in range(30)]
     poses.write_text("\n".join(rows) + "\n")
     config = CONFIG.model_copy(
         update={"duration_s": None, "replay": ReplayConfig(trajectory=poses)}
     )
-    scene, _, noted = made(path, config=config)
+    scene, _, noted = made(rover_xml, config=config)
     assert noted.replay.place == "world"
     assert scene.duration_s == pytest.approx(0.29)
     simulate(scene, named_rig("oblique"), noted, 0, tmp_path / "out")
@@ -93,66 +88,54 @@ def test_a_table_of_joints_moves_a_urdf(tmp_path):
     assert turn == pytest.approx(0.1, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("model", "message"),
-    [
-        ({}, "nothing moves"),
-        ({"motion": "flying"}, "motion 'flying': give dynamics"),
-        ({"motion": "walk", "controller": "math:sin"}, "a controller needs"),
-        ({"motion": "dynamics", "mount": "nose"}, "nothing is called 'nose'"),
-        ({"motion": "dynamics", "key": "home"}, "no key frame 'home'"),
-        ({"motion": "walk", "mount": "body:kite", "sha256": "1"}, "its SHA-256 is not 1"),
-    ],
-)
-def test_what_cannot_be_simulated_is_refused(path, model, message):
-    with pytest.raises(InputError, match=message):
-        made(path, **model)
+@pytest.mark.parametrize(("model", "message"), [
+    ({}, "nothing moves"),
+    ({"motion": "flying"}, "motion 'flying': give dynamics"),
+    ({"motion": "walk", "controller": "math:sin"}, "a controller needs"),
+    ({"motion": "dynamics", "mount": "nose"}, "nothing is called 'nose'"),
+    ({"motion": "dynamics", "key": "home"}, "no key frame 'home'"),
+    ({"motion": "walk", "mount": "body:kite", "sha256": "1"}, "its SHA-256 is not 1"),
+])  # fmt: skip
+def test_what_cannot_be_simulated_is_refused(rover_xml, model, message):
+    refused(message, made, rover_xml, **model)
 
 
-def test_files_that_are_no_models_are_refused(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        made(tmp_path / "none.xml", motion="walk")
-    broken = tmp_path / "broken.xml"
-    broken.write_text("<mujoco><worldbody>")
-    with pytest.raises(InputError, match=r"broken\.xml is not valid MJCF"):
-        made(broken, motion="walk")
-    lacks = tmp_path / "lacks.xml"
-    lacks.write_text(rover.MJCF)
-    with pytest.raises(InputError, match=r"hull|leaves"):
-        made(lacks, motion="dynamics")
-    with pytest.raises(InputError, match="mount given for scene desk, but only model files"):
-        made("desk", rig=None, mount="eye")
+@pytest.mark.parametrize(("text", "words"), [
+    (None, "no such file"), (rover.MJCF, r"hull|leaves"),
+    ("<mujoco><worldbody>", r"scene\.xml is not valid MJCF"),
+])  # fmt: skip
+def test_files_that_are_no_models_are_refused(tmp_path, text, words):
+    path = tmp_path / "scene.xml"
+    if text is not None:
+        path.write_text(text)
+    refused(words, made, path, motion="dynamics")
+    refused("mount given for scene desk, but only model files", made, "desk", rig=None, mount="eye")
 
 
-def test_a_look_around_tells_what_is_wrong(path, tmp_path):
-    bare = tmp_path / "bare.xml"
-    lens = '<camera name="c" pos="0 0 2" xyaxes="0 -1 0 .9 0 .4" resolution="64 48"/>'
-    bare.write_text(
-        f'<mujoco><worldbody><geom type="plane" size="9 9 1"/>{lens}</worldbody></mujoco>'
-    )
+MIRROR = rover.MJCF.replace('specular="0"/>', 'specular="0" reflectance=".3"/>')
+CLIPPED = rover.MJCF.replace('znear="0.002"', 'znear="0.05"')
+BARE = """<mujoco><worldbody><geom type="plane" size="9 9 1"/>
+<camera name="c" pos="0 0 2" xyaxes="0 -1 0 .9 0 .4" resolution="64 48"/></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(("text", "rig", "motion", "words"), [
+    (BARE, None, "shake", "few events"), (rover.MJCF, "model:left,right", "dynamics", None),
+    (MIRROR, "model:left,right", "dynamics", "a surface is reflective"),
+    (CLIPPED, "model:left,right", "dynamics", "may be cut"),
+])  # fmt: skip
+def test_a_look_around_tells_what_is_wrong(tmp_path, text, rig, motion, words):
     said = []
-    made(bare, rig=None, said=said, motion="shake")
-    assert any("few events" in line for line in said)
-    mirror = rover.MJCF.replace('specular="0"/>', 'specular="0" reflectance=".3"/>')
-    said = []
-    made(rover.write(tmp_path, mirror), said=said, motion="dynamics")
-    assert any("a surface is reflective" in line for line in said)
-    clipped = rover.MJCF.replace('znear="0.002"', 'znear="0.05"')
-    said = []
-    made(rover.write(tmp_path, clipped), said=said, motion="dynamics")
-    assert any("may be cut" in line for line in said)
-    said = []
-    made(path, said=said, motion="dynamics")
-    assert said == []
+    made(rover.write(tmp_path, text), rig=rig, said=said, motion=motion)
+    assert any(words in line for line in said) if words else said == []
 
 
-def test_a_rig_that_sees_nothing_is_refused(path):
+def test_a_rig_that_sees_nothing_is_refused(rover_xml):
     config = CONFIG.model_copy(update={"model": ModelConfig(motion="walk", mount="site:eye")})
     up = named_rig("davis346")
     turned = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     looking_up = replace(up, T_body_cam=tuple(turned @ T for T in up.T_body_cam))
-    with pytest.raises(InputError, match="no camera of rig davis346 sees a surface"):
-        scene_of(path, config, looking_up, 0, print)
+    words = "no camera of rig davis346 sees a surface"
+    refused(words, scene_of, rover_xml, config, looking_up, 0, print)
 
 
 @pytest.mark.parametrize(("brightness", "floats"), [("0.02", True), ("0.5", False), ("2", True)])

@@ -79,11 +79,8 @@ MODELS = {
 }
 FEW = ("nothing more", "range finders", "a cloth", "hills", "a sky", "glass")
 NOT_DRAWN = {
-    "tendons": "1 tendons",
-    "muscles": "1 tendons",
-    "a skin": "1 skins",
-    "a cloth": "1 flex",
-}
+    "tendons": "1 tendons", "muscles": "1 tendons", "a skin": "1 skins", "a cloth": "1 flex",
+}  # fmt: skip
 CONFIG = SimConfig(
     sampling="fast", duration_s=0.01, truth=("segmentation",), truth_interval_s=0.01,
     model=ModelConfig(motion="dynamics"),

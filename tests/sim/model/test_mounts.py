@@ -7,18 +7,13 @@ import numpy as np
 import pytest
 
 import rover
-from eventsweep.emvs.errors import InputError
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.model.mounts import find_mount, first_camera, rig_of_cameras
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from places import ROOT
+from refusals import refused
 
 mujoco = import_mujoco()  # with the graphics that there are
-
-
-@pytest.fixture(scope="module")
-def model(tmp_path_factory):
-    return mujoco.MjModel.from_xml_path(str(rover.write(tmp_path_factory.mktemp("rover"))))
 
 
 def placed(model):
@@ -27,10 +22,10 @@ def placed(model):
     return data
 
 
-def test_sites_and_bodies_look_along_x_with_z_up(model):
-    data = placed(model)
+def test_sites_and_bodies_look_along_x_with_z_up(rover_model):
+    data = placed(rover_model)
     for name, position in (("eye", [0.22, 0, 0.35]), ("body:rover", [0, 0, 0.25])):
-        T = find_mount(model, name).T_world_body(data)
+        T = find_mount(rover_model, name).T_world_body(data)
         assert np.allclose(T[:3, 3], position)
         right, down, forward = T[:3, :3].T
         assert np.allclose(forward, [1, 0, 0])
@@ -38,49 +33,41 @@ def test_sites_and_bodies_look_along_x_with_z_up(model):
         assert np.allclose(down, [0, 0, -1])
 
 
-def test_a_camera_of_the_model_looks_where_mujoco_says(model):
-    T = find_mount(model, "left").T_world_body(placed(model))
+def test_a_camera_of_the_model_looks_where_mujoco_says(rover_model):
+    T = find_mount(rover_model, "left").T_world_body(placed(rover_model))
     assert np.allclose(T[:3, 3], [0.22, 0.05, 0.35])
     assert np.allclose(T[:3, :3].T, [[0, -1, 0], [0, 0, -1], [1, 0, 0]])
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("nose", "nothing is called 'nose'.*camera:left"),
-        ("camera:eye", "nothing is called 'camera:eye'"),
-        ("", "nothing is called ''"),
-    ],
-)
-def test_what_is_not_there_is_refused(model, name, message):
-    with pytest.raises(InputError, match=message):
-        find_mount(model, name)
+@pytest.fixture(scope="module")
+def odd(tmp_path_factory):
+    """The model with a site that is called like a camera, and with a camera on another body."""
+    text = rover.MJCF.replace(
+        '<site name="eye"', '<body><camera name="far" resolution="9 9"/></body><site name="left"'
+    )
+    return mujoco.MjModel.from_xml_path(str(rover.write(tmp_path_factory.mktemp("odd"), text)))
 
 
-def test_a_name_that_several_things_have_needs_its_kind(tmp_path):
-    path = rover.write(tmp_path, rover.MJCF.replace('site name="eye"', 'site name="left"'))
-    model = mujoco.MjModel.from_xml_path(str(path))
-    with pytest.raises(InputError, match=r"called 'left'.*camera:left, site:left$"):
-        find_mount(model, "left")
-    assert find_mount(model, "site:left").kind == "site"
+@pytest.mark.parametrize(("name", "words"), [
+    ("nose", "nothing is called 'nose'.*camera:left"), ("", "nothing is called ''"),
+    ("camera:eye", "nothing is called 'camera:eye'"),
+])  # fmt: skip
+def test_what_is_not_there_is_refused(rover_model, name, words):
+    refused(words, find_mount, rover_model, name)
 
 
-def test_a_stereo_rig_is_as_far_apart_as_its_cameras(model):
-    rig = rig_of_cameras(model, ("left", "right"))
+def test_names_of_several_things_and_cameras_that_are_no_rig_are_refused(rover_model, odd):
+    refused(r"called 'left'.*camera:left, site:left$", find_mount, odd, "left")
+    assert find_mount(odd, "site:left").kind == "site"
+    refused("'blind' of the model has a resolution of", rig_of_cameras, rover_model, ("blind",))
+    refused("are on different bodies", rig_of_cameras, odd, ("left", "far"))
+
+
+def test_a_stereo_rig_is_as_far_apart_as_its_cameras(rover_model):
+    rig = rig_of_cameras(rover_model, ("left", "right"))
     assert rig.baseline_m() == pytest.approx(0.1)
     assert np.allclose(rig.T_body_cam[1][:3, 3], [0.1, 0, 0])
-    assert first_camera(model) == "camera:left"
-
-
-def test_cameras_without_resolution_or_of_two_bodies_are_refused(tmp_path, model):
-    with pytest.raises(InputError, match="'blind' of the model has a resolution of"):
-        rig_of_cameras(model, ("blind",))
-    apart = rover.MJCF.replace(
-        '<site name="eye"', '<body><camera name="far" resolution="9 9"/></body><site name="eye"'
-    )
-    other = mujoco.MjModel.from_xml_path(str(rover.write(tmp_path, apart)))
-    with pytest.raises(InputError, match="are on different bodies"):
-        rig_of_cameras(other, ("left", "far"))
+    assert first_camera(rover_model) == "camera:left"
 
 
 BALL = """<mujoco><worldbody>

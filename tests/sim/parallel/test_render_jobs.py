@@ -1,7 +1,5 @@
 """Long sequences: chunks in processes, parts on disk, stopped and resumed: the same bytes."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import shutil
@@ -18,7 +16,6 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.sim.config import SimConfig
 from eventsweep.sim.parallel.checkpoint import checkpoint_path
 from eventsweep.sim.parallel.render_job import chunk_bounds_us
 from eventsweep.sim.parallel.workers import slot_count
@@ -27,6 +24,7 @@ from eventsweep.sim.sensor_presets import SensorConfig
 from eventsweep.sim.simulate import check_disk, make_job, simulate
 from noise_scene import CONFIG, Killed, contents, motion, stop_at, textures
 from places import HELPERS
+from refusals import refused
 from tiers import often
 
 
@@ -93,10 +91,8 @@ def test_a_sensor_with_noise_goes_on_as_if_never_stopped(folder, scene):
 
 def test_an_ideal_sensor_stores_no_labels(whole):
     sequence = Sequence.open(whole)
-    with pytest.raises(InputError, match="no label"):
-        sequence.labels(0, 0, 50_001)
-    with pytest.raises(InputError, match="not ideal"):
-        sequence.sensor_counts(0)
+    refused("no label", sequence.labels, 0, 0, 50_001)
+    refused("not ideal", sequence.sensor_counts, 0)
 
 
 @pytest.fixture(scope="module")
@@ -107,12 +103,9 @@ def unfinished(folder, scene):
 
 
 DAMAGED = [
-    ("cam0.events.h5", 0),
-    ("cam1.truth.h5", -1),
-    ("part.json", 1),
-    ("part.json", -1),
+    ("cam0.events.h5", 0), ("cam1.truth.h5", -1), ("part.json", 1), ("part.json", -1),
     ("state.npz", -1),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -137,16 +130,12 @@ def test_work_of_another_configuration_is_not_taken_up(folder, scene, whole):
     other = CONFIG.model_copy(update={"contrast_threshold_pos": 0.3})
     stopped(scene, out, 22_000, other)
     kept = contents(checkpoint_path(out))
-    with pytest.raises(InputError, match="resume=False") as caught:
-        simulate(scene, made.tiny_rig(), CONFIG, 0, out)
-    assert "\n" not in str(caught.value)
+    refused("resume=False", simulate, scene, made.tiny_rig(), CONFIG, 0, out)
     moved = replace(scene, motion=lambda duration_s, seed: motion(duration_s, seed + 1))
-    with pytest.raises(InputError, match="resume=False"):
-        simulate(moved, made.tiny_rig(), other, 0, out)
+    refused("resume=False", simulate, moved, made.tiny_rig(), other, 0, out)
     mjcf = folder / "wider.xml"
     mjcf.write_text(scene.mjcf.read_text().replace('size=".1 .1 .1"', 'size=".1 .1 .12"'))
-    with pytest.raises(InputError, match="resume=False"):
-        simulate(replace(scene, mjcf=mjcf), made.tiny_rig(), other, 0, out)
+    refused("resume=False", simulate, replace(scene, mjcf=mjcf), made.tiny_rig(), other, 0, out)
     assert contents(checkpoint_path(out)) == kept
     simulate(scene, made.tiny_rig(), CONFIG, 0, out, resume=False)
     assert contents(out) == contents(whole)
@@ -156,8 +145,7 @@ def test_a_target_is_worked_on_once_at_a_time(folder, scene):
     out = folder / "busy"
 
     def again(*_):
-        with pytest.raises(InputError, match="another process"):
-            simulate(scene, made.tiny_rig(), CONFIG, 0, out)
+        refused("another process", simulate, scene, made.tiny_rig(), CONFIG, 0, out)
         raise Killed
 
     with pytest.raises(Killed):
@@ -239,16 +227,15 @@ def test_a_worker_that_dies_is_told_and_loses_nothing(folder, scene, monkeypatch
 
 @pytest.mark.slow
 def test_what_workers_refuse_is_one_line(folder, scene):
-    config = SimConfig(max_displacement_px=0.5, min_frame_interval_us=9_000)
-    with pytest.raises(InputError, match="slow the motion"):
-        simulate(scene, made.tiny_rig(), config, 0, folder / "fast", workers=2)
+    fast = CONFIG.model_copy(update={"max_displacement_px": 0.5, "min_frame_interval_us": 9_000})
     local = replace(scene, textures=lambda: textures())
-    with pytest.raises(InputError, match="top of a module") as caught:
-        simulate(local, made.tiny_rig(), CONFIG, 0, folder / "local", workers=2)
-    assert "\n" not in str(caught.value)
-    with pytest.raises(InputError, match="0 workers"):
-        simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "none", workers=0)
-    assert not any(checkpoint_path(folder / name).exists() for name in ("fast", "local", "none"))
+    for words, made_of, config, workers in (
+        ("slow the motion", scene, fast, 2), ("top of a module", local, CONFIG, 2),
+        ("0 workers", scene, CONFIG, 0),
+    ):  # fmt: skip
+        out = folder / words
+        refused(words, simulate, made_of, made.tiny_rig(), config, 0, out, workers=workers)
+        assert not checkpoint_path(out).exists()
 
 
 def test_chunks_meet_at_all_truth_times_and_are_short():
@@ -272,13 +259,11 @@ def test_too_little_disk_or_memory_is_refused_with_numbers(folder, scene, monkey
     # As many truth times as a sequence of 10 days has.
     long = replace(job, truth_us=range(10**8))
     place = folder / "not" / "there"
-    with pytest.raises(InputError, match=r"takes about [\d.]+ [GT]B, but [\d.]+ \wB are") as caught:
-        check_disk(long, place)
-    assert str(caught.value).startswith(f"{place}: ")
+    said = refused(r"takes about [\d.]+ [GT]B, but [\d.]+ \wB are", check_disk, long, place)
+    assert said.startswith(f"{place}: ")
     with monkeypatch.context() as full:
         full.setattr("eventsweep.sim.simulate.free_bytes", lambda _: 12_345)
-        with pytest.raises(InputError, match=r"about [\d.]+ [kM]B, but 12.3 kB are free"):
-            check_disk(job, place)
+        refused(r"about [\d.]+ [kM]B, but 12.3 kB are free", check_disk, job, place)
     monkeypatch.setattr("eventsweep.sim.simulate.available_bytes", lambda: 10**8)
-    with pytest.raises(InputError, match=r"takes about [\d.]+ [MG]B of memory, but 100 MB"):
-        simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "big")
+    words = r"takes about [\d.]+ [MG]B of memory, but 100 MB"
+    refused(words, simulate, scene, made.tiny_rig(), CONFIG, 0, folder / "big")

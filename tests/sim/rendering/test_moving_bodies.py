@@ -1,7 +1,5 @@
 """Bodies that move by themselves: their flow, and how far their pixels go between frames."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 

@@ -1,13 +1,10 @@
 """The renderer against geometry: projection, depth, supersampling."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 import mujoco_scenes as made
 import naive_pixels
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim import graphics
@@ -16,6 +13,7 @@ from eventsweep.sim.motion.curves import look_at
 from eventsweep.sim.rendering import pixel_kernels
 from eventsweep.sim.rendering.drawn_geoms import DrawnGeoms
 from eventsweep.sim.rendering.renderer import StereoRenderer, metric_depth
+from refusals import refused
 
 RANGE_M = (0.5, 8.0)
 RIG = made.small_rig()
@@ -232,17 +230,12 @@ def test_metric_depth_inverts_the_projection():
     assert np.isinf(found[-1])
 
 
-def test_refuses_a_scene_that_does_not_compile():
-    with pytest.raises(InputError, match="does not compile"):
-        StereoRenderer(made.spec('<geom type="box" size="0 0 0"/>'), RIG)
-
-
-def test_says_which_graphics_library_is_missing(monkeypatch):
+def test_says_which_graphics_library_is_missing_and_that_a_scene_does_not_compile(monkeypatch):
+    flat = made.spec('<geom type="box" size="0 0 0"/>')
+    refused("does not compile", StereoRenderer, flat, RIG)
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr(graphics.ctypes.util, "find_library", lambda name: None)
-    with pytest.raises(InputError, match="libegl1 libgl1 libosmesa6") as caught:
-        StereoRenderer(made.spec(made.BOXES), RIG)
-    assert "\n" not in str(caught.value)
+    refused("libegl1 libgl1 libosmesa6", StereoRenderer, made.spec(made.BOXES), RIG)
 
 
 def test_prefers_egl_takes_osmesa_and_refuses_the_rest(monkeypatch):
@@ -254,8 +247,6 @@ def test_prefers_egl_takes_osmesa_and_refuses_the_rest(monkeypatch):
     )
     assert graphics.backend() == "osmesa"
     monkeypatch.setenv("MUJOCO_GL", "glfw")
-    with pytest.raises(InputError, match="off screen"):
-        graphics.backend()
+    refused("off screen", graphics.backend)
     monkeypatch.setenv("MUJOCO_GL", "egl")
-    with pytest.raises(InputError, match="MUJOCO_GL=egl"):
-        graphics.backend()
+    refused("MUJOCO_GL=egl", graphics.backend)

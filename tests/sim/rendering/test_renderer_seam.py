@@ -1,7 +1,5 @@
 """Another renderer in MuJoCo's place, and the unchanged simulator around it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

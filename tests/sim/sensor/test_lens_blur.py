@@ -1,7 +1,5 @@
 """Blur of the lens: light is kept, edges become the Gaussian's integral."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter

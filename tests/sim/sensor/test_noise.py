@@ -1,7 +1,5 @@
 """Shot noise, hot pixels and the refractory period."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Mismatch, unequal thresholds, bandwidth and leak: laws, statistics and plain twins."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,10 +1,8 @@
 """Latency, the row arbiter and its losses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import naive_sensor
@@ -63,14 +61,10 @@ def test_a_pixels_events_never_overtake_each_other():
 REQUESTS = st.lists(st.tuples(st.integers(0, 60), st.integers(0, 5)), max_size=60).map(sorted)
 
 
-@settings(deadline=None)
 @given(
-    REQUESTS,
-    st.sampled_from([0.0, 2e5, 1e6]),
-    st.sampled_from([1.5e5, 7e5, 3e6]),
-    st.integers(1, 12),
-    st.integers(1, 100),
-)
+    REQUESTS, st.sampled_from([0.0, 2e5, 1e6]), st.sampled_from([1.5e5, 7e5, 3e6]),
+    st.integers(1, 12), st.integers(1, 100),
+)  # fmt: skip
 def test_arbiter_equals_its_twin_however_it_is_cut(requests, rows_hz, events_hz, capacity, step):
     parameters = SensorParameters(
         readout_rows_per_s=rows_hz, readout_events_per_s=events_hz, readout_queue_events=capacity

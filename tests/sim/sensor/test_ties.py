@@ -1,12 +1,10 @@
 """Levels reached exactly: images of few grey levels, whose pixels return to old values."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -58,13 +56,11 @@ def exact_logs(frames, config):
     return np.vectorize(lambda log: Fraction(float(log)), otypes=[object])(logs)
 
 
-@settings(deadline=None)
 @given(quantised())
 def test_quantised_frames_equal_exact_arithmetic(recording):
     assert rows(Events.concat(run(*recording))) == naive_esim.simulate(*recording)
 
 
-@settings(deadline=None)
 @given(quantised())
 def test_the_imperfect_pixels_decide_ties_alike(recording):
     frames, times_us, config = recording
@@ -74,7 +70,6 @@ def test_the_imperfect_pixels_decide_ties_alike(recording):
     assert [row[:4] for row in rows_of(labelled)] == naive_esim.simulate(*recording)
 
 
-@settings(deadline=None)
 @given(quantised())
 def test_what_is_left_after_every_frame_is_less_than_a_threshold(recording):
     """In exact arithmetic, without any allowance."""
@@ -92,13 +87,10 @@ def test_what_is_left_after_every_frame_is_less_than_a_threshold(recording):
         assert (left > -c_neg).all()
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.sampled_from(GREY), min_size=1, max_size=8),
-    st.sampled_from(GREY),
-    st.sampled_from([0.05, 0.07, 0.1, 0.15, 0.2]),
-    st.integers(1, 6),
-)
+    st.sampled_from(GREY), st.sampled_from([0.05, 0.07, 0.1, 0.15, 0.2]), st.integers(1, 6),
+)  # fmt: skip
 def test_what_rises_from_a_value_falls_back_to_it(grey, start, threshold, ratio):
     """C+ a multiple of C-: n rises are n times as many falls, each time the pixel comes back."""
     bright = [max(level, start) for level in grey]

@@ -62,14 +62,10 @@ def test_what_is_written_opens_as_the_refined_recording(tmp_path, sequence, kind
     same_recording(open_recording(out / "recording.toml"), refinement.applied(recording))
 
 
-@pytest.mark.parametrize(
-    ("kind", "name"),
-    [
-        ("dsec", "cam_to_cam.yaml"),
-        ("tumvie", "camera-calibrationA.json"),
-        ("mvsec", "camchain-imucam-plane.yaml"),
-    ],
-)
+@pytest.mark.parametrize(("kind", "name"), [
+    ("dsec", "cam_to_cam.yaml"), ("tumvie", "camera-calibrationA.json"),
+    ("mvsec", "camchain-imucam-plane.yaml"),
+])  # fmt: skip
 def test_the_calibration_is_also_written_in_the_recordings_own_format(
     tmp_path, sequence, kind, name
 ):

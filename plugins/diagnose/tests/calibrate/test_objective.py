@@ -4,11 +4,11 @@ from itertools import pairwise
 
 import pytest
 
-from eventsweep.emvs.errors import InputError
 from eventsweep.plugins.diagnose.calibrate.objective import COARSE, FINE, MIDDLE, Objective
 from eventsweep.plugins.diagnose.calibrate.parameters import Correction, parameters_of
 from eventsweep.plugins.diagnose.calibrate.windows import WindowPlan, read_windows
 from point_world import edge_points, pinhole, stereo_rig, swinging
+from refusals import refused
 
 RECORDING = edge_points(swinging(), stereo_rig(pinhole(), 0.1), points=400)
 WINDOWS = read_windows(RECORDING, WindowPlan(4, 0.15, 2000))
@@ -46,8 +46,7 @@ def test_windows_lie_where_the_camera_travels_farthest():
 
 
 def test_a_recording_shorter_than_a_window_is_refused():
-    with pytest.raises(InputError, match="needs at least 2 s"):
-        read_windows(RECORDING, WindowPlan(3, 2.0, 500, turn_deg=360))
+    refused("needs at least 2 s", read_windows, RECORDING, WindowPlan(3, 2.0, 500, turn_deg=360))
 
 
 @pytest.mark.parametrize("rate_deg_s", [40.0, 100.0, 250.0])

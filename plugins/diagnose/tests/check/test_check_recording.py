@@ -13,6 +13,7 @@ from eventsweep.plugins.diagnose.check import recording as checked
 from eventsweep.plugins.diagnose.check.recording import check, quick_check
 from eventsweep.plugins.diagnose.check.trial_windows import TrialWindows, WindowRecording
 from head_world import DURATION_US, head_recording
+from refusals import refused
 from small_pair import small_sequence
 
 
@@ -33,11 +34,10 @@ def test_what_cannot_be_opened_is_the_finding(tmp_path):
     folder = small_sequence(tmp_path / "seq")
     poses = folder / "poses.txt"
     poses.write_text(poses.read_text().replace(" 1", " 2"))
-    with pytest.raises(InputError) as refused:
-        open_recording(folder)
+    said = refused("", open_recording, folder)
     report = check(folder)
     assert [one.name for one in report.findings] == ["opening"]
-    assert report.findings[0].evidence == str(refused.value)
+    assert report.findings[0].evidence == said
     assert report.verdict == "wrong"
 
 
@@ -116,7 +116,6 @@ def test_poses_that_cover_no_window_are_a_reason_not_to_map():
     few = poses.t_us < 120_000
     short = Trajectory(poses.t_us[few], poses.positions_m[few], poses.quats_xyzw[few])
     shortened = AlteredRecording(head_recording(), trajectory=short)
-    with pytest.raises(InputError, match=r"needs 0\.2 s"):
-        TrialWindows.of(shortened, MapperConfig())
+    refused(r"needs 0\.2 s", TrialWindows.of, shortened, MapperConfig())
     assert check(shortened).finding("poses-coverage").verdict == "wrong"
     assert DURATION_US > 200_000

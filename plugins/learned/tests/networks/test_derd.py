@@ -29,6 +29,7 @@ from eventsweep.plugins.learned.networks.weights import Weights, packaged, write
 from lanes import in_blocks
 from naive_derd import place
 from point_world import fronto_parallel
+from refusals import refused
 
 CONFIG = MapperConfig(
     min_depth_m=0.5, max_depth_m=4.0, derd={"threshold_c": 7}, methods=("DERD/H",)
@@ -217,40 +218,29 @@ def test_a_window_without_candidates_has_no_points():
     assert map_window(fronto_parallel(1.5), config).depth_maps["DERD/H"].points == 0
 
 
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [
-        ({"planes": 60}, "60 planes of inverse spacing: the network reads 100 planes"),
-        ({"spacing": "linear"}, "100 planes of linear spacing"),
-    ],
-)
+@pytest.mark.parametrize(("changed", "words"), [
+    ({"planes": 60}, "60 planes of inverse spacing: the network reads 100 planes"),
+    ({"spacing": "linear"}, "100 planes of linear spacing"),
+])  # fmt: skip
 def test_planes_that_it_cannot_read_are_refused_before_any_work(changed, words, monkeypatch):
     recording = fronto_parallel(1.5)
     monkeypatch.setattr(type(recording), "events", lambda *_: pytest.fail("events were read"))
-    with pytest.raises(InputError, match=words) as error:
-        map_window(recording, CONFIG.model_copy(update=changed))
-    assert "\n" not in str(error.value)
+    refused(words, map_window, recording, CONFIG.model_copy(update=changed))
     assert linear_planes(1, 2, 3).shape == (3,)
 
 
-@pytest.mark.parametrize(
-    ("learnt", "models", "words"),
-    [
-        ({}, 1, "uniform_in is None, must be linear or inverse"),
-        ({"uniform_in": "linear"}, 3, "arrays differ from what the network needs: 1.conv3d.0.bias"),
-    ],
-)
+@pytest.mark.parametrize(("learnt", "models", "words"), [
+    ({}, 1, "uniform_in is None, must be linear or inverse"),
+    ({"uniform_in": "linear"}, 3, "arrays differ from what the network needs: 1.conv3d.0.bias"),
+])  # fmt: skip
 def test_weights_that_say_too_little_or_hold_too_much(learnt, models, words, tmp_path):
     write_weights(tmp_path / "a.npz", NAME, random_arrays(0, models), learnt)
-    with pytest.raises(InputError, match=words) as error:
-        derd_net(tmp_path / "a.npz")
-    assert "\n" not in str(error.value)
+    refused(words, derd_net, tmp_path / "a.npz")
 
 
 def test_weights_of_our_own_network_are_refused():
     config = with_derd(CONFIG, weights=packaged("learned"))
-    with pytest.raises(InputError, match="but 'derd-net' is needed"):
-        map_window(fronto_parallel(1.5), config)
+    refused("but 'derd-net' is needed", map_window, fronto_parallel(1.5), config)
 
 
 def test_a_precision_is_refused_for_it_has_no_reliability_that_means_something():
@@ -263,8 +253,7 @@ def test_it_is_in_the_registry_and_not_in_all():
     assert "DERD/H" in overview()
     assert "DERD/H" not in {method.name for method in methods_by_name(("all",), 2)}
     for name, cameras in (("DERD/A", 2), ("DERD/H", 1)):
-        with pytest.raises(InputError, match=f"unknown method '{name}'"):
-            methods_by_name((name,), cameras)
+        refused(f"unknown method '{name}'", methods_by_name, (name,), cameras)
 
 
 def test_what_ships_is_small_and_says_where_it_comes_from():

@@ -92,29 +92,21 @@ def test_a_bomb_is_not_unpacked(weights):
     assert "unpacks to" in refused(weights)
 
 
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [
-        ({"patch.bias": None}, "arrays differ from what the network needs: patch.bias"),
-        ({"patch.bias": np.zeros(3, np.float32)}, "patch.bias"),
-        ({"more": np.zeros(3, np.float32)}, "more"),
-        ({"patch.bias": np.full(8, np.nan, np.float32)}, "patch.bias must be float32 and finite"),
-    ],
-)
+@pytest.mark.parametrize(("changed", "words"), [
+    ({"patch.bias": None}, "arrays differ from what the network needs: patch.bias"),
+    ({"patch.bias": np.zeros(3, np.float32)}, "patch.bias"),
+    ({"more": np.zeros(3, np.float32)}, "more"),
+    ({"patch.bias": np.full(8, np.nan, np.float32)}, "patch.bias must be float32 and finite"),
+])  # fmt: skip
 def test_other_arrays_are_named(weights, changed, words):
     rewritten(weights, **changed)
     assert words in refused(weights)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (None, "cannot be read"),
-        ("{", "cannot be read"),
-        ("[1]", "weights for None"),
-        (json.dumps({"network": "derd"}), "but 'eventsweep-learned-1' is needed"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    (None, "cannot be read"), ("{", "cannot be read"), ("[1]", "weights for None"),
+    (json.dumps({"network": "derd"}), "but 'eventsweep-learned-1' is needed"),
+])  # fmt: skip
 def test_a_manifest_that_is_missing_damaged_or_of_another_network(weights, text, words):
     manifest = weights.with_suffix(".json")
     manifest.unlink()

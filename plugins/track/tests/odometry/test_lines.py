@@ -1,7 +1,5 @@
 """Line fields: a straight line of points gives that line, and nothing gives none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What is expected of a motion: it does not depend on the unit of length."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Poses before the stretch of the first map: found when that map comes late."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The residuals' Jacobians against finite differences, and a pose that is planted is recovered."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

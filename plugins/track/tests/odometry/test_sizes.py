@@ -1,7 +1,5 @@
 """Numbers that follow from the sensor and the rig."""
 
-from __future__ import annotations
-
 import pytest
 
 import point_world as world

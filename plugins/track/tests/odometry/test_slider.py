@@ -1,7 +1,5 @@
 """A real recording of one camera: tracked from a first map over all of its way and its stop."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

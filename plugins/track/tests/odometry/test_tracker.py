@@ -1,7 +1,5 @@
 """The tracker on worlds made of formulas: what it finds, and what it says of itself."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +8,6 @@ import pytest
 import line_world
 import point_world as world
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
@@ -20,6 +17,7 @@ from eventsweep.plugins.track.odometry.pose import Status, smoothed
 from eventsweep.plugins.track.odometry.recorded import track
 from eventsweep.plugins.track.odometry.start import LONGEST_START_US, begin
 from eventsweep.plugins.track.odometry.tracker import Tracker
+from refusals import refused
 
 CONFIG = TrackConfig(map_rate_hz=8, map_s=0.2, planes=40)
 END_US = 450_000
@@ -83,13 +81,10 @@ def test_poses_of_the_recording_are_never_read(recording, tracked):
     np.testing.assert_array_equal(again.trajectory.positions_m, tracked.trajectory.positions_m)
 
 
-@pytest.mark.parametrize(
-    "steps",
-    [
-        pytest.param(range(7000, END_US, 7000), id="small"),
-        pytest.param([1, 333_333], marks=pytest.mark.slow, id="large"),
-    ],
-)
+@pytest.mark.parametrize("steps", [
+    pytest.param(range(7000, END_US, 7000), id="small"),
+    pytest.param([1, 333_333], marks=pytest.mark.slow, id="large"),
+])  # fmt: skip
 def test_packets_of_any_size_give_the_same_poses(recording, tracked, steps):
     poses = []
     tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
@@ -226,13 +221,10 @@ def test_until_it_begins_it_holds_a_bounded_stretch(recording, monkeypatch):
     assert oldest_us >= END_US - LONGEST_START_US - 50_000
 
 
-@pytest.mark.parametrize(
-    ("gap_us", "held"),
-    [
-        pytest.param(30_000, False, id="short"),
-        pytest.param(60_000, True, marks=pytest.mark.slow, id="longer than a batch"),
-    ],
-)
+@pytest.mark.parametrize(("gap_us", "held"), [
+    pytest.param(30_000, False, id="short"),
+    pytest.param(60_000, True, marks=pytest.mark.slow, id="longer than a batch"),
+])  # fmt: skip
 def test_packets_may_be_missing(recording, gap_us, held):
     """All of both cameras for a while, and of each camera a tenth, at its own times."""
     poses = []
@@ -328,13 +320,10 @@ def test_what_the_map_does_not_show_is_lost_with_a_reason_and_the_place_found_ag
 
 def test_what_it_needs_is_said_in_one_line(recording):
     alone = line_world.recorded(recording.trajectory, cameras=1)
-    with pytest.raises(InputError, match="first_map"):
-        Tracker(alone.rig)
+    refused("first_map", Tracker, alone.rig)
     tracker = Tracker(recording.rig)
-    with pytest.raises(InputError, match="no poses yet"):
-        tracker.known()
+    refused("no poses yet", tracker.known)
     empty = world.Recorded(
         recording.rig, recording.trajectory, tuple(s.slice(0, 50) for s in recording.streams)
     )
-    with pytest.raises(InputError, match="tracking could not start"):
-        track(empty)
+    refused("tracking could not start", track, empty)
