@@ -11,6 +11,8 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.windows import plan_windows
+from eventsweep.plugins.track.odometry.online import OnlineMapper
+from eventsweep.plugins.track.odometry.stream import Stream
 from refusals import refused
 
 CONFIG = MapperConfig(
