@@ -13,7 +13,7 @@ from functools import cache
 import pytest
 
 from eventsweep.emvs.utils import kernel_cache
-from places import ROOT
+from places import HAS_PLUGINS, ROOT
 from tiers import often
 
 PACKAGES = ("emvs", "sim", "eval")
@@ -126,13 +126,16 @@ sys.stdin.read()
 # The caller that shows an edit in a file, and the edit where adding 1 to what is returned is none.
 CALLERS = {
     "emvs/dsi/fusion_kernels.py": FOLD,
-    "plugins/track/odometry/registration/lines_kernels.py": LINES,
-    "plugins/track/odometry/registration/residuals_kernels.py": EQUATIONS,
     "emvs/utils/vectors_kernels.py": VARIANCE, "sim/sensor/esim_kernels.py": PIXELS,
     "sim/compensation/edge_reach_kernels.py": CARRIED,
     "sim/compensation/layer_kernels.py": CARRIED, "sim/compensation/light_kernels.py": CARRIED,
     "sim/compensation/path_kernels.py": CARRIED,
 }  # fmt: skip
+if HAS_PLUGINS:
+    CALLERS |= {
+        "plugins/track/odometry/registration/lines_kernels.py": LINES,
+        "plugins/track/odometry/registration/residuals_kernels.py": EQUATIONS,
+    }
 EDITS = {
     "add_points": ("np.float32(v - j)", "np.float32(v - j + 0.2)"),
     "later": ("x + dt_s * ax", "y + dt_s * ax"),

@@ -20,8 +20,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-# Run as a program, too: what it shares with the tests lies beside its folder.
-sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("helpers", "reference")]
+# Run as a program, too: what it shares with the tests lies beside its folder, and in plug-ins.
+ROOT = Path(__file__).parents[2]
+SHARED = "tests/helpers", "tests/reference", "plugins/ranking/tests", "plugins/video/tests"
+sys.path[:0] = [str(ROOT / name) for name in SHARED]
 
 import numpy as np
 import tomli_w

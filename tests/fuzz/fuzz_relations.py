@@ -15,15 +15,17 @@ import tempfile
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 
-# Run as a program, too: what it shares with the tests lies beside its folder.
-sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("helpers", "reference")]
+# Run as a program, too: what it shares with the tests lies beside its folder, and in plug-ins.
+ROOT = Path(__file__).parents[2]
+SHARED = "tests/helpers", "tests/reference", "plugins/ranking/tests", "plugins/video/tests"
+sys.path[:0] = [str(ROOT / name) for name in SHARED]
 
 import numpy as np
 
 import fuzz_results
 from eventsweep.emvs.utils.cache import Cache, key_of
+from eventsweep.emvs.utils.output_manifest import hashed
 from eventsweep.eval.cli.main import main as verb
-from eventsweep.plugins.ranking.archives.tarball import sha256_of
 
 PLACES = ("a", "b", "a/in", "b/in", "a/deep/er", "ours", "theirs", "theirs/pictures", "link")
 
@@ -48,7 +50,7 @@ def archive(folder):
     (place / "w.tar.zst").write_bytes(b"packed" * 99)
     fuzz_results.archive(place)
     content = json.loads((place / "archive.json").read_text())
-    facts = {"sha256": sha256_of(place / "w.tar.zst"), "bytes": 594}
+    facts = {"sha256": hashed(place / "w.tar.zst").sha256, "bytes": 594}
     content["sequences"] = [content["sequences"][0] | facts]
     (place / "archive.json").write_text(json.dumps(content))
 

@@ -19,8 +19,9 @@ from eventsweep.plugins.video.frames import open_frames
 from eventsweep.plugins.video.record import record
 from eventsweep.sim.config import PixelConfig, VideoConfig
 from eventsweep.sim.sensor_presets import SensorConfig
+from grey_frames import grey_video
 from refusals import refused
-from video_files import decoded, drifting, events_of, grey_video, rows, write_folder, write_video
+from video_files import decoded, drifting, events_of, rows, write_folder, write_video
 
 LINEAR = VideoConfig(encoding="linear")
 # What esim_py is called with in its own examples: values over 255 taken as light.

@@ -80,18 +80,3 @@ def rows(events):
     """Rows (t_us, y, x, p)."""
     columns = (events.t_us, events.y, events.x, events.p)
     return list(zip(*(column.tolist() for column in columns), strict=True))
-
-
-def grey_video(count, height, width):
-    """A smooth random texture that swings to and fro, in 8 bits."""
-    rng = np.random.default_rng(7)
-    waves = rng.uniform(-0.5, 0.5, (12, 2))
-    phase = rng.uniform(0, 2 * np.pi, 12)
-    y, x = np.mgrid[:height, :width]
-    frames = []
-    for k in range(count):
-        shift = 8 * np.sin(2 * np.pi * k / 80)
-        angle = waves[:, 0, None, None] * (x + shift) + waves[:, 1, None, None] * y
-        picture = np.sin(angle + phase[:, None, None]).sum(axis=0)
-        frames.append(np.rint(127.5 + 127.5 * np.tanh(picture / 4)) / 255)
-    return np.asarray(frames, np.float32)

@@ -81,16 +81,6 @@ def test_an_unknown_code_is_refused(code):
         refused(f"fusion code {code}: needs 0 to 6", Fusion, **codes)
 
 
-def test_both_back_ends_have_the_same_means_in_the_same_order():
-    from eventsweep.plugins.cuda import fusion_kernels as cuda_kernels
-
-    row = fusion_kernels._mean_row.py_func
-    names = [name for name in row.__code__.co_names if name.startswith("_")]
-    there = [getattr(mean, "py_func", mean) for mean in cuda_kernels.MEANS]
-    assert [getattr(mean, "__name__", mean) for mean in there] == names
-    assert len(names) == len(fusion_kernels.CODES)
-
-
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1), planes=st.integers(2, 9), batch=st.integers(1, 4))
 def test_fold_equals_twin_whatever_the_batches(seed, planes, batch):

@@ -2,7 +2,6 @@
 
 import json
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from eventsweep.eval.suite.definition import FOLDER, load, read
 from eventsweep.eval.suite.results import FILE_NAME, read_suite
 from eventsweep.eval.suite.run import suite_jobs
 from eventsweep.eval.suite.stages import map as stage
-from eventsweep.plugins.cuda import device as library
 from eventsweep.sim.rigs import rig as named_rig
 from places import ROOT
 from point_world import fronto_parallel
@@ -167,27 +165,6 @@ def test_a_mapper_is_told_wrong_geometry_of_the_same_sequence(tmp_path):
     assert stage.as_perturbed(sound, exact.needs[1].parameters) is sound
     named = read(toml(tmp_path, TINY.replace("sim = {", 'imperfection = "mvsec"\nsim = {')))
     assert named.cases["wall"].imperfection == PRESETS["mvsec"].model_dump(exclude_defaults=True)
-
-
-def test_a_gpu_that_is_not_there_is_refused_before_the_first_job(tmp_path, monkeypatch):
-    suite = read(toml(tmp_path, TINY.replace("planes = 10", 'device = "cuda"')))
-    monkeypatch.setattr(library, "missing", lambda: "it is gone")
-    with pytest.raises(InputError, match="device cuda cannot be used: it is gone"):
-        suite_jobs(suite, ("wall",), (0,))
-
-
-def test_a_map_by_the_gpu_is_another_job_than_one_by_the_cpu(tmp_path, monkeypatch):
-    monkeypatch.setattr(library, "missing", lambda: None)
-    monkeypatch.setattr(library, "gpu", lambda: SimpleNamespace(name="some GPU"))
-    parameters = []
-    for device in ("cpu", "cuda"):
-        suite = read(toml(tmp_path, TINY.replace("planes = 10", f'device = "{device}"')))
-        (score,) = suite_jobs(suite, ("wall",), (0,))
-        parameters.append([need.parameters for need in score.needs])
-    here, there = parameters
-    assert here[:3] == there[:3]  # the sequence, and two windows by the other mapper
-    assert all(key_of(one) != key_of(other) for one, other in zip(here[3:], there[3:], strict=True))
-    assert len(here) == 5
 
 
 def test_the_digest_sees_every_change_of_a_case(tmp_path):

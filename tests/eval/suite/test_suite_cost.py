@@ -6,8 +6,7 @@ import pytest
 
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.jobs.local import ONE_THREAD
-from eventsweep.eval.suite.results import read_suite
-from eventsweep.plugins.ranking.entries import of_suite
+from eventsweep.eval.suite.results import read_suite, shown_name
 from small_suite import WHOLE, case, suite_text
 
 MAPPERS = {
@@ -38,6 +37,6 @@ def test_every_method_is_measured_alone_and_only_when_asked(tmp_path):
         assert 50 < one.peak_memory_mb < 4000
     # What this process holds is not theirs: two methods need not the same.
     assert len({one.peak_memory_mb for one in result.cost.values()}) > 1
-    assert set(of_suite(result, "here").cost) == {"EMVS/cam0", "Alg1/H", "SGM/ts"}
+    assert {shown_name(name, MAPPERS) for name in result.cost} == {"EMVS/cam0", "Alg1/H", "SGM/ts"}
     assert run(tmp_path, "--out", str(tmp_path / "plain")) == 0
     assert read_suite(tmp_path / "plain").cost == {}

@@ -1,4 +1,4 @@
-"""Fuzzes the readers of results: `python tests/fuzz/fuzz_results.py [N ...]`.
+"""Fuzzes the readers of results: `python plugins/ranking/tests/fuzz_results.py [N ...]`.
 
 As `fuzz_datasets.py`, whose odd values it uses: in a sound ranking, suite, study, submission or
 archive some values are replaced, everything that reads it is called, and the end is a page or an
@@ -11,7 +11,8 @@ import sys
 from pathlib import Path
 
 # Run as a program, too: what it shares with the tests lies beside its folder.
-sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("helpers", "reference")]
+TESTS = Path(__file__).parents[3] / "tests"
+sys.path[:0] = [str(TESTS / name) for name in ("helpers", "reference", "fuzz")]
 
 import tomli_w
 

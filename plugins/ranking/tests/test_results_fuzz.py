@@ -1,6 +1,6 @@
 """Odd values in results, rankings, submissions, archives and caches end in a page or one line.
 
-`python tests/fuzz/fuzz_results.py 1000` does the same for as long as one has patience.
+`python plugins/ranking/tests/fuzz_results.py 1000` does the same for as long as one has patience.
 """
 
 import subprocess
@@ -15,7 +15,7 @@ from places import ROOT
 
 @pytest.mark.slow
 def test_odd_values_end_in_a_page_or_one_clear_line():
-    script = ROOT / "tests" / "fuzz" / "fuzz_results.py"
+    script = ROOT / "plugins" / "ranking" / "tests" / "fuzz_results.py"
     done = subprocess.run(
         [sys.executable, script, "40"], capture_output=True, text=True, check=False
     )
