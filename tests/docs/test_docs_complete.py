@@ -1,15 +1,10 @@
 """The documentation names what there is: modules, settings, fields, and who draws each picture."""
 
-from __future__ import annotations
-
 import importlib.util
-import os
 import pkgutil
 import re
 import runpy
 import shutil
-import subprocess
-import sys
 import tomllib
 from fnmatch import fnmatchcase
 
@@ -30,6 +25,7 @@ from eventsweep.eval.scoring.results import Results, write_results
 from eventsweep.eval.suite.definition import load
 from eventsweep.eval.suite.run import extent, suite_jobs
 from places import ROOT, TOOLS
+from programs import python
 from settings_table import TABLES, main, settings_block
 
 DOCS = ROOT / "docs"
@@ -72,14 +68,19 @@ def folders():
     return {".".join(folder.relative_to(ROOT).parts) for folder in modules}
 
 
-def test_the_architecture_names_every_folder_and_no_other():
+def test_every_folder_is_named_and_each_of_tools_shows_its_parts_at_a_glance():
     table = text_of(DOCS / "architecture.md").split("| Folder | Holds |")[1].split("\n\n")[0]
     named = [name for row in table.splitlines() for name in re.findall(r"`([\w.]+)`", row[:80])]
     assert {name for name in named if name.split(".")[0] in PACKAGES} == folders()
-
-
-def test_tables_of_settings_are_not_stale(capsys):
-    assert main([str(DOCS), "--check"]) == 0, capsys.readouterr().err
+    parts = sorted(path for path in TOOLS.iterdir() if list(path.glob("*.py")))
+    assert len(parts) > 5
+    assert [path for path in TOOLS.glob("*.py") if path.name != "__main__.py"] == []
+    sizes = {path.name: len(list(path.glob("*.py"))) for path in parts}
+    assert {name: size for name, size in sizes.items() if size > MOST_MODULES} == {}
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
+    for listed in (settings["pytest"]["ini_options"]["pythonpath"], settings["mypy"]["mypy_path"]):
+        missing = {path.relative_to(ROOT).as_posix() for path in parts} - set(listed)
+        assert missing == set(), "name the folder in pyproject.toml"
 
 
 @pytest.mark.parametrize("model", [MapperConfig, EvalConfig, TrajectoryConfig])
@@ -89,7 +90,10 @@ def test_a_table_has_a_line_for_every_setting(model):
     assert all(len(re.findall(r"(?<!\\)\|", line)) == 5 for line in lines)
 
 
-def test_a_typed_default_is_noticed_and_cured(tmp_path, capsys):
+def test_tables_of_settings_are_not_stale_and_a_typed_default_is_noticed_and_cured(
+    tmp_path, capsys
+):
+    assert main([str(DOCS), "--check"]) == 0, capsys.readouterr().err
     for name in TABLES:
         shutil.copy(DOCS / name, tmp_path / name)
     assert main([str(tmp_path)]) == 0
@@ -140,7 +144,13 @@ def makers(picture):
             yield line
 
 
-def test_every_picture_is_shown_and_drawn_by_a_command():
+def test_commands_of_the_makefile_exist_and_draw_every_picture_that_is_shown():
+    found = [match for line in makefile() for match in COMMAND.findall(line)]
+    assert len(found) > 10
+    for module, script, tool in found:
+        assert not module or importlib.util.find_spec(module)
+        assert not script or (ROOT / script).is_file()
+        assert not tool or tool in known_tools()
     pictures = sorted(path.name for path in (DOCS / "images").iterdir())
     pages = text_of(ROOT / "README.md", *DOCS.glob("*.md"))
     assert [name for name in pictures if f"images/{name})" not in pages] == []
@@ -152,21 +162,12 @@ def test_every_picture_is_shown_and_drawn_by_a_command():
     assert strange == {}, "name the command that draws it in the Makefile"
 
 
-def test_commands_of_the_makefile_exist():
-    found = [match for line in makefile() for match in COMMAND.findall(line)]
-    assert len(found) > 10
-    for module, script, tool in found:
-        assert not module or importlib.util.find_spec(module)
-        assert not script or (ROOT / script).is_file()
-        assert not tool or tool in known_tools()
-
-
 def known_tools():
     """Name -> file of what `python tests/benchmarks NAME` runs."""
     return runpy.run_path(str(TOOLS / "__main__.py"))["tools"]()
 
 
-def test_commands_and_files_that_are_named_exist():
+def test_what_pages_name_exists_commands_files_modules_and_what_is_in_them():
     """In the documentation, and in what the code says of itself."""
     text = text_of(*MENTIONS)
     tools = re.findall(r"python tests/benchmarks (\w+)", text)
@@ -177,12 +178,8 @@ def test_commands_and_files_that_are_named_exist():
     assert [name for name in sorted(files) if not list(ROOT.glob(name))] == []
     targets = set(TARGET.findall(text_of(*PAGES)))
     assert len(targets) > 10
-    assert (
-        targets - set(re.findall(r"^([\w-]+):", text_of(ROOT / "Makefile"), re.MULTILINE)) == set()
-    )
-
-
-def test_modules_and_what_is_in_them_that_pages_name_exist():
+    made = re.findall(r"^([\w-]+):", text_of(ROOT / "Makefile"), re.MULTILINE)
+    assert targets - set(made) == set()
     names = set(DOTTED.findall(text_of(*PAGES))) - {"eventsweep.upsamplers"}  # entry points
     assert len(names) > 60
     assert [name for name in sorted(names) if not exists(name)] == []
@@ -197,32 +194,15 @@ def exists(name):
     return True
 
 
-def test_each_folder_of_tools_is_found_and_shows_its_parts_at_a_glance():
-    folders = sorted(path for path in TOOLS.iterdir() if list(path.glob("*.py")))
-    assert len(folders) > 5
-    assert [path for path in TOOLS.glob("*.py") if path.name != "__main__.py"] == []
-    sizes = {path.name: len(list(path.glob("*.py"))) for path in folders}
-    assert {name: size for name, size in sizes.items() if size > MOST_MODULES} == {}
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
-    for listed in (settings["pytest"]["ini_options"]["pythonpath"], settings["mypy"]["mypy_path"]):
-        missing = {path.relative_to(ROOT).as_posix() for path in folders} - set(listed)
-        assert missing == set(), "name the folder in pyproject.toml"
-
-
 @pytest.mark.parametrize("name", ["study_cost", "structure", "settings_table"])
 def test_a_tool_runs_by_its_name(name):
     """With what it imports from other folders of tools."""
-    done = subprocess.run(
-        [sys.executable, str(TOOLS), name, "--help"], cwd=ROOT, capture_output=True, text=True,
-        check=False, env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    done = python(TOOLS, name, "--help", cwd=ROOT)
     assert "usage" in done.stdout + done.stderr, done.stderr
 
 
 def test_the_list_of_tools_says_what_each_does():
-    done = subprocess.run(
-        [sys.executable, str(TOOLS), "no_such"], capture_output=True, text=True, check=False
-    )
+    done = python(TOOLS, "no_such")
     assert done.returncode == 2
     lines = done.stderr.splitlines()
     assert lines[0].startswith("no tool 'no_such'")

@@ -1,7 +1,5 @@
 """What the documentation counts is as many as the code has; flags that it names are taken."""
 
-from __future__ import annotations
-
 import json
 import re
 
@@ -44,32 +42,22 @@ def left_in_training():
 COUNTS = {
     "formats": ("datasets.md", r"\[(\w+)\s+formats\]", lambda: [len(FORMATS)]),
     "fusions": ("mapper.md", r"with\s+all\s+(\w+)\s+fusion\s+functions", lambda: [len(MEANS)]),
-    "suite-v3": (
-        "ranking.md", r"on the (\w+) cases\s+and (\w+) seeds of `suite-v3`",
-        lambda: [len(load("suite-v3")[0].cases), len(load("suite-v3")[0].seeds)],
-    ),
-    "hard cases": (
-        "twins.md", r"^(\w+) scenes that violate",
-        lambda: [sum(text.startswith("hard:") for text in summaries().values())],
-    ),
-    "training": (
-        "learned.md", r"simulates (\w+) sequences to learn from and (\w+) to calibrate with",
-        lambda: [len(sequences("training")), len(sequences("calibration"))],
-    ),
+    "suite-v3": ("ranking.md", r"on the (\w+) cases\s+and (\w+) seeds of `suite-v3`",
+     lambda: [len(load("suite-v3")[0].cases), len(load("suite-v3")[0].seeds)]),
+    "hard cases": ("twins.md", r"^(\w+) scenes that violate",
+     lambda: [sum(text.startswith("hard:") for text in summaries().values())]),
+    "training": ("learned.md",
+     r"simulates (\w+) sequences to learn from and (\w+) to calibrate with",
+     lambda: [len(sequences("training")), len(sequences("calibration"))]),
     "rigs": ("learned.md", r"(\w+) rigs, forward", lambda: [trained("training", "rig")]),
-    "scenes never seen": (
-        "learned.md",
-        r"without the (\w+)\s+scenes\s+of\s+these\s+samples\s.*with\s+the\s+(\w+)\s+others",
-        lambda: [len({one.case for one in UNSEEN}), len(left_in_training())],
-    ),
-    "what DERD-Net learns from": (
-        "baselines.md", r"(\w+) simulated sequences, (\w+) scenes, (\w+) rigs",
-        lambda: [len(sequences("training")), *(trained("training", w) for w in ("scene", "rig"))],
-    ),
-    "samples": (
-        "extraction.md", r"lists: (\w+) scenes.*together\s+with\s+(\w+)\s+\*further\*",
-        lambda: [len({one.case for one in DEVELOPMENT}), len(FURTHER)],
-    ),
+    "scenes never seen": ("learned.md",
+     r"without the (\w+)\s+scenes\s+of\s+these\s+samples\s.*with\s+the\s+(\w+)\s+others",
+     lambda: [len({one.case for one in UNSEEN}), len(left_in_training())]),
+    "what DERD-Net learns from": ("baselines.md",
+     r"(\w+) simulated sequences, (\w+) scenes, (\w+) rigs",
+     lambda: [len(sequences("training")), *(trained("training", w) for w in ("scene", "rig"))]),
+    "samples": ("extraction.md", r"lists: (\w+) scenes.*together\s+with\s+(\w+)\s+\*further\*",
+     lambda: [len({one.case for one in DEVELOPMENT}), len(FURTHER)]),
 }  # fmt: skip
 
 
@@ -93,9 +81,8 @@ def test_the_documentation_is_short():
     notebooks = sum(words_of(prose_of(path)) for path in DOCS.rglob("*.ipynb"))
     assert len(pages) <= MOST_PAGES, "merge pages: what is said twice helps nobody"
     longest = {path.name: count for path, count in sorted(pages.items(), key=lambda x: -x[1])[:5]}
-    assert sum(pages.values()) + notebooks <= MOST_WORDS, (
-        f"shorten pages; the longest are {longest}"
-    )
+    total = sum(pages.values()) + notebooks
+    assert total <= MOST_WORDS, f"shorten pages; the longest are {longest}"
 
 
 def number(word):
@@ -134,7 +121,7 @@ def calls(text, known):
             yield name, FLAG.findall(rest)
 
 
-def test_every_flag_of_a_command_that_is_named_is_taken():
+def test_every_flag_in_prose_or_of_a_command_that_is_named_is_taken():
     known = taken()
     files = [*PAGES, ROOT / "Makefile", *(ROOT / ".github").rglob("*.yml")]
     files += [path for name in PRODUCT for path in (ROOT / name).rglob("*.py")]
@@ -146,19 +133,14 @@ def test_every_flag_of_a_command_that_is_named_is_taken():
     ]
     assert len(found) > 200
     assert [one for one in found if one[2] not in known[one[1]]] == []
-
-
-def test_every_flag_in_prose_is_one_of_a_command_or_of_a_tool():
-    """Settings (`--map.`, `--sim.`, `--score.`) must be a command's; `NAME` stands for any."""
+    # Settings (`--map.`, `--sim.`, `--score.`) must be a command's; `NAME` stands for any.
     tools = "\n".join(path.read_text("utf-8") for path in TOOLS.rglob("*.py"))
     options = set(FLAG.findall(tools + (ROOT / "tests" / "conftest.py").read_text("utf-8")))
     every = set().union(*taken().values(), OTHERS, {"--version"})
-    unknown = {
+    assert [
         (page.name, flag)
         for page in PAGES
         for flag in re.findall(rf"`({FLAG.pattern})", page.read_text("utf-8"))
         if flag not in every and ("." in flag or flag not in options)
-    }
-    assert {
-        (page, flag) for page, flag in unknown if "_" not in flag and "NAME" not in flag
-    } == set()
+        and "_" not in flag and "NAME" not in flag
+    ] == []  # fmt: skip
