@@ -35,6 +35,7 @@ from eventsweep.emvs.errors import InputError
 _ROOT = Path(__file__).parents[2]
 _PACKAGES = ("emvs", "sim", "eval", "plugins")
 _NO_CODE = {"__pycache__", "tests"}
+_GPU = b"from numba import cuda"
 _VERSION = re.compile(r"eventsweep-[0-9a-f]{16}")
 _MARK = "last-used"
 _HEAD = b"eventsweep kernel 1\n"
@@ -89,17 +90,15 @@ def digests(paths: Iterable[Path], root: Path) -> list[str]:
 def kernel_files() -> list[Path]:
     """Every file with compiled functions, or with what they take from elsewhere.
 
-    Kernels of a GPU call what depends on the device: all files of a plug-in that lie beside kernels
-    count.
+    Kernels of a GPU call what depends on the device: all files beside them count.
     """
     files = []
     for package in _PACKAGES:
         for folder, inner, names in os.walk(_ROOT / package):
             inner[:] = [name for name in inner if name.isidentifier() and name not in _NO_CODE]
-            kernels = [name for name in names if name.endswith("_kernels.py")]
-            whole = kernels and package == "plugins"
-            chosen = [name for name in names if name.endswith(".py")] if whole else kernels
-            files += [Path(folder, name) for name in chosen]
+            kernels = [Path(folder, name) for name in names if name.endswith("_kernels.py")]
+            whole = any(_GPU in path.read_bytes() for path in kernels)
+            files += sorted(Path(folder).glob("*.py")) if whole else kernels
     return sorted(files)
 
 

@@ -23,7 +23,7 @@ from eventsweep.emvs.utils.release import install_extra
 
 Value = TypeVar("Value")
 FUNCTION = "MODULE:FUNCTION or FILE.py:FUNCTION"
-VERBS, METHODS, DEVICES, TRACKERS, CHECKS, SEQUENCES, PREDICTIONS = (
+GROUPS = VERBS, METHODS, DEVICES, TRACKERS, CHECKS, SEQUENCES, PREDICTIONS = tuple(
     f"eventsweep.{name}"
     for name in ("verbs", "methods", "devices", "trackers", "checks", "sequences", "predictions")
 )

@@ -70,15 +70,9 @@ def code(page: Path) -> list[str]:
 CODE = {page.name: page for page in PAGES if code(page)}
 # Five to fifteen seconds each; what they call has tests of its own.
 LONG = {
-    "api.md",
-    "install.md",
-    "baselines.md",
-    "sequences.md",
-    "howto_model.md",
-    "predictions.md",
-    "truth.md",
-    "simulator.md",
-}
+    "api.md", "install.md", "baselines.md", "sequences.md", "howto_model.md", "predictions.md",
+    "truth.md", "simulator.md",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("page", often_named(CODE.keys() - LONG, CODE))
@@ -125,7 +119,7 @@ def sequences(tmp_path_factory):
         yield
 
 
-def test_links_lead_somewhere():
+def test_the_tutorial_has_code_and_links_lead_somewhere():
     pages = {*PAGES, *ROOT.glob("*.md")}
     texts = {page: BLOCK.sub("", page.read_text(encoding="utf-8")) for page in pages}
     links = [(page, target) for page, text in texts.items() for target in LINK.findall(text)]
@@ -135,6 +129,8 @@ def test_links_lead_somewhere():
         local = [(page, target) for page, target in local if "plugins/" not in target]
     dead = [(page.name, target) for page, target in local if not (page.parent / target).exists()]
     assert dead == []
+    languages = {language for language, _ in blocks(ROOT / "docs" / "tutorial.md")}
+    assert {"sh", "python"} <= languages
 
 
 def test_commands_of_the_tutorial_read_all_that_its_settings_say(tmp_path, monkeypatch):
@@ -159,11 +155,6 @@ def test_commands_of_the_tutorial_read_all_that_its_settings_say(tmp_path, monke
                     assert set(files.get(file, ())) <= reads, (page.name, arguments)
                     found += file in files
     assert found
-
-
-def test_the_tutorial_has_code():
-    languages = {language for language, _ in blocks(ROOT / "docs" / "tutorial.md")}
-    assert {"sh", "python"} <= languages
 
 
 def test_examples_import_only_public_names():

@@ -1,7 +1,5 @@
 """What the documentation counts is as many as the code has; flags that it names are taken."""
 
-from __future__ import annotations
-
 import json
 import re
 
@@ -64,9 +62,8 @@ def test_the_documentation_is_short():
     notebooks = sum(words_of(prose_of(path)) for path in DOCS.rglob("*.ipynb"))
     assert len(pages) <= MOST_PAGES, "merge pages: what is said twice helps nobody"
     longest = {path.name: count for path, count in sorted(pages.items(), key=lambda x: -x[1])[:5]}
-    assert sum(pages.values()) + notebooks <= MOST_WORDS, (
-        f"shorten pages; the longest are {longest}"
-    )
+    total = sum(pages.values()) + notebooks
+    assert total <= MOST_WORDS, f"shorten pages; the longest are {longest}"
 
 
 @pytest.mark.parametrize("what", COUNTS)
@@ -100,7 +97,7 @@ def calls(text, known):
             yield name, FLAG.findall(rest)
 
 
-def test_every_flag_of_a_command_that_is_named_is_taken():
+def test_every_flag_in_prose_or_of_a_command_that_is_named_is_taken():
     known = taken()
     files = [*PAGES, ROOT / "Makefile", *(ROOT / ".github").rglob("*.yml")]
     files += [path for name in PRODUCT for path in (ROOT / name).rglob("*.py")]
@@ -112,19 +109,14 @@ def test_every_flag_of_a_command_that_is_named_is_taken():
     ]
     assert len(found) > 200
     assert [one for one in found if one[2] not in known[one[1]]] == []
-
-
-def test_every_flag_in_prose_is_one_of_a_command_or_of_a_tool():
-    """Settings (`--map.`, `--sim.`, `--score.`) must be a command's; `NAME` stands for any."""
+    # Settings (`--map.`, `--sim.`, `--score.`) must be a command's; `NAME` stands for any.
     tools = "\n".join(path.read_text("utf-8") for path in TOOLS.rglob("*.py"))
     options = set(FLAG.findall(tools + (ROOT / "conftest.py").read_text("utf-8")))
     every = set().union(*taken().values(), OTHERS, {"--version"})
-    unknown = {
+    assert [
         (page.name, flag)
         for page in PAGES
         for flag in re.findall(rf"`({FLAG.pattern})", page.read_text("utf-8"))
         if flag not in every and ("." in flag or flag not in options)
-    }
-    assert {
-        (page, flag) for page, flag in unknown if "_" not in flag and "NAME" not in flag
-    } == set()
+        and "_" not in flag and "NAME" not in flag
+    ] == []  # fmt: skip

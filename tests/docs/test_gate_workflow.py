@@ -67,11 +67,9 @@ def done(place, command, depth_m="2.0"):
     """Runs a step as GitHub's runner does: bash, stopping at the first error."""
     folder, bin_folder = place
     env = os.environ | {
-        "PATH": f"{bin_folder}:{os.environ['PATH']}",
-        "PYTHONPATH": str(ROOT),
-        "GITHUB_STEP_SUMMARY": str(folder / "summary.md"),
-        "MY_DEPTH_M": depth_m,
-    }
+        "PATH": f"{bin_folder}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT),
+        "GITHUB_STEP_SUMMARY": str(folder / "summary.md"), "MY_DEPTH_M": depth_m,
+    }  # fmt: skip
     return subprocess.run(
         ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", command],
         cwd=folder, env=env, capture_output=True, text=True, check=False,
@@ -129,7 +127,7 @@ def test_a_run_on_another_sequence_is_red(place):
     assert "could be compared" in (folder / "summary.md").read_text()
 
 
-def test_the_install_step_asks_for_what_the_page_does():
+def test_the_workflow_installs_what_the_page_does_keeps_kernels_and_is_strict(monkeypatch):
     page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
     (needed,) = re.findall(r"apt-get install (libegl1.*)", page)
     install = steps()[INSTALLS]
@@ -139,14 +137,8 @@ def test_the_install_step_asks_for_what_the_page_does():
     assert 'pip install "$EVENTSWEEP"' in install
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     assert settings["EVENTSWEEP"].endswith(f"/eventsweep-{project['version']}-py3-none-any.whl")
-
-
-def test_what_is_kept_between_jobs_is_where_kernels_lie(monkeypatch):
+    assert "--strict" in steps()["Gate"]
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     (job,) = yaml.safe_load(FILE.read_text(encoding="utf-8"))["jobs"].values()
     kept = [step["with"]["path"] for step in job["steps"] if "cache" in step.get("uses", "")]
     assert next(kernel_cache._homes(None)) in [Path(path).expanduser() for path in kept]
-
-
-def test_the_gate_step_is_strict():
-    assert "--strict" in steps()["Gate"]

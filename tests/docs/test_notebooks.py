@@ -1,7 +1,5 @@
 """The notebooks: public names only, outputs of this very code; and, slowly, that they run."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re
@@ -32,25 +30,17 @@ def nodes(book):
     return list(ast.walk(ast.parse("\n".join(code_of(book)))))
 
 
-def test_there_are_three():
-    assert len(NOTEBOOKS) == 3
-
-
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_uses_public_names_only(path):
     found = nodes(opened(path))
     imported = {alias.name for one in found if isinstance(one, ast.Import) for alias in one.names}
     imported |= {one.module for one in found if isinstance(one, ast.ImportFrom)}
     assert imported <= MODULES
-    used = {
-        one.attr
-        for one in found
-        if isinstance(one, ast.Attribute) and ast.unparse(one.value) == "es"
-    }
+    attributes = [one for one in found if isinstance(one, ast.Attribute)]
+    used = {one.attr for one in attributes if ast.unparse(one.value) == "es"}
     assert len(used) > 3
     assert used - set(es.__all__) == set()
-    private = {one.attr for one in found if isinstance(one, ast.Attribute) and one.attr[:1] == "_"}
-    assert private - {"__init__"} == set()
+    assert {one.attr for one in attributes if one.attr[:1] == "_"} - {"__init__"} == set()
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -74,14 +64,14 @@ def test_outputs_of_other_code_are_noticed(tmp_path, capsys):
     assert "stale" in capsys.readouterr().err
 
 
-def test_links_of_notebooks_lead_somewhere():
+def test_there_are_three_whose_links_lead_somewhere():
+    assert len(NOTEBOOKS) == 3
     cells = [(path, cell) for path in NOTEBOOKS for cell in opened(path)["cells"]]
     links = [
         (path, to)
-        for path, cell in cells
-        if cell["cell_type"] == "markdown"
+        for path, cell in cells if cell["cell_type"] == "markdown"
         for to in re.findall(r"\]\(([^)#]+)", "".join(cell["source"]))
-    ]
+    ]  # fmt: skip
     assert len(links) >= 3
     assert [to for path, to in links if not (path.parent / to).exists()] == []
 

@@ -1,13 +1,9 @@
 """The documentation site: its pages, links and addresses; and, slowly, the site itself."""
 
-from __future__ import annotations
-
 import ast
 import importlib.util
-import os
 import re
 import runpy
-import subprocess
 import sys
 import tomllib
 import types
@@ -20,6 +16,7 @@ import eventsweep as es
 from eventsweep.emvs.utils import release
 from places import PAGES as DOCUMENTATION
 from places import ROOT
+from programs import python
 
 DOCS = ROOT / "docs"
 FENCE = re.compile(r"^( *)```.*?^\1```", re.MULTILINE | re.DOTALL)
@@ -66,15 +63,12 @@ def links_with_anchors(page):
             yield (page.parent / path if path else page), anchor
 
 
-def test_links_lead_to_headings_that_exist():
+def test_every_page_is_in_the_navigation_once_and_links_lead_to_headings():
     links = [(page, *link) for page in PAGES for link in links_with_anchors(page)]
     headings = {path: anchors(path) for _, path, _ in links}
     assert len(links) > 50
     dead = [f"{page.name}: {to.name}#{a}" for page, to, a in links if a not in headings[to]]
     assert dead == []
-
-
-def test_every_page_is_in_the_navigation_once():
     found = listed(settings()["nav"])
     pages = {path.name for path in DOCUMENTATION}
     pages |= {f"notebooks/{path.stem}.md" for path in (DOCS / "notebooks").glob("*.ipynb")}
@@ -82,11 +76,16 @@ def test_every_page_is_in_the_navigation_once():
     assert sorted(found) == sorted(pages | top)
 
 
-def test_every_public_name_has_its_row():
+def test_every_public_name_has_its_row_and_every_error_is_one_of_the_product():
     """The reference is made of the tables in api.md and of the stub's imports."""
     rows = re.findall(r"^\| (`.*?) \|", (DOCS / "api.md").read_text("utf-8"), re.MULTILINE)
     named = {name for row in rows for name in re.findall(r"`(\w+)", row)}
     assert set(es.__all__) <= named
+    lines = re.findall(r"^### `(.*)`", (DOCS / "faq.md").read_text("utf-8"), re.M)
+    assert len(lines) > 20
+    told = "\n".join(product_strings())
+    pieces = {piece.strip() for line in lines for piece in line.split("…")}
+    assert sorted(piece for piece in pieces if piece not in told) == []
 
 
 def product_strings():
@@ -98,14 +97,6 @@ def product_strings():
                     yield node.value
 
 
-def test_errors_in_troubleshooting_are_errors_of_the_product():
-    lines = re.findall(r"^### `(.*)`", (DOCS / "faq.md").read_text("utf-8"), re.M)
-    assert len(lines) > 20
-    told = "\n".join(product_strings())
-    pieces = {piece.strip() for line in lines for piece in line.split("…")}
-    assert sorted(piece for piece in pieces if piece not in told) == []
-
-
 def test_nothing_says_that_an_index_has_it_while_none_does():
     """Where one has it, `release.ON_INDEX` changes every command; no text has one of its own."""
     wrong = re.compile(r"pip install '?eventsweep(?!\S* @)")
@@ -114,16 +105,13 @@ def test_nothing_says_that_an_index_has_it_while_none_does():
     assert release.ON_INDEX or found == []
 
 
-def test_the_page_on_installing_has_the_release_s_commands():
+def test_the_page_on_installing_and_the_citation_are_of_this_release():
     page = (DOCS / "install.md").read_text(encoding="utf-8")
     assert release.install() in page, "python tests/benchmarks install_page --commands-only"
     assert release.install("mesh") in page
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     extras = set(project["optional-dependencies"]) - {"dev", "docs"}
     assert set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)) == extras
-
-
-def test_whoever_cites_it_names_this_version():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
     assert cited["version"] == project["version"]
@@ -141,7 +129,7 @@ def build_hook(monkeypatch):
     return runpy.run_path(str(ROOT / "hatch_build.py"))
 
 
-def test_the_long_description_has_whole_addresses(build_hook):
+def test_the_long_description_and_metadata_have_whole_addresses_that_there_are(build_hook):
     """Pictures of a package index cannot be relative."""
     readme = (ROOT / "README.md").read_text("utf-8")
     text = build_hook["with_whole_addresses"](readme, "https://example.org/es")
@@ -149,9 +137,6 @@ def test_the_long_description_has_whole_addresses(build_hook):
     assert len(targets) > 20
     assert [one for one in targets if not one.startswith("https://")] == []
     assert "https://example.org/es/raw/main/docs/images/demo.webp" in targets
-
-
-def test_metadata_name_only_addresses_that_there_are(build_hook):
     metadata: dict[str, object] = {}
     build_hook["ReleaseMetadata"]().update(metadata)
     targets = re.findall(r"\]\(([^)]+)\)", metadata["readme"]["text"])
@@ -163,14 +148,9 @@ def test_metadata_name_only_addresses_that_there_are(build_hook):
 
 def test_no_placeholder_reaches_a_reader():
     """Nothing that people read, installs or runs stands for an address that is not known yet."""
-    placeholder = re.compile(r"\bOWNER\b|\bHOST\b")
-    texts = [
-        *ROOT.glob("*.md"), *ROOT.glob("*.toml"), *ROOT.glob("*.cff"), ROOT / "Makefile",
-        *DOCS.rglob("*.md"), *DOCS.rglob("*.yml"), *DOCS.rglob("*.html"),
-        *(ROOT / ".github").rglob("*.yml"),
-        *(path for name in ("emvs", "sim", "scenes", "eval", "eventsweep", "plugins")
-          for path in (ROOT / name).rglob("*.py")),
-    ]  # fmt: skip
+    placeholder, tests = re.compile(r"\bOWNER\b|\bHOST\b"), ROOT / "tests"
+    below = [path for ending in ("md", "yml", "html") for path in DOCS.rglob(f"*.{ending}")]
+    texts = {*(path for path in TEXTS if tests not in path.parents), *below}
     assert len(texts) > 300
     assert [path for path in texts if placeholder.search(path.read_text("utf-8"))] == []
 
@@ -195,17 +175,14 @@ def site(tmp_path_factory):
     if importlib.util.find_spec("mkdocs") is None:
         pytest.skip("mkdocs is not installed: make site installs it")
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False,
-        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
-    )  # fmt: skip
+    words = ["-m", "mkdocs", "build", "--strict", "--site-dir", folder]
+    done = python(*words, cwd=ROOT, env={"NO_MKDOCS_2_WARNING": "1"}, timeout=None)
     assert done.returncode == 0, done.stderr
     return folder
 
 
 @pytest.mark.slow
-def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(site):
+def test_the_site_is_whole_loads_nothing_from_elsewhere_and_has_what_errors_name(site, monkeypatch):
     pages = list(site.rglob("*.html"))
     assert len(pages) > 30
     for page in pages:
@@ -213,18 +190,10 @@ def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(si
         loaded.feed(page.read_text(encoding="utf-8"))
         away = [one for one in loaded.addresses if re.match(r"(https?:)?//", one)]
         assert away == [], page.name
-
-
-@pytest.mark.slow
-def test_the_reference_has_every_public_name_with_an_example(site):
     text = (site / "api.html").read_text(encoding="utf-8")
     names = set(es.__all__) - {"__version__"}
     assert [name for name in names if f"es.{name}" not in text] == []
     assert text.count("<summary>Example") == len(names)
-
-
-@pytest.mark.slow
-def test_addresses_in_errors_are_pages_of_the_site(site, monkeypatch):
     monkeypatch.setattr(release, "DOCUMENTATION", "https://example.org")
     for name in ("formats", "datasets", "gate"):
         address = release.page(name)

@@ -16,7 +16,7 @@ from eventsweep.emvs.utils import kernel_cache
 from places import HAS_PLUGINS, ROOT
 from tiers import often
 
-PACKAGES = ("emvs", "sim", "eval")
+PACKAGES = ("emvs", "sim", "eval", "plugins") if HAS_PLUGINS else ("emvs", "sim", "eval")
 
 FOLD = """
 import numpy as np

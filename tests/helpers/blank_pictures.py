@@ -1,7 +1,5 @@
 """Suites and pages with blank pictures: most tests ask for numbers, and drawing takes longer."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ Each function takes a sequence of ours and writes what its publisher's own tools
 topics, names, frames and units. What the product writes itself is not written here.
 """
 
-from __future__ import annotations
-
 import struct
 
 import h5py
@@ -82,10 +80,8 @@ class Bag:
         letters = ("d", "k", "r", "p") if self.ros2 else ("D", "K", "R", "P")
         numbers = (terms, camera.K.ravel(), R.ravel(), P.ravel())
         self.write(
-            topic, "sensor_msgs/msg/CameraInfo", t_us,
-            height=camera.height_px, width=camera.width_px,
-            distortion_model=LENS[camera.model],
-            binning_x=0, binning_y=0,
+            topic, "sensor_msgs/msg/CameraInfo", t_us, height=camera.height_px,
+            width=camera.width_px, distortion_model=LENS[camera.model], binning_x=0, binning_y=0,
             roi=self.store.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False),
             **dict(zip(letters, numbers, strict=True)),
         )  # fmt: skip
@@ -327,8 +323,7 @@ def evimo2_meta(sequence, k):
             {"id": n, "ts": int(t) / 1e6, "gt_frame": f"depth_mask_{n}.png"}
             for n, t in enumerate(sequence.truth_times_us(k))
         ],
-        "full_trajectory": [lost, *poses],
-        "imu": {},
+        "full_trajectory": [lost, *poses], "imu": {},
         "meta": lens | {
             "fx": camera.fx_px, "fy": camera.fy_px, "cx": camera.cx_px, "cy": camera.cy_px,
             "dist_model": "equidistant" if camera.model == "kb4" else "radtan",
@@ -356,14 +351,9 @@ def write_eds(sequence, folder):
 
 
 WRITERS = {
-    "esim": write_esim,
-    "rpg_eccv18": write_rpg,
-    "rosbag2": write_ros2,
-    "raw": write_raw,
-    "m3ed": write_m3ed,
-    "vector": write_vector,
-    "evimo2": write_evimo2,
-}
+    "esim": write_esim, "rpg_eccv18": write_rpg, "rosbag2": write_ros2, "raw": write_raw,
+    "m3ed": write_m3ed, "vector": write_vector, "evimo2": write_evimo2,
+}  # fmt: skip
 """Of two cameras."""
 SINGLE = {"event-camera-dataset": write_event_camera_dataset, "eds": write_eds}
 """Of one camera."""

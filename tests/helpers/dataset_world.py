@@ -5,8 +5,6 @@ event is where a point's pixel changes. So every layout that claims to hold the 
 the same depth as ours.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +21,8 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 
 WIDTH, HEIGHT, FOCAL = 96, 64, 80.0
 LENSES = {
-    "pinhole": (),
-    "kb4": (-0.05, 0.02, -0.01, 0.003),
-    "radtan": (-0.25, 0.08, 0.001, -0.0015),
-}
+    "pinhole": (), "kb4": (-0.05, 0.02, -0.01, 0.003), "radtan": (-0.25, 0.08, 0.001, -0.0015),
+}  # fmt: skip
 SPAN_US = (0, 500_000)
 TRUTH_US = (200_000, 250_000, 300_000)
 NORMAL = np.array([0.15, -0.1, 1.0])

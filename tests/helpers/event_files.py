@@ -5,8 +5,6 @@ vectorised. Times must not fall, but in `dat` and `prophesee-hdf5`; those of `da
 than 2^31 µs from a first one below 2^32 µs, as its 32 bits demand.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import struct
 from functools import partial
@@ -30,13 +28,9 @@ READ_ONLY = [name for name in ALL if name not in WRITTEN]
 COLUMNS = {"v2e", "e2calib", "m3ed", "evimo2", "npy", "parquet", "mat"}
 CD = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
 ROS2_EVENT = np.dtype(
-    {
-        "names": ["y", "s", "ns", "p", "next_x"],
-        "formats": ["<u2", "<u4", "<u4", "u1", "<u2"],
-        "offsets": [0, 4, 8, 12, 14],
-        "itemsize": 16,
-    }
-)
+    {"names": ["y", "s", "ns", "p", "next_x"], "formats": ["<u2", "<u4", "<u4", "u1", "<u2"],
+     "offsets": [0, 4, 8, 12, 14], "itemsize": 16}
+)  # fmt: skip
 ROS2_MESSAGE = 1 << 14
 
 
@@ -68,12 +62,10 @@ def stream_of(kind):
 def write_any(path, kind, size_px, packets):
     """Writes packets of events in any format, read-only ones too; returns the path."""
     writers = {
-        "evt21": write_evt21,
-        "dat": write_dat,
-        "rosbag2": write_rosbag2,
+        "evt21": write_evt21, "dat": write_dat, "rosbag2": write_rosbag2,
         "prophesee-hdf5": write_prophesee_hdf5,
         **dict.fromkeys(COLUMNS, partial(write_columns, kind)),
-    }
+    }  # fmt: skip
     if kind in writers:
         writers[kind](path, size_px, filter(len, packets))
     else:

@@ -1,7 +1,5 @@
 """One picture of a frame camera, exposed by itself while the head moves."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 from eventsweep.sim.rendering.adaptive_sampling import adaptive_frames

@@ -1,7 +1,5 @@
 """A renderer without graphics: a wall drawn by formula, in MuJoCo's place."""
 
-from __future__ import annotations
-
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A recording in memory of points in a room, seen by a pair of cameras on a turning head."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Runs jobs in the process of the test: most tests ask what jobs make, not where they run."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """A call that is killed at each step in which it changes the disk, one after another."""
 
-from __future__ import annotations
-
 import os
 from unittest import mock
 

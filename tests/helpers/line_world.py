@@ -1,7 +1,5 @@
 """Events of straight edges without a renderer: points close together on segments in space."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import point_world as world

@@ -1,7 +1,5 @@
 """Trajectories that are made up: a way through a room, drift, another world, another clock."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """Small scenes and rigs for the simulator's tests."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A scene of noise on boxes, simulated in many small parts, and how to stop that."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

@@ -5,8 +5,6 @@ a pixel sees of it, the mean over its square, is worked out by quadrature on ray
 rendered, and no formula is shared with the simulator.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

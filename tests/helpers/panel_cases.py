@@ -3,8 +3,6 @@
 Each exists as it stands here, and with sizes, speeds and textures drawn by a seed.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Worlds of panels for the simulator: the scene and the rig that show what a `RayWorld` shows."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

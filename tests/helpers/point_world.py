@@ -1,7 +1,5 @@
 """Events without a renderer: points in space, projected exactly into moving cameras."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

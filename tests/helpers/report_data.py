@@ -1,7 +1,5 @@
 """A small report with known numbers, which several tests open."""
 
-from __future__ import annotations
-
 from html.parser import HTMLParser
 
 import numpy as np
@@ -16,11 +14,8 @@ from eventsweep.eval.scoring.score import case_rows
 SHAPE = (24, 32)
 # Relative error and share of pixels per method: what the report must find out by itself.
 METHODS = {
-    "Alg1/max": (0.30, 0.9),
-    "Alg1/H": (0.02, 0.4),
-    "Alg1/A": (0.05, 0.6),
-    "EMVS/cam0": (0.10, 0.7),
-}
+    "Alg1/max": (0.30, 0.9), "Alg1/H": (0.02, 0.4), "Alg1/A": (0.05, 0.6), "EMVS/cam0": (0.10, 0.7),
+}  # fmt: skip
 
 
 def window_data(name, seed, truth=True):
@@ -35,17 +30,13 @@ def window_data(name, seed, truth=True):
         dsi_slice = DsiSlice(12, rho, rng.random((12, 32)), depth_m[12], mask[12], row)
         methods.append(MethodData(method, depth_m, mask, rng.random(SHAPE) * 30, dsi_slice))
     return WindowData(
-        name=name,
-        t_us=250_000,
-        methods=tuple(methods),
-        depth_range_m=(0.5, 4.0),
+        name=name, t_us=250_000, methods=tuple(methods), depth_range_m=(0.5, 4.0),
         frame=rng.integers(0, 256, SHAPE).astype(np.uint8) if truth else None,
-        brighter=rng.integers(0, 4, SHAPE),
-        darker=rng.integers(0, 4, SHAPE),
+        brighter=rng.integers(0, 4, SHAPE), darker=rng.integers(0, 4, SHAPE),
         camera=Camera(32, 24, 30.0, 30.0, 15.5, 11.5),
         truth=Truth(truth_m, np.ones(SHAPE, bool), 30.0, 0.1) if truth else None,
         counts={"left": {"events": 1234567, "without pose": 3}},
-    )
+    )  # fmt: skip
 
 
 def rows_of(case, windows):

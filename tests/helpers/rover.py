@@ -1,7 +1,5 @@
 """A small robot of the tests' own: a hull on wheels of its own weight, an arm, two cameras."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Rows of tables of scores, as tests write and read them."""
 
-from __future__ import annotations
-
 from eventsweep.eval.scoring.results import COLUMNS, each, tidy
 
 NAMES = [name for name in COLUMNS if name != "seed"]

@@ -1,7 +1,5 @@
 """Frames for sensors, and sensors run over them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eventsweep.emvs.data.events import Events
@@ -12,12 +10,9 @@ from eventsweep.sim.sensor.sensor import Sensor
 
 def config(refractory_us=0, c_pos=0.2, c_neg=0.2, log_eps=0.02, **sensor):
     return SimConfig(
-        contrast_threshold_pos=c_pos,
-        contrast_threshold_neg=c_neg,
-        refractory_period_us=refractory_us,
-        log_eps=log_eps,
-        sensor=sensor,
-    )
+        contrast_threshold_pos=c_pos, contrast_threshold_neg=c_neg,
+        refractory_period_us=refractory_us, log_eps=log_eps, sensor=sensor,
+    )  # fmt: skip
 
 
 def run(frames, times_us, config, seed=0, camera=0, **options):

@@ -1,7 +1,5 @@
 """Definitions of suites that are small enough to run in a test."""
 
-from __future__ import annotations
-
 import json
 
 WHOLE, HALVES = ((0.0, 0.04),), ((0.0, 0.02), (0.02, 0.02))

@@ -1,7 +1,5 @@
 """What every twin of a data set must keep: shared by the tests of the indoor and outdoor twins."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import permutations
@@ -34,14 +32,11 @@ def smaller(whole: Rig, factor: float) -> Rig:
 def _smaller(camera: Camera, factor: float) -> Camera:
     # Pixel centres are integers, so the sensor's corner lies at -1/2 in both.
     return replace(
-        camera,
-        width_px=round(camera.width_px / factor),
-        height_px=round(camera.height_px / factor),
-        fx_px=camera.fx_px / factor,
-        fy_px=camera.fy_px / factor,
-        cx_px=(camera.cx_px + 0.5) / factor - 0.5,
+        camera, width_px=round(camera.width_px / factor),
+        height_px=round(camera.height_px / factor), fx_px=camera.fx_px / factor,
+        fy_px=camera.fy_px / factor, cx_px=(camera.cx_px + 0.5) / factor - 0.5,
         cy_px=(camera.cy_px + 0.5) / factor - 0.5,
-    )
+    )  # fmt: skip
 
 
 @cache

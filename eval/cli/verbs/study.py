@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from eventsweep.eval.studies.run import StudyResult
-    from eventsweep.eval.trackers import TRUE
 
 _FAILED = 1
 
@@ -51,6 +50,7 @@ def study(
     """
     from eventsweep.eval.studies.definitions import STUDIES, study_named
     from eventsweep.eval.studies.run import file_names, run_study, write_study
+    from eventsweep.eval.trackers import TRUE
 
     chosen = tuple(STUDIES) if name == ("all",) else name
     studies = [study_named(study) for study in chosen]

@@ -18,7 +18,7 @@ import pytest
 from places import ROOT
 
 TESTS = Path(__file__).parent
-CUDA = ROOT / "emvs" / "dsi" / "cuda"
+CUDA = ROOT / "plugins" / "cuda"
 KERNELS = sorted(CUDA.glob("*_kernels.py"))
 
 needs_compiler = pytest.mark.skipif(

@@ -1,6 +1,7 @@
 """`eventsweep calibrate`: a folder with a page, nothing overwritten, nothing half-written."""
 
 import json
+from unittest import mock
 
 import pytest
 
@@ -52,14 +53,9 @@ def test_a_folder_with_calibration_and_page_is_written_and_the_recording_kept(
 
 
 def test_an_interrupt_leaves_nothing(sequence, tmp_path, monkeypatch, capsys):
-    def interrupted(*_args):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(calibration, "write_refined", interrupted)
-    out = tmp_path / "refined"
-    asked = ["calibrate", str(sequence), "--refine", "delay", "--out", str(out), *SMALL]
-    assert main(asked) == 130
-    assert not out.exists()
+    monkeypatch.setattr(calibration, "write_refined", mock.Mock(side_effect=KeyboardInterrupt))
+    asked = ["calibrate", str(sequence), "--refine", "delay", "--out", str(tmp_path / "refined")]
+    assert main([*asked, *SMALL]) == 130
     assert not list(tmp_path.iterdir())
     assert "interrupted" in capsys.readouterr().err
 

@@ -37,7 +37,9 @@ def test_a_good_recording_ends_with_0(sequence, capsys):
     assert "check" in err
 
 
-def test_a_wrong_one_ends_with_1_and_says_what_is_odd(in_mm, tmp_path, capsys):
+def test_a_wrong_one_ends_with_1_and_says_what_is_odd_and_json_is_all_of_it(
+    in_mm, tmp_path, capsys
+):
     flags = [str(in_mm), "--out", str(tmp_path / "out"), "--quiet", "--no-mapping"]
     assert main(["check", *flags]) == 1
     assert capsys.readouterr().out == ""
@@ -49,9 +51,6 @@ def test_a_wrong_one_ends_with_1_and_says_what_is_odd(in_mm, tmp_path, capsys):
     assert not any(finding["cure"] for finding in report["findings"])
     assert main(["check", *flags]) == 2
     assert main(["check", *flags, "--force"]) == 1
-
-
-def test_json_is_the_whole_report(in_mm, capsys):
     assert main(["check", str(in_mm), "--json", "--no-mapping"]) == 1
     report = json.loads(capsys.readouterr().out)
     assert report["verdict"] == "wrong"

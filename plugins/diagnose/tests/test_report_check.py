@@ -7,13 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eventsweep.eval.report import check_page
 from eventsweep.plugins.diagnose.check.findings import TIME, Finding, Report, Series
-from eventsweep.plugins.diagnose.check_page import (
-    _since_zero,
-    check_page_text,
-    summary,
-    write_check_page,
-)
 from report_data import WellFormed
 
 
@@ -28,8 +23,8 @@ def _report(name="rec"):
     return Report(name, findings, (("mapping", "there are no poses"),))
 
 
-def test_what_is_wrong_comes_first_with_its_cure(tmp_path):
-    text = write_check_page(tmp_path, _report()).read_text()
+def test_what_is_wrong_comes_first_with_its_cure_and_the_summary_counts(tmp_path):
+    text = check_page.write_check_page(tmp_path, _report()).read_text()
     WellFormed(text)
     assert text.index('id="bad"') < text.index('id="odd"') < text.index('id="fine"')
     for words in ("it is 3 m", "it hurts", "mend it", "there are no poses", "<svg", "image/png"):
@@ -37,17 +32,14 @@ def test_what_is_wrong_comes_first_with_its_cure(tmp_path):
     assert (text.count("<dt>Means"), text.count("<dt>Cure")) == (2, 1)
     assert not re.search('(?:src|href)="http', text)
     assert json.loads((tmp_path / "check.json").read_text())["suspects"] == ["unit"]
-    hostile = check_page_text(_report("<script>alert(1)</script>"))
+    hostile = check_page.check_page_text(_report("<script>alert(1)</script>"))
     WellFormed(hostile)
     assert "<script>alert" not in hostile
-
-
-def test_the_summary_counts_and_names():
-    assert summary(_report()) == "3 findings: 1 wrong (unit), 1 doubtful."
+    assert check_page.summary(_report()) == "3 findings: 1 wrong (unit), 1 doubtful."
     fine = Report("rec", _report().findings[:1])
-    assert summary(fine) == "1 finding: nothing is wrong."
+    assert check_page.summary(fine) == "1 finding: nothing is wrong."
     part = replace(fine, unchecked=_report().unchecked)
-    assert summary(part) == "1 finding: nothing is wrong in what was checked."
+    assert check_page.summary(part) == "1 finding: nothing is wrong in what was checked."
 
 
 @pytest.mark.parametrize(
@@ -55,8 +47,8 @@ def test_the_summary_counts_and_names():
 )
 def test_times_of_a_clock_are_shown_from_the_first_on(first_s, label):
     series = Series(np.ones(3), first_s + np.arange(3), TIME, "events per second")
-    x, shown = _since_zero(series)
+    x, shown = check_page._since_zero(series)
     assert shown == label
     np.testing.assert_allclose(x, np.arange(3) + (first_s if label == TIME else 0))
     other = Series(np.ones(3), first_s + np.arange(3), "shift, px", "correlation")
-    assert _since_zero(other)[1] == "shift, px"
+    assert check_page._since_zero(other)[1] == "shift, px"

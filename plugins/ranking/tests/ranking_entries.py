@@ -33,18 +33,14 @@ def entry(
     }
     values = {method: of_method(method, error, seeds, spread) for method, error in errors.items()}
     facts = {
-        "suite": "tiny",
-        "digest": "d",
+        "suite": "tiny", "digest": "d",
         "archive": ArchiveFacts(archive, "tiny", part, "ab" * 32) if archive else None,
-        "seeds": tuple(range(seeds)),
-        "cases": cases,
+        "seeds": tuple(range(seeds)), "cases": cases,
         "units": {name: unit_of(name) for name in METRICS},
-        "versions_of_metrics": {"mean_error": "v1"},
-        "values": values,
+        "versions_of_metrics": {"mean_error": "v1"}, "values": values,
         "cost": {m: MeasuredCost("wall", 0.1 * (k + 1), 200.0) for k, m in enumerate(errors)},
-        "versions": {"eventsweep": "0.1.0"},
-        "platform": "a machine",
-    }
+        "versions": {"eventsweep": "0.1.0"}, "platform": "a machine",
+    }  # fmt: skip
     return RankingEntry(label=label, **{**facts, **changed})
 
 

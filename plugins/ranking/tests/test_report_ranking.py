@@ -89,7 +89,7 @@ def cells(page, method, section):
     return [re.sub(r"<[^>]+>", "", one) for one in re.findall(r"<td.*?</td>", line)]
 
 
-def test_one_file_holds_everything_and_nothing_is_loaded(written):
+def test_one_file_holds_every_part_and_nothing_is_loaded(written):
     page = text_of(written)
     assert not re.findall(r'(?:src|href)="(?!data:|#|ranking\.json|methods/)[^"]*"', page)
     assert "@import" not in page
@@ -98,9 +98,18 @@ def test_one_file_holds_everything_and_nothing_is_loaded(written):
     assert sorted(path.name for path in written.iterdir()) == [
         NAME, HTML_NAME, "methods", "pictures", DATA_NAME,
     ]  # fmt: skip
+    page = text_of(written)
+    for title in (
+        "Hidden part", "Ranks by other metrics", "Error over coverage", "Conditions", "Scenes",
+        "Accuracy against cost", "Why points are wrong", "Best and worst case of each method",
+        "History", "Provenance",
+    ):  # fmt: skip
+        assert f"<h2>{title}</h2>" in page
+    assert page.count("data:image/svg+xml") == 4
+    assert 'class="sorts' in page
 
 
-def test_every_method_has_a_page_that_leads_back(written):
+def test_every_method_has_a_page_that_leads_back_by_relative_links(written, tmp_path):
     page = text_of(written)
     for method in ERRORS:
         (address,) = re.findall(rf'<a href="(methods/[^"]*)">{method}</a>', page)
@@ -113,9 +122,6 @@ def test_every_method_has_a_page_that_leads_back(written):
     assert "A. Author" in own
     assert "a &lt;laptop&gt;" in own
     assert len(list((written / "methods").iterdir())) == len(ERRORS) + 1  # and the manifest
-
-
-def test_links_to_rules_and_home_are_relative_from_every_page(written, tmp_path):
     out = tmp_path / "again"
     assert main(["ranking", str(written), "--out", str(out), "--site", "..", "--quiet"]) == 0
     assert '<a href="../ranking.html#entering">How to enter</a>' in text_of(out)
@@ -131,41 +137,27 @@ def test_pages_of_methods_have_names_of_their_own(methods):
     assert [name for name in found if re.search(r"[^a-z0-9._-]", name)] == []
 
 
-def test_every_part_is_there(written):
-    page = text_of(written)
-    for title in (
-        "Hidden part", "Ranks by other metrics", "Error over coverage", "Conditions", "Scenes",
-        "Accuracy against cost", "Why points are wrong", "Best and worst case of each method",
-        "History", "Provenance",
-    ):  # fmt: skip
-        assert f"<h2>{title}</h2>" in page
-    assert page.count("data:image/svg+xml") == 4
-    assert 'class="sorts' in page
-
-
-def test_who_is_ahead_stands_in_the_first_table(written):
+def test_the_tables_say_who_is_ahead_at_which_cost_under_which_condition_and_since_when(written):
     page = text_of(written)
     first = [cells(page, method, "<main>") for method in ERRORS]
     assert [line[1] for line in first] == ["2", "3", "1", "4"]
     assert first[2][3] == "1.00"
     assert "Focus/H is first." in page
-
-
-def test_measured_and_stated_cost_are_told_apart(written):
     page = text_of(written)
     assert cells(page, "Given/Guess", "<main>")[-3:] == ["0.5 stated", "120 stated", "by A. Author"]
     assert cells(page, "Alg1/H", "<main>")[-3:-1] == ["0.1", "200"]
     line = cells(page, "Given/Guess", 'id="cost"')
     assert line[1:6] == ["–", "–", "0.500", "120", "a &lt;laptop&gt;"]
-
-
-def test_conditions_have_a_column_each_and_say_their_cases(written):
     page = text_of(written)
     below = page[page.index('id="conditions"') :]
     heads = re.findall(r"<b>([^<]+)</b>", below)[:5]
     assert heads == ["method", "light", "motion", "occlusion", "none of these"]
     assert "light: dark; motion: crowd; occlusion: crowd; none of these: wall." in below
     assert cells(page, "Focus/H", 'id="conditions"')[1:] == ["1.00"] * 4
+    page = text_of(written)
+    line = cells(page, "Alg1/H", 'id="history"')
+    assert len(line) == 3
+    assert float(line[1]) > float(line[2])
 
 
 def test_of_a_hidden_part_no_seed_and_no_picture_is_shown(written):
@@ -194,13 +186,6 @@ def test_poses_from_events_have_a_table_with_directions_and_rank_no_method(tmp_p
     assert sorted(path.stem for path in (out / "methods").glob("*.html")) == sorted(
         method.replace("/", "_") for method in ERRORS
     )
-
-
-def test_history_has_a_column_for_each_version(written):
-    page = text_of(written)
-    line = cells(page, "Alg1/H", 'id="history"')
-    assert len(line) == 3
-    assert float(line[1]) > float(line[2])
 
 
 def test_a_ranking_goes_on_from_its_own_data(written, tmp_path):

@@ -3,22 +3,17 @@
 `python plugins/ranking/tests/fuzz_results.py 1000` does the same for as long as one has patience.
 """
 
-import subprocess
-import sys
-
 import pytest
 
 from fuzz_events import LINE
 from fuzz_results import KINDS
 from places import ROOT
+from programs import python
 
 
 @pytest.mark.slow
 def test_odd_values_end_in_a_page_or_one_clear_line():
-    script = ROOT / "plugins" / "ranking" / "tests" / "fuzz_results.py"
-    done = subprocess.run(
-        [sys.executable, script, "40"], capture_output=True, text=True, check=False
-    )
+    done = python(ROOT / "plugins" / "ranking" / "tests" / "fuzz_results.py", 40, timeout=None)
     assert done.stderr == ""
     found = {match[1]: match.groups()[1:] for match in LINE.finditer(done.stdout)}
     assert {kind: faults for kind, (*_, faults) in found.items()} == dict.fromkeys(KINDS, "")

@@ -15,48 +15,33 @@ def table(means, cases=4, seeds=5, spread=0.05):
     }
 
 
-def test_who_is_clearly_better_is_ahead_and_nobody_else():
+def test_who_is_clearly_better_is_ahead_and_missing_values_do_not_help():
     found = standings(table({"b": 1.0, "c": 1.001, "a": 0.5, "d": 2.0}), "lower")
     ranks = {one.method: one.rank for one in found}
-    assert ranks == {"a": 1, "b": 2, "c": 2, "d": 4}
-    assert found[0].place == 1.0
-    assert found[-1].place == 4.0
+    assert (ranks, found[0].place, found[-1].place) == ({"a": 1, "b": 2, "c": 2, "d": 4}, 1.0, 4.0)
     assert found[0].method == "a"
-
-
-def test_the_other_direction_turns_the_order_around():
     means = {"a": 0.5, "b": 1.0, "d": 2.0}
     lower, higher = (standings(table(means), better) for better in ("lower", "higher"))
     assert [one.method for one in lower] == ["a", "b", "d"]
     assert [one.method for one in higher] == ["d", "b", "a"]
-
-
-def test_places_are_those_counted_by_hand():
-    """Equal values share the middle; who has none is last."""
-    found = places({"a": [[1, 2]], "b": [[1, np.nan]], "c": [[3, 1]]}, "lower")
-    np.testing.assert_array_equal(found[0], [[1.5, 2], [1.5, 3], [3, 1]])
-
-
-def test_a_large_scene_weighs_no_more_than_a_small_one():
-    """A mean over scenes would be that of the last: b would be first."""
-    values = {"a": [[1, 1.1], [1, 1.1], [200, 210]], "b": [[2, 2.1], [2, 2.1], [100, 110]]}
-    assert [one.method for one in standings(values, "lower")] == ["a", "b"]
-
-
-def test_missing_values_do_not_help():
-    """A method that leaves out what is hard is last there, and drops nobody's case."""
+    found = standings(table({"a": 1.0, "b": 9.0}, seeds=1), "lower")
+    assert [(one.method, one.rank, one.low_rank) for one in found] == [("a", 1, 0), ("b", 1, 0)]
+    # A method that leaves out what is hard is last there, and drops nobody's case.
     values = table({"a": 1.0, "b": 2.0})
     values["sparse"] = [[0.5] * 5, *([np.nan] * 5 for _ in range(3))]
     found = {one.method: one for one in standings(values, "lower")}
-    assert found["sparse"].place == pytest.approx((1 + 3 * 3) / 4)
-    assert found["a"].rank == 1
+    assert (found["sparse"].place, found["a"].rank) == (pytest.approx((1 + 3 * 3) / 4), 1)
     assert found["sparse"].rank > found["a"].rank
     assert np.isnan(found["sparse"].values[1])
 
 
-def test_one_seed_says_nothing():
-    found = standings(table({"a": 1.0, "b": 9.0}, seeds=1), "lower")
-    assert [(one.method, one.rank, one.low_rank) for one in found] == [("a", 1, 0), ("b", 1, 0)]
+def test_places_are_by_hand_and_a_large_scene_weighs_no_more_than_a_small_one():
+    """Equal values share the middle; who has none is last."""
+    found = places({"a": [[1, 2]], "b": [[1, np.nan]], "c": [[3, 1]]}, "lower")
+    np.testing.assert_array_equal(found[0], [[1.5, 2], [1.5, 3], [3, 1]])
+    # A mean over scenes would be that of the last: b would be first.
+    values = {"a": [[1, 1.1], [1, 1.1], [200, 210]], "b": [[2, 2.1], [2, 2.1], [100, 110]]}
+    assert [one.method for one in standings(values, "lower")] == ["a", "b"]
 
 
 def test_intervals_hold_the_rank_and_widen_with_the_spread():
@@ -73,8 +58,7 @@ def test_ranks_never_fall_along_mean_places():
         values = {str(k): rng.lognormal(0.1 * k, 0.5, (3, 3)).tolist() for k in range(8)}
         found = standings(values, "lower")
         ranks, means = [one.rank for one in found], [one.place for one in found]
-        assert ranks == sorted(ranks)
-        assert means == sorted(means)
+        assert (ranks, means) == (sorted(ranks), sorted(means))
 
 
 def test_no_difference_is_rarely_taken_for_one():

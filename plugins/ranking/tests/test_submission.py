@@ -1,7 +1,5 @@
 """Submissions: made, checked without truth, refused in one line, and scored as predictions are."""
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -24,6 +22,7 @@ from eventsweep.plugins.ranking.archives.tarball import pack, sha256_of, unpack,
 from eventsweep.plugins.ranking.entry import ENTRY, read_entry
 from eventsweep.plugins.ranking.entry import PACKAGE as MAPS
 from eventsweep.plugins.ranking.submission import MANIFEST, Asked, read_manifest
+from one_line import command_refused
 from places import ROOT
 from small_suite import case, suite_text
 
@@ -61,15 +60,22 @@ def place(tmp_path):
     return tmp_path
 
 
+def making(place, *more):
+    words = ["submission", "make", place / "theirs", "--suite", place / "pair.toml"]
+    return [str(word) for word in (*words, "--out", place / "guess.tar.zst", *more)]
+
+
 def make(place, *more):
-    out = place / "guess.tar.zst"
-    suite = ["--suite", str(place / "pair.toml")]
-    return main(["submission", "make", str(place / "theirs"), *suite, "--out", str(out), *more])
+    return main(making(place, *more))
 
 
-def check(place, path=None):
-    path = path or place / "guess.tar.zst"
-    return main(["submission", "check", str(path), "--suite", str(place / "pair.toml")])
+def checking(place, *paths):
+    paths = paths or [place / "guess.tar.zst"]
+    return ["submission", "check", *map(str, paths), "--suite", str(place / "pair.toml")]
+
+
+def check(place, *paths):
+    return main(checking(place, *paths))
 
 
 def test_what_is_right_is_made_and_found_right(place, capsys):
@@ -78,8 +84,7 @@ def test_what_is_right_is_made_and_found_right(place, capsys):
     assert "Guess by A. Author, Ü. Österreich, CC-BY-4.0: 3 depth maps for pair are" in out
     assert check(place) == check(place, place / "theirs") == 0
     manifest = read_manifest(place / "guess.tar.zst")
-    assert set(manifest.files) == set(NAMES)
-    assert manifest.facts.cost.peak_memory_mb == 120
+    assert (set(manifest.files), manifest.facts.cost.peak_memory_mb) == (set(NAMES), 120)
 
 
 def test_it_is_the_same_bytes_each_time_and_the_same_numbers(place):
@@ -128,17 +133,13 @@ def test_disparities_are_stored_as_depth(place):
 
 
 # Entries: a folder in a pull request
+def entering(place, name="guess", *more):
+    words = ["submission", "enter", place / "theirs", "--suite", place / "pair.toml"]
+    return [str(word) for word in (*words, "--out", place / "submissions" / name, *more)]
 
 
-def entered(place, name="guess", *more):
-    suite = ["--suite", str(place / "pair.toml")]
-    out = ["--out", str(place / "submissions" / name)]
-    return main(["submission", "enter", str(place / "theirs"), *suite, *out, *more])
-
-
-def check_entries(place, *names):
-    folders = [str(place / "submissions" / name) for name in names]
-    return main(["submission", "check", *folders, "--suite", str(place / "pair.toml")])
+def entered(place, *more):
+    return main(entering(place, *more))
 
 
 def test_an_entry_is_a_folder_that_a_command_makes_and_another_checks(place, capsys):
@@ -148,21 +149,20 @@ def test_an_entry_is_a_folder_that_a_command_makes_and_another_checks(place, cap
     assert read_entry(folder).sha256 == sha256_of(folder / MAPS)
     (folder / NAME).unlink()  # whoever commits the folder may leave it out
     capsys.readouterr()
-    assert check_entries(place, "guess") == 0
+    assert check(place, folder) == 0
     assert "Guess by A. Author" in capsys.readouterr().out
 
 
 def test_an_entry_for_a_subset_is_checked_for_that_subset_alone(place, capsys):
     path = place / "pair.toml"
-    path.write_text(
-        suite_text(case("wall"), case("late"), more='[subsets.near]\ncases = ["wall"]\nseeds = [0]')
-    )
+    subset = '[subsets.near]\ncases = ["wall"]\nseeds = [0]'
+    path.write_text(suite_text(case("wall"), case("late"), more=subset))
     out = place / "submissions" / "guess"
     theirs, suite = str(place / "theirs"), f"{path}:near"
     assert main(["submission", "enter", theirs, "--suite", suite, "--out", str(out)]) == 0
     assert "2 depth maps for pair:near are complete" in capsys.readouterr().out
     assert read_entry(out).suite == "pair:near"
-    assert check_entries(place, "guess") == 0
+    assert check(place, out) == 0
 
 
 def text_in(name, old, new):
@@ -177,8 +177,7 @@ SPOILT_ENTRIES = {
     "another package": (lambda f: (f / MAPS).write_bytes(b"x"), "its SHA-256 is"),
     "no package": (lambda f: (f / MAPS).unlink(), "is missing"),
     "a linked package": (
-        lambda f: ((f / MAPS).rename(f.parent / "p"), (f / MAPS).symlink_to("../p")),
-        "is a link",
+        lambda f: ((f / MAPS).rename(f.parent / "p"), (f / MAPS).symlink_to("../p")), "is a link",
     ),
     "a file too many": (lambda f: (f / "run.sh").write_text("x"), "run.sh does not belong"),
     "another suite": (text_in(ENTRY, '"pair"', '"quick"'), "is for quick, not for pair"),
@@ -193,30 +192,23 @@ SPOILT_ENTRIES = {
 def test_what_is_wrong_with_an_entry_is_one_line(place, capsys, kind):
     spoil, words = SPOILT_ENTRIES[kind]
     assert entered(place, "guess", "--quiet") == 0
-    spoil(place / "submissions" / "guess")
-    capsys.readouterr()
-    assert check_entries(place, "guess") == 2
-    err = capsys.readouterr().err
-    assert words in err
-    assert err.count("\n") == 1
+    folder = place / "submissions" / "guess"
+    spoil(folder)
+    assert words in command_refused(capsys, *checking(place, folder))
 
 
 def test_names_of_entries_and_of_methods_are_checked(place, capsys):
-    assert entered(place, "Gu_ess") == 2
-    assert "needs a name of a to z" in capsys.readouterr().err
+    assert "needs a name of a to z" in command_refused(capsys, *entering(place, "Gu_ess"))
     assert not (place / "submissions").exists()
     assert entered(place, "one", "--quiet") == entered(place, "two", "--quiet") == 0
-    assert check_entries(place, "one", "two") == 2
+    both = [place / "submissions" / name for name in ("one", "two")]
+    assert check(place, *both) == 2  # after the first was found right
     assert "is called 'Guess' as well" in capsys.readouterr().err
-    assert main(["submission", "check", str(place / "theirs")]) == 2
-    assert "give its --suite" in capsys.readouterr().err
-    assert main(["submission", "check", str(place / "nowhere")]) == 2
-    assert "nowhere: no such file or folder" in capsys.readouterr().err
+    for name, said in (("theirs", "give its --suite"), ("nowhere", "nowhere: no such file")):
+        assert said in command_refused(capsys, "submission", "check", place / name)
 
 
 # What is wrong with a folder
-
-
 def put(depth_m, name=NAMES[0]):
     return lambda folder: np.savez(folder / name, depth_m=depth_m)
 
@@ -237,6 +229,10 @@ def spotted(value):
     depth_m = depth(9)
     depth_m[3, 4:7] = value
     return depth_m
+
+
+def renamed(name):
+    return lambda folder: (folder / NAMES[0]).rename(folder / name)
 
 
 def pipe(folder):
@@ -272,21 +268,14 @@ WRONG = {
     "size": (put(depth(0, (90, 120))), "has 180 rows"),
     "millimetres": (each(lambda d: 1000 * d), "set scale"),
     "inverse depth": (each(lambda d: 1 / d), "instead of inverse depth"),
-    "time": (
-        lambda folder: (folder / NAMES[0]).rename(folder / "wall/seed0/10001.npz"),
-        "+1 µs away",
-    ),
-    "seconds": (
-        lambda folder: (folder / NAMES[0]).rename(folder / "wall/seed0/0.01.npz"),
-        "set time_unit",
-    ),
+    "time": (renamed("wall/seed0/10001.npz"), "+1 µs away"),
+    "seconds": (renamed("wall/seed0/0.01.npz"), "set time_unit"),
     "nothing but NaN": (put(np.full(SIZE, np.nan)), "no depth for the reference view"),
     "negative": (put(spotted(-1.0)), "3 of 43200 numbers are negative"),
     "twice the same": (put(depth(1)), "is identical to the depth map of wall/seed0/10000.npz"),
     "a text": (lambda folder: (folder / NAMES[0]).write_text("no depth"), "10000.npz"),
     "two files for a view": (
-        lambda folder: np.save(folder / "wall/seed0/10000.npy", depth(0)),
-        "are both for 10000 µs",
+        lambda folder: np.save(folder / "wall/seed0/10000.npy", depth(0)), "are both for 10000 µs",
     ),
     "a pipe": (pipe, "10000.npz: is a pipe"),
     "a link to a file": (linked(NAMES[0]), "10000.npz: is a link"),
@@ -302,24 +291,19 @@ WRONG = {
         lambda folder: np.savez(folder / NAMES[0], depth_m=depth(0), confidence=spotted(np.nan)),
         "confidence is not finite",
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", WRONG)
 def test_what_is_wrong_with_a_folder_is_one_line(place, capsys, kind):
     spoil, words = WRONG[kind]
     spoil(place / "theirs")
-    for command in (lambda: make(place), lambda: check(place, place / "theirs")):
-        assert command() == 2
-        err = capsys.readouterr().err
-        assert words in err
-        assert err.count("\n") == 1
+    for command in (making(place), checking(place, place / "theirs")):
+        assert words in command_refused(capsys, *command)
     assert not (place / "guess.tar.zst").exists()
 
 
 # What is wrong with a file
-
-
 def repacked(place, spoil):
     """Unpacks a right submission, spoils what is in it, and packs it as an attacker would."""
     assert make(place, "--quiet") == 0
@@ -339,32 +323,18 @@ def stated(change):
     return spoil
 
 
-def listed_anew(inside):
-    """Lists all files with the hashes that they have, as a careful attacker would."""
-    content = json.loads((inside / MANIFEST).read_text())
-    for name in content["files"]:
-        path = inside / name
-        content["files"][name] = {"sha256": sha256_of(path), "bytes": path.stat().st_size}
-    (inside / MANIFEST).write_text(json.dumps(content))
-
-
 def then_listed(change):
+    """Lists all files with the hashes that they have then, as a careful attacker would."""
+
     def spoil(inside):
         change(inside)
-        listed_anew(inside)
+        content = json.loads((inside / MANIFEST).read_text())
+        for name in content["files"]:
+            path = inside / name
+            content["files"][name] = {"sha256": sha256_of(path), "bytes": path.stat().st_size}
+        (inside / MANIFEST).write_text(json.dumps(content))
 
     return spoil
-
-
-def bomb(inside):
-    np.savez_compressed(inside / NAMES[0], depth_m=np.zeros((6000, 6000)))
-
-
-def rename(old, new):
-    def change(content):
-        content["files"][new] = content["files"].pop(old)
-
-    return change
 
 
 SPOILT = {
@@ -374,16 +344,19 @@ SPOILT = {
         lambda inside: (inside / NAMES[0]).write_bytes((inside / NAMES[0]).read_bytes()[::-1]),
         "was changed",
     ),
-    "a path that leads out": (stated(rename(NAMES[0], "../../x.npz")), "10000.npz is missing"),
+    "a path that leads out": (
+        stated(lambda c: c["files"].update({"../../x.npz": c["files"].pop(NAMES[0])})),
+        "10000.npz is missing",
+    ),
     "another path beside": (
         stated(lambda c: c["files"].update({"/etc/x": c["files"][NAMES[0]]})),
         "/etc/x is no view of the suite",
     ),
-    "a huge file": (
-        stated(lambda c: c["files"][NAMES[0]].update(bytes=1 << 40)),
-        "bytes, at most",
+    "a huge file": (stated(lambda c: c["files"][NAMES[0]].update(bytes=1 << 40)), "bytes, at most"),
+    "a bomb": (
+        then_listed(lambda f: np.savez_compressed(f / NAMES[0], depth_m=np.zeros((6000, 6000)))),
+        "unpacks to more than",
     ),
-    "a bomb": (then_listed(bomb), "unpacks to more than"),
     "another array": (
         then_listed(lambda inside: np.savez(inside / NAMES[0], depth=depth(0))),
         "other arrays than depth_m",
@@ -392,34 +365,26 @@ SPOILT = {
     "negative": (then_listed(put(spotted(-1.0))), "are negative"),
     "millimetres": (then_listed(each(lambda d: 1000 * d)), "median depth would be"),
     "twice the same": (then_listed(put(depth(2))), "is identical to the depth map"),
-    "a pickle": (
-        then_listed(lambda inside: np.savez(inside / NAMES[0], depth_m=np.array([{}], object))),
-        "10000.npz",
-    ),
+    "a pickle": (then_listed(put(np.array([{}], object))), "10000.npz"),
     "another suite": (stated(lambda c: c.update(suite="other")), "is for other, not for pair"),
     "a case too few": (stated(lambda c: c.update(cases=["wall"])), "the case late is missing"),
     "another seed": (stated(lambda c: c.update(seeds=[7])), "the seed 0 is missing"),
     "a case many times": (
-        stated(lambda c: c.update(cases=["wall", "late"] * 400)),
-        "wall is liste",
+        stated(lambda c: c.update(cases=["wall", "late"] * 400)), "wall is listed",
     ),
     "a seed many times": (stated(lambda c: c.update(seeds=[0] * 1000)), "0 is listed twice"),
     "many seeds": (stated(lambda c: c.update(seeds=[*range(1000)])), "pair has no seed 1"),
     "another layout": (stated(lambda c: c.update(schema_version=9)), "schema version 9"),
     "no facts": (stated(lambda c: c.pop("facts")), "its manifest: facts"),
     "manifest": (lambda inside: (inside / MANIFEST).unlink(), "needs .manifest.json first"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", SPOILT)
 def test_what_is_wrong_with_a_file_is_one_line(place, capsys, kind):
     spoil, words = SPOILT[kind]
     repacked(place, spoil)
-    capsys.readouterr()
-    assert check(place) == 2
-    err = capsys.readouterr().err
-    assert words in err
-    assert err.count("\n") == 1
+    assert words in command_refused(capsys, *checking(place))
 
 
 MEMBERS = {
@@ -447,16 +412,11 @@ def test_what_hides_in_the_archive_itself_is_one_line(place, capsys, kind):
     with zstd.open(path, "wb") as stream, tarfile.open(fileobj=stream, mode="w") as tar:
         for one, data in [*kept, (member, content)]:
             tar.addfile(one, io.BytesIO(data))
-    assert check(place) == 2
-    err = capsys.readouterr().err
-    assert words in err
-    assert err.count("\n") == 1
+    assert words in command_refused(capsys, *checking(place))
     assert not (place / "x").exists()
 
 
 # In a suite
-
-
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory, jobs_in_this_process):
     """The suite's archive, as published, and a cache that holds what it needs."""

@@ -1,7 +1,5 @@
 """The workflow that checks entries to a ranking runs the command that the page on it names."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tomllib
@@ -31,13 +29,10 @@ def checks():
     return [step["run"] for step in job["steps"] if "run" in step]
 
 
-def test_what_it_runs_is_what_the_page_names():
+def test_what_it_runs_is_what_the_page_names_and_of_this_version():
     install, check = checks()
     assert install == 'pip install "$EVENTSWEEP"'
     assert f"\n{check}\n" in page("ranking.md").read_text(encoding="utf-8")
-
-
-def test_it_names_this_version():
     version = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
     assert f"eventsweep-{version}-py3-none-any.whl" in FILE.read_text(encoding="utf-8")
 

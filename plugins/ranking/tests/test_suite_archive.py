@@ -1,7 +1,5 @@
 """A suite's sequences, frozen: packed, used instead of simulating, and never mixed with others."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -14,7 +12,6 @@ import pytest
 from blank_pictures import blank_pictures
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import open_recording
-from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.perturbations import Perturbation, perturbed
 from eventsweep.eval.report.compare.differences import compare_results
@@ -26,6 +23,7 @@ from eventsweep.eval.suite.series import of_suite
 from eventsweep.plugins.ranking.archive import SequenceArchive, hidden_seed, read_secret
 from eventsweep.plugins.ranking.archives.fetch import verify
 from eventsweep.plugins.ranking.archives.manifest import read
+from one_line import command_refused, refused
 from places import HELPERS, ROOT
 from small_suite import WHOLE, case, suite_text
 
@@ -58,9 +56,12 @@ def made(tmp_path_factory, jobs_in_this_process):
     return file, cache, folder / "frozen", folder / "drawn"
 
 
-def run(file, cache, out, *more):
-    arguments = ["--out", out, "--cache", cache, *NUMBERS, *more]
-    return main(["suite", str(file), *map(str, arguments)])
+def suite_of(file, cache, out, *more):
+    return ["suite", file, "--out", out, "--cache", cache, *NUMBERS, *more]
+
+
+def run(*places):
+    return main([*map(str, suite_of(*places))])
 
 
 def values(folder):
@@ -93,10 +94,8 @@ def test_mapping_an_archive_needs_no_graphics_and_gives_the_same_numbers(made, t
     arguments = ["--archive", str(frozen), "--out", str(tmp_path / "out"), *NUMBERS]
     arguments += ["--seeds", "0", "--case", "wall"]
     environment = {
-        **os.environ,
-        "MUJOCO_GL": "none at all",
-        "EVENTSWEEP_CACHE": str(tmp_path / "c"),
-    }
+        **os.environ, "MUJOCO_GL": "none at all", "EVENTSWEEP_CACHE": str(tmp_path / "c"),
+    }  # fmt: skip
     environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), str(HELPERS)])
     (tmp_path / "program.py").write_text(WITHOUT_PICTURES)
     program = [sys.executable, str(tmp_path / "program.py"), "suite", str(file), *arguments]
@@ -114,17 +113,15 @@ def test_mapping_an_archive_needs_no_graphics_and_gives_the_same_numbers(made, t
 
 
 @pytest.mark.slow
-def test_maps_of_drawn_sequences_are_those_of_the_same_archived_ones(made, tmp_path):
+def test_an_archive_made_again_is_the_same_bytes_and_its_maps_are_those_of_drawn_ones(
+    made, tmp_path
+):
     file, cache, frozen, drawn = made
     assert run(file, cache, tmp_path / "out", "--archive", frozen) == 0
     again = [job.name for job in read_suite(tmp_path / "out").jobs if not job.found]
     assert {name.split("/")[0] for name in again} == {"unpack"}
     same(values(tmp_path / "out"), values(drawn))
     assert len(list((tmp_path / "out" / "pictures").glob("*.png"))) == 2
-
-
-@pytest.mark.slow
-def test_an_archive_is_the_same_bytes_when_made_again(made, tmp_path):
     file, _, frozen, _ = made
     arguments = ["--cache", str(tmp_path / "c"), "--workers", "1", "--quiet", "--case", "wall"]
     assert main(["archive", "make", str(file), "--out", str(tmp_path / "a"), *arguments]) == 0
@@ -132,7 +129,7 @@ def test_an_archive_is_the_same_bytes_when_made_again(made, tmp_path):
         assert path.read_bytes() == (frozen / path.name).read_bytes()
 
 
-def test_what_an_archive_says_of_itself(made, capsys):
+def test_what_an_archive_and_its_list_say_of_it(made, capsys, tmp_path):
     file, _, frozen, _ = made
     capsys.readouterr()
     assert main(["archive", "verify", str(frozen), "--json"]) == 0
@@ -144,6 +141,18 @@ def test_what_an_archive_says_of_itself(made, capsys):
     assert manifest.subsets == {"quick": (("wall",), (0,))}
     assert manifest.renderer
     assert manifest.digest == read_definition(file).digest
+    capsys.readouterr()
+    words = ["--list-cases", "--json", "--archive", str(made[2]), "--cache", str(made[1])]
+    assert main(["suite", str(made[0]), *words]) == 0
+    listed = json.loads(capsys.readouterr().out)["sequences"]
+    assert {one["case"]: one["imperfection"] for one in listed} == {
+        "wall": None,
+        "crooked": {"focal_percent": 3, "pose_walk_mm": 9},
+    }
+    _, _, frozen, _ = made
+    archive = SequenceArchive(frozen)
+    assert archive.seeds(["wall"], [0, 1, 2, 3]) == (0, 1)
+    assert archive.seeds(["wall"], [1]) == (1,)
 
 
 @pytest.mark.slow
@@ -200,8 +209,6 @@ def test_what_a_method_may_read_is_told_as_the_mapper_is(made, tmp_path):
 
 
 # The hidden part
-
-
 @pytest.fixture(scope="module")
 def hidden(made, tmp_path_factory):
     """The archive of whoever ranks, and what is published of it."""
@@ -241,8 +248,7 @@ def test_what_is_published_of_it_holds_no_truth_and_no_seed(hidden, tmp_path):
     for number in (0, 1):
         sequence = Sequence.open(out / "wall" / f"seed{number}")
         assert not len(sequence.truth_times_us(0))
-        assert sequence.manifest.seed == number
-        assert sequence.manifest.configuration == {}
+        assert (sequence.manifest.seed, sequence.manifest.configuration) == (number, {})
         theirs = Sequence.open(tmp_path / "own" / "wall" / f"seed{number}")
         mine, exact = sequence.events(0, 0, 50_000), theirs.events(0, 0, 50_000)
         np.testing.assert_array_equal(mine.t_us, exact.t_us)
@@ -260,31 +266,24 @@ def test_only_who_has_the_truth_can_score(made, hidden, tmp_path, capsys):
     file, cache, _, _ = made
     assert run(file, cache, tmp_path / "out", "--archive", hidden / "own") == 0
     result = read_suite(tmp_path / "out")
-    assert result.archive.part == "hidden"
-    assert result.seeds == (0, 1)
-    assert len(result.samples) == 4
+    assert (result.archive.part, result.seeds, len(result.samples)) == ("hidden", (0, 1), 4)
     secret = (hidden / "secret").read_bytes()
     text = (tmp_path / "out" / "suite.json").read_text()
     assert not any(str(hidden_seed(secret, "pair", "wall", k)) in text for k in (0, 1))
-    capsys.readouterr()
-    assert run(file, cache, tmp_path / "no", "--archive", hidden / "given") == 2
-    assert "contains no ground truth" in capsys.readouterr().err
+    asked = suite_of(file, cache, tmp_path / "no", "--archive", hidden / "given")
+    assert "contains no ground truth" in command_refused(capsys, *asked)
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [(None, "cannot be read"), (b"short", "too few for a secret"), (b" " * 99, "0 bytes")],
-)
+@pytest.mark.parametrize(("content", "words"), [
+    (None, "cannot be read"), (b"short", "too few for a secret"), (b" " * 99, "0 bytes"),
+])  # fmt: skip
 def test_a_secret_that_is_none_is_one_line(tmp_path, content, words):
     if content is not None:
         (tmp_path / "secret").write_bytes(content)
-    with pytest.raises(InputError, match=words):
-        read_secret(tmp_path / "secret")
+    assert words in refused(read_secret, tmp_path / "secret")
 
 
 # What goes wrong
-
-
 def test_what_an_archive_lacks_is_one_line(made, tmp_path, capsys):
     file, cache, frozen, _ = made
     part = shutil.copytree(frozen, tmp_path / "part")
@@ -297,11 +296,8 @@ def test_what_an_archive_lacks_is_one_line(made, tmp_path, capsys):
         (other, frozen, (), "a different definition"),
         (file, tmp_path, (), "no archive.json"),
     ):
-        capsys.readouterr()
-        assert run(definition, cache, tmp_path / "out", "--archive", archive, *more) == 2
-        err = capsys.readouterr().err
-        assert words in err
-        assert err.count("\n") == 1
+        asked = suite_of(definition, cache, tmp_path / "out", "--archive", archive, *more)
+        assert words in command_refused(capsys, *asked)
         assert not (tmp_path / "out").exists()
 
 
@@ -324,23 +320,4 @@ def test_a_damaged_file_of_an_archive_fails_one_case(made, tmp_path):
     result = read_suite(tmp_path / "out")
     assert [sample.case for sample in result.samples] == ["crooked"]
     assert "damaged archive" in result.failures[0].failure
-    with pytest.raises(InputError):
-        verify(spoilt)
-
-
-def test_the_list_says_what_is_imperfect(made, capsys):
-    capsys.readouterr()
-    words = ["--list-cases", "--json", "--archive", str(made[2]), "--cache", str(made[1])]
-    assert main(["suite", str(made[0]), *words]) == 0
-    listed = json.loads(capsys.readouterr().out)["sequences"]
-    assert {one["case"]: one["imperfection"] for one in listed} == {
-        "wall": None,
-        "crooked": {"focal_percent": 3, "pose_walk_mm": 9},
-    }
-
-
-def test_seeds_that_are_not_said_are_those_of_the_archive(made, tmp_path):
-    _, _, frozen, _ = made
-    archive = SequenceArchive(frozen)
-    assert archive.seeds(["wall"], [0, 1, 2, 3]) == (0, 1)
-    assert archive.seeds(["wall"], [1]) == (1,)
+    refused(verify, spoilt)

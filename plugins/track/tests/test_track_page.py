@@ -27,12 +27,11 @@ def tracked(count=50, first_us=1_700_000_000_000_000):
     return Tracked(trajectory, (Status.TRACKING,) * count, changes, span_us, 3)
 
 
-def test_marks_go_straight_from_left_to_right_on_every_panel():
+def test_marks_go_straight_on_every_panel_in_as_many_steps_as_a_slider_needs():
     cloud = PointCloud(np.random.default_rng(0).random((40, 3)), np.zeros((40, 3), np.uint8))
     page = track_page("way", tracked(), cloud)
     WellFormed(page)
-    assert page.count('class="now dot"') == 2
-    assert page.count('class="now line"') == 1
+    assert (page.count('class="now dot"'), page.count('class="now line"')) == (2, 1)
     moving = json.loads(re.search(r'<script type="application/json">(.*?)</script>', page)[1])
     assert (len(moving["names"]), moving["names"][0]) == (50, "0.00 s, tracking")
     above, side, line = (np.array(mark) for mark in moving["marks"])
@@ -45,9 +44,6 @@ def test_marks_go_straight_from_left_to_right_on_every_panel():
     assert np.ptp(side[:, 1]) < 1e-3  # on one level
     assert above[:, 0].max() < side[:, 0].min()  # each on its own panel
     assert ">1700000" not in page  # what people read; columns are sorted by the whole number
-
-
-def test_of_a_long_way_there_are_as_many_steps_as_a_slider_needs():
     page = track_page("way", tracked(5000), PointCloud(np.ones((1, 3)), np.zeros((1, 3), np.uint8)))
     moving = json.loads(re.search(r'<script type="application/json">(.*?)</script>', page)[1])
     assert len(moving["names"]) == len(moving["marks"][0]) == 200

@@ -65,16 +65,13 @@ def test_bad_input_is_one_line_and_code_2(here, capfd, words, message):
     assert message in said
 
 
-def test_the_summary_for_people_says_what_was_taken_for_granted(here, capsys):
+def test_the_summary_says_what_was_taken_for_granted_or_is_for_programs(here, capsys):
     assert main(["events", "v.avi", "--out", "o"]) == 0
     out = capsys.readouterr().out.splitlines()
     count = len(events_of(here / "o"))
     assert out[0] == f"{count:,} events of 6 frames, 64x48 px, in 0.2 s, o"
     assert out[1].startswith("times: the file's own, 25 Hz on average; values: srgb; ")
     assert out[1].endswith("% fewer events at half the frame rate")
-
-
-def test_the_summary_for_programs(here, capsys):
     words = ["events", "images", "--out", "o.npz", "--json", "--encoding", "gamma", "--gamma", "2"]
     assert main(words) == 0
     out, err = capsys.readouterr()

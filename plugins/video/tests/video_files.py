@@ -1,7 +1,5 @@
 """Folders of images and video files that tests make, and the events of a folder on disk."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -147,13 +147,10 @@ def test_an_existing_output_is_kept_unless_forced(tmp_path, capsys, sequence):
         assert (out / "map.json").stat().st_ino != before
 
 
-def test_json_is_all_that_is_printed(mapped):
+def test_json_is_all_that_is_printed_and_a_map_is_scored_and_reported(mapped, capsys):
     _, printed, err = mapped
     assert json.loads(printed)["windows"][0]["counts"]["cam0"]["events"] == 4000
     assert err == ""
-
-
-def test_a_map_is_scored_and_reported_from_its_folder(capsys, mapped):
     out, _, _ = mapped
     assert main(["score", str(out), "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["rows"]

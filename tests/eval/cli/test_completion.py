@@ -77,10 +77,17 @@ def test_zsh_knows_the_program_once_its_completion_is_on(home):
     assert said.strip() == "_cyclopts_eventsweep"
 
 
-def test_installing_twice_adds_one_line(home):
+def test_the_script_is_installed_once_or_printed_and_the_shell_is_found(home, monkeypatch, capsys):
     for name in (".bashrc", ".zshrc"):
         lines = [line for line in (home / name).read_text().splitlines() if line[:1] != "#"]
         assert len(lines) == 1
+    monkeypatch.setenv("HOME", str(home))
+    assert main(["completion", "fish", "--print"]) == 0
+    assert "complete -c eventsweep" in capsys.readouterr().out
+    for name in ("BASH_VERSION", "ZSH_VERSION", "FISH_VERSION"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("cyclopts.completion.detect.detect_shell", lambda: "powershell")
+    assert "not bash, zsh or fish" in command_refused(capsys, "completion")
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh"])
@@ -101,13 +108,3 @@ def test_a_start_up_file_is_replaced_as_a_whole_and_keeps_what_it_says(
     assert name.is_symlink()
     assert place.stat().st_mode & 0o777 == 0o640
     assert "of somebody" in place.read_text().splitlines()
-
-
-def test_the_script_can_be_printed_and_the_shell_is_found(home, monkeypatch, capsys):
-    monkeypatch.setenv("HOME", str(home))
-    assert main(["completion", "fish", "--print"]) == 0
-    assert "complete -c eventsweep" in capsys.readouterr().out
-    for name in ("BASH_VERSION", "ZSH_VERSION", "FISH_VERSION"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr("cyclopts.completion.detect.detect_shell", lambda: "powershell")
-    assert "not bash, zsh or fish" in command_refused(capsys, "completion")

@@ -71,12 +71,6 @@ def test_help_of_a_group_shows_its_commands(capsys, group):
     assert all(name.split()[1] in page for name in COMMANDS if name.startswith(f"{group} "))
 
 
-def test_the_longest_help_fits_a_screen_or_two(capsys, monkeypatch):
-    monkeypatch.setattr(app, "console", Console(width=80))
-    assert len(printed(capsys, "run", "--help").splitlines()) < 60
-    assert len(taken_by("run")) > 100
-
-
 UGLY = ("()", "('", "',)", "None", "[default: False]", "[default: True]", '[default: ""]')
 
 
@@ -96,11 +90,17 @@ def test_defaults_read_well(value, text):
     assert readable(value) == text
 
 
-def test_groups_come_in_the_order_of_the_work(capsys):
+def test_the_longest_help_is_short_in_the_order_of_the_work_and_wherever_it_is_asked_for(
+    capsys, monkeypatch
+):
     whole = printed(capsys, "run", ALL)
     titles = re.findall(r"^╭─ (.*?) ─", whole, re.MULTILINE)
     kinds = ("Simulator", "Mapper", "Score")
     assert titles == ["Arguments", "Parameters", *(f"{k} parameters" for k in kinds), "Common"]
+    assert printed(capsys, "run", "--out", "o", "--help") == printed(capsys, "run", "-h")
+    monkeypatch.setattr(app, "console", Console(width=80))
+    assert len(printed(capsys, "run", "--help").splitlines()) < 60
+    assert len(taken_by("run")) > 100
 
 
 @pytest.mark.parametrize(("words", "told"), [
@@ -120,7 +120,3 @@ def test_an_unknown_flag_leads_to_its_own_verb_and_a_word_that_is_none_to_the_pr
     assert told in said
     verb = "" if "mop" in words else f" {words.split()[0]}"
     assert said.endswith(f"(`eventsweep{verb} --help` shows what there is)\n")
-
-
-def test_a_verb_named_help_is_help_wherever_it_stands(capsys):
-    assert printed(capsys, "run", "--out", "o", "--help") == printed(capsys, "run", "-h")

@@ -2,6 +2,7 @@
 
 import sys
 from contextlib import nullcontext
+from itertools import pairwise
 
 import pytest
 
@@ -114,19 +115,12 @@ def test_an_interrupt_that_a_library_lost_is_no_success(ending, capsys):
     assert code.value == 0  # the next command was not interrupted
 
 
-def fail(*links):
-    """Raises the last error, each from the one before; the first only in its context."""
-    try:
-        raise links[0]
-    except BaseException as error:
-        if len(links) == 1:
-            raise
-        try:
-            raise links[1] from (error if len(links) > 2 else None)
-        except Exception as second:
-            if len(links) == 2:
-                raise
-            raise links[2] from second
+def chained(*links):
+    """The last error, each made from the one before; of two, the first only in its context."""
+    for before, after in pairwise(links):
+        after.__context__, after.__suppress_context__ = before, True
+        after.__cause__ = before if len(links) > 2 else None
+    return links[-1]
 
 
 @pytest.mark.parametrize(("links", "heeded"), [
@@ -135,10 +129,8 @@ def fail(*links):
     ((ValueError(), ImportError()), False), ((ImportError("no such module"),), False),
 ])  # fmt: skip
 def test_an_error_made_of_an_interrupt_is_told_from_others(links, heeded):
-    with pytest.raises(ImportError) as caught:
-        fail(*links)
     with pytest.raises(KeyboardInterrupt) if heeded else nullcontext():
-        heed_interrupt(caught.value)
+        heed_interrupt(chained(*links))
 
 
 def test_users_of_the_library_get_the_interrupt(monkeypatch):

@@ -200,8 +200,6 @@ def test_after_a_kill_the_same_call_makes_the_same_and_nothing_is_lost(kills):
 
 
 # Unfinished simulations
-
-
 @pytest.mark.parametrize("kind", ["link", "lock", "stranger", "file"])
 def test_a_work_folder_that_is_not_ours_is_refused_and_kept(tmp_path, made, kind):
     out, mine = tmp_path / "out", tmp_path / "mine"
@@ -222,8 +220,6 @@ def test_a_work_folder_that_is_not_ours_is_refused_and_kept(tmp_path, made, kind
 
 
 # Ctrl-C before anything has begun
-
-
 @pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("late_s", [0.0, 0.1, 0.25])
 def test_ctrl_c_while_modules_are_imported_is_one_line(tmp_path, kind, late_s):

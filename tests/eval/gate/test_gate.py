@@ -55,8 +55,6 @@ BASE = series([0.10, 0.12, 0.14, 0.11, 0.13])
 
 
 # Verdicts
-
-
 @pytest.mark.parametrize(("direction", "shift", "status"), [
     ("lower", 0.05, "worse"), ("lower", -0.05, "better"), ("higher", 0.05, "better"),
     ("higher", -0.05, "worse"), ("none", 0.05, "changed"), ("none", -0.05, "changed"),
@@ -93,14 +91,7 @@ def test_what_is_undefined_or_missing_is_red():
     assert new.status == "failed"
 
 
-def test_a_failed_job_is_red_and_named():
-    failures = {"map/desk/seed0/default/w000": "its worker died"}
-    verdicts = compare({BASE.key: BASE}, measured(failures=failures), TOLERANCES)
-    assert [one.status for one in verdicts] == ["failed", "failed"]
-    assert "its worker died" in " ".join(one.why for one in verdicts)
-
-
-def test_what_is_new_is_told_and_not_red():
+def test_what_is_new_is_not_red_and_a_failed_job_is():
     other = series([1, 1, 1], metric="points", direction="higher")
     verdicts = compare({BASE.key: BASE}, measured(BASE, other), TOLERANCES)
     assert [one.status for one in verdicts] == ["new", "same"]
@@ -108,6 +99,10 @@ def test_what_is_new_is_told_and_not_red():
     (first,) = compare(None, measured(BASE), TOLERANCES)
     assert (first.status, first.value) == ("new", pytest.approx(0.12))
     assert not is_red([first])
+    failures = {"map/desk/seed0/default/w000": "its worker died"}
+    verdicts = compare({BASE.key: BASE}, measured(failures=failures), TOLERANCES)
+    assert [one.status for one in verdicts] == ["failed", "failed"]
+    assert "its worker died" in " ".join(one.why for one in verdicts)
 
 
 # What decides, and what was compared at all
@@ -161,7 +156,7 @@ def test_what_decides_nothing_may_be_lost_unless_strict(lost):
         assert is_red(compare(known, measured(BASE, *now), TOLERANCES, choice)) == red
 
 
-def test_an_improvement_is_green_though_descriptive_numbers_are_worse():
+def test_what_decides_is_green_or_red_whatever_descriptive_numbers_say():
     """Finer planes: metrics in cells double, causes shift, a tail grows; the error falls."""
     verdicts = judged(
         ("median_error", "lower", 0.97), ("mean_error", "lower", 1), ("mean_cells", "lower", 2),
@@ -179,9 +174,6 @@ def test_an_improvement_is_green_though_descriptive_numbers_are_worse():
     assert rows == ["better", "(changed)", "(worse)", "(worse)"]
     chosen = judged(("mean_cells", "lower", 2), choice=Choice(metrics=("mean_cells",)))
     assert is_red(chosen)
-
-
-def test_a_mixed_result_says_which_metric_decides():
     verdicts = judged(
         ("median_error", "lower", 0.5), ("mean_error", "lower", 2), ("mean_cells", "lower", 9)
     )
@@ -236,16 +228,13 @@ def test_a_name_that_the_baseline_does_not_have_is_refused(what):
     Choice(cases=("desk",), methods=("Alg1/H",), metrics=("mean_error",)).check({BASE.key: BASE})
 
 
-def test_speed_counts_by_its_best_and_by_a_factor():
+def test_speed_counts_by_its_best_and_one_seed_has_a_tolerance_of_its_own():
     speed = {"method": SPEED_METHOD, "metric": SPEED_METRIC, "unit": "x"}
     base = series([2.0, 2.2, 9.0]).model_copy(update=speed)
     cases = {2.0: "same", 2.9: "same", 3.1: "worse", 1.4: "same", 1.3: "better"}
     for best, status in cases.items():
         now = base.model_copy(update={"values": {0: 50.0, 1: best}})
         assert verdict(base, now).status == status
-
-
-def test_one_seed_alone_has_a_tolerance_of_its_own():
     base = series([0.10])
     assert verdict(base, series([0.1015]), seeds=(0,)).status == "same"
     assert verdict(base, series([0.103]), seeds=(0,)).status == "worse"
@@ -313,8 +302,6 @@ def test_any_three_seeds_of_the_project_are_green_against_its_others():
 
 
 # Files
-
-
 def test_a_baseline_says_why_and_keeps_its_history(tmp_path):
     path = tmp_path / "b.json"
     first = make_baseline(measured(BASE), "at first", None)
@@ -378,8 +365,6 @@ def test_the_table_names_the_culprit_first_and_leaves_out_what_is_the_same():
 
 
 # The command
-
-
 def results(folder, error=0.1, sequence="s", versions=None):
     rows = tuple(
         score_row("room", "all", "mine", metric, value, "m", "lower")
@@ -421,16 +406,6 @@ def test_own_results_are_gated(held, tmp_path, monkeypatch, capsys):
     assert step.read_text().count("### ") == 2
 
 
-def test_an_update_that_is_repeated_adds_nothing(held, tmp_path):
-    """As after a kill between the file and the report."""
-    before = held.read_bytes()
-    again = ("--baseline", held, "--result", results(tmp_path / "again"), "--update", "--reason")
-    assert gate(*again, "first") == 0
-    assert held.read_bytes() == before
-    assert gate(*again, "second") == 0
-    assert [one.reason for one in read_baseline(held).history] == ["first", "second"]
-
-
 @pytest.mark.parametrize("strict", [(), ("--strict",)])
 def test_results_of_another_sequence_or_undefined_ones_are_red(held, tmp_path, capsys, strict):
     other = results(tmp_path / "other", 0.2, sequence="t")
@@ -453,11 +428,20 @@ def test_metrics_and_tolerance_can_be_chosen(held, tmp_path, capsys, flags, code
     assert median == (flags == "--metric median_error")
 
 
-def test_a_metric_that_computes_something_else_is_not_comparable(held, tmp_path, capsys):
+def test_another_metric_is_not_comparable_and_a_repeated_update_adds_nothing(
+    held, tmp_path, capsys
+):
     other = results(tmp_path / "other", 0.2, versions={"mean_error": "v2"})
     assert gate("--baseline", held, "--result", other, "--json") == 1
     found = {one["metric"]: one["status"] for one in json.loads(capsys.readouterr().out)}
     assert found == {"mean_error": "not comparable", "median_error": "worse"}
+    # As after a kill between the file and the report.
+    before = held.read_bytes()
+    again = ("--baseline", held, "--result", results(tmp_path / "again"), "--update", "--reason")
+    assert gate(*again, "first") == 0
+    assert held.read_bytes() == before
+    assert gate(*again, "second") == 0
+    assert [one.reason for one in read_baseline(held).history] == ["first", "second"]
 
 
 @pytest.mark.parametrize(("flags", "words"), [

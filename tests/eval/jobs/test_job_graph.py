@@ -59,8 +59,6 @@ def test_workers_have_one_thread_from_the_start_and_keep_it(make, tmp_path):
 
 
 # The cache
-
-
 def write(text):
     return lambda out: (out / "a").write_text(text)
 
@@ -69,13 +67,15 @@ def refuse_to_fill(out):
     raise AssertionError("must not be made again")
 
 
-def test_an_entry_is_made_once(tmp_path):
+def test_an_entry_is_made_once_and_keys_tell_facts_apart(tmp_path):
     cache = Cache(tmp_path)
     made = cache.get(key_of("k1"), "k1", write("one"))
     again = cache.get(key_of("k1"), "k1", refuse_to_fill)
-    assert (made.found, again.found) == (False, True)
-    assert made.digest == again.digest
+    assert (made.found, again.found, made.digest) == (False, True, again.digest)
     assert (again.path / "a").read_text() == "one"
+    keys = {key_of(facts) for facts in ({"a": 1}, {"a": 2}, {"b": 1}, {"a": "1"}, {})}
+    assert len(keys) == 5
+    assert key_of({"a": 1, "b": 2}) == key_of({"b": 2, "a": 1})
 
 
 def flip(path):
@@ -131,15 +131,12 @@ def test_a_damaged_index_names_no_file_elsewhere(tmp_path):
     assert (tmp_path / "mine").read_text() == "mine"
 
 
-def test_a_failed_entry_leaves_nothing(tmp_path):
+def test_a_failed_entry_leaves_nothing_and_what_a_kill_left_goes_with_the_next(tmp_path):
     cache = Cache(tmp_path)
     with pytest.raises(ZeroDivisionError):
         cache.get(key_of("k1"), "k1", lambda out: 1 / 0)
     assert not cache.path_of(key_of("k1")).exists()
     assert cache.size_bytes() == 0
-
-
-def test_what_a_killed_process_left_goes_with_the_next(tmp_path):
     cache = Cache(tmp_path)
     place = cache.path_of(key_of("k1"))
     left, looks_like_it = (place.with_name(f".{place.name}.{word}.partial") for word in "ab")
@@ -189,13 +186,10 @@ def test_pruning_removes_what_was_not_used_for_longest(tmp_path):
     assert cache.size_bytes() == 0
 
 
-def test_a_cache_that_cannot_be_made_is_told_in_one_line(tmp_path):
+def test_a_cache_is_a_folder_of_which_only_what_is_ours_is_pruned(tmp_path):
     (tmp_path / "file").touch()
     said = refused(Cache, tmp_path / "file" / "c")
     assert re.match(r"cannot make the folder .*file is a file; choose", said)
-
-
-def test_only_what_is_ours_in_a_cache_is_pruned(tmp_path):
     folder = tmp_path / "cache"
     for empty in (folder, tmp_path):
         assert (Cache(empty).size_bytes(), Cache(empty).prune(0)) == (0, 0)
@@ -211,15 +205,7 @@ def test_only_what_is_ours_in_a_cache_is_pruned(tmp_path):
     assert left == {*theirs, entry / "notes"}
 
 
-def test_keys_tell_facts_apart():
-    keys = {key_of(facts) for facts in ({"a": 1}, {"a": 2}, {"b": 1}, {"a": "1"}, {})}
-    assert len(keys) == 5
-    assert key_of({"a": 1, "b": 2}) == key_of({"b": 2, "a": 1})
-
-
 # The version of code
-
-
 @pytest.fixture
 def module(tmp_path, monkeypatch):
     """A function that writes a module and returns its version."""
@@ -238,10 +224,18 @@ def module(tmp_path, monkeypatch):
     forget()
 
 
-def test_words_for_people_do_not_change_the_version(module):
+def test_words_for_people_and_moves_do_not_change_what_code_defines(module, tmp_path, monkeypatch):
     plain = module("def f(x):\n    return x + 1\n")
     told = module('"""M."""\n# why\n\n\ndef f(x):\n    """F."""\n    return (x\n        + 1)\n')
     assert told == plain
+    before = "from a import f\ndef g():\n    import b\n    return f(1)\n"
+    texts = {"here_once": before, "there_now": before.replace("a", "c.d", 1).replace("b", "e")}
+    texts["other"] = texts["there_now"].replace("f(1)", "f(2)")
+    for name, text in texts.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    once, now, other = (definition_digest([name]) for name in texts)
+    assert once == now != other
 
 
 @pytest.mark.parametrize("text", [
@@ -254,31 +248,14 @@ def test_what_code_does_changes_the_version(module, text):
     assert module("def f(x):\n    return x + 1\n") != module(text)
 
 
-def test_what_is_moved_defines_the_same(tmp_path, monkeypatch):
-    before = "from a import f\ndef g():\n    import b\n    return f(1)\n"
-    texts = {"here_once": before, "there_now": before.replace("a", "c.d", 1).replace("b", "e")}
-    texts["other"] = texts["there_now"].replace("f(1)", "f(2)")
-    for name, text in texts.items():
-        (tmp_path / f"{name}.py").write_text(text)
-    monkeypatch.syspath_prepend(tmp_path)
-    once, now, other = (definition_digest([name]) for name in texts)
-    assert once == now != other
-
-
 STAGES = {
-    "simulate": (
-        ("sim.simulate", "sim.sensor.esim", "scenes.planes", "emvs.data.writer"),
-        ("emvs.mapper", "eval.scoring.score"),
-    ),
-    "map": (
-        ("mapper", "dsi.voting_kernels", "dsi.fusion_kernels", "depth.depth_map"),
-        ("sim", "scenes", "eval.scoring.score"),
-    ),
-    "score": (
-        ("score", "metrics", "curves"),
-        ("scenes", "emvs.mapper", "eval.report", "sim.simulate", "sim.sensor.esim",
-         "sim.motion.curves"),
-    ),
+    "simulate": (("sim.simulate", "sim.sensor.esim", "scenes.planes", "emvs.data.writer"),
+     ("emvs.mapper", "eval.scoring.score")),
+    "map": (("mapper", "dsi.voting_kernels", "dsi.fusion_kernels", "depth.depth_map"),
+     ("sim", "scenes", "eval.scoring.score")),
+    "score": (("score", "metrics", "curves"),
+     ("scenes", "emvs.mapper", "eval.report", "sim.simulate", "sim.sensor.esim",
+      "sim.motion.curves")),
 }  # fmt: skip
 
 
@@ -300,9 +277,7 @@ def test_a_scene_has_the_files_that_it_includes():
 
 
 # Jobs in processes
-
-
-def test_a_graph_is_done_in_order_and_once(make, log, tmp_path):
+def test_a_graph_is_done_in_order_and_once_and_a_failure_stops_what_needs_it(make, log, tmp_path):
     a, b = make("a"), make("b")
     c = make("c", needs=(a, b))
     d = make("d", needs=(c, a))
@@ -311,9 +286,6 @@ def test_a_graph_is_done_in_order_and_once(make, log, tmp_path):
     again = run_here([d], tmp_path / "cache")
     assert all(one.found for one in again.values())
     assert {name: runs(log, name) for name in "abcd"} == dict.fromkeys("abcd", 1)
-
-
-def test_one_failure_is_told_and_stops_only_what_needs_it(make, tmp_path):
     bad = make("bad", "fail")
     jobs = [make("after", needs=(make("between", needs=(bad,)),)), make("other")]
     over = run_here(jobs, tmp_path / "cache")
@@ -401,14 +373,11 @@ def wait_for(condition, seconds=30):
         time.sleep(0.05)
 
 
-def test_order_puts_needs_first_and_each_once(make):
+def test_order_puts_needs_first_and_progress_says_how_many_are_left(make):
     a = make("a")
     b, c = make("b", needs=(a,)), make("c", needs=(a,))
     names = [job.name for job in order([make("d", needs=(b, c)), c])]
     assert names == ["a", "b", "c", "d"]
-
-
-def test_progress_says_done_running_failed_and_left(make):
     board = JobBoard([make(name) for name in "abcd"])
     assert board.words(2) == "0/4 jobs, 0 running, 0 failed"
     board.running.add("c")
@@ -435,13 +404,10 @@ def test_an_address_that_is_none_is_unsafe_or_lacks_its_files_is_refused(address
     assert words in refused(Cluster(address, **files).check)
 
 
-def test_another_machine_needs_a_word_and_this_one_does_not():
+def test_another_machine_needs_a_word_this_one_does_not_and_must_answer(tmp_path, monkeypatch):
     Cluster("tcp://10.0.0.1:8786", remote=True).check()
     for host in ("127.0.0.1", "localhost", "[::1]", "127.3.2.1"):
         Cluster(f"tcp://{host}:8786").check()
-
-
-def test_an_unreachable_scheduler_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr(schedule_dask, "_CONNECT_S", 1)
     assert "not reached" in refused(dask_workers(Cluster("tcp://127.0.0.1:9"), tmp_path).__enter__)
 

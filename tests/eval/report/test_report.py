@@ -80,7 +80,7 @@ def test_the_winner_and_its_depth_come_before_all_numbers(one_case):
     assert "<button" not in top
 
 
-def test_many_windows_are_a_film_with_a_slider_and_times_of_a_clock_are_short():
+def test_many_windows_are_a_film_of_short_times_and_all_their_lengths_are_meant():
     data, clock_us = report_data("desk", windows=3), 1_700_000_000_000_000
     film = tuple(
         replace(w, t_us=clock_us + 100_000 * k, methods=w.methods[:1])
@@ -91,6 +91,8 @@ def test_many_windows_are_a_film_with_a_slider_and_times_of_a_clock_are_short():
     assert names == ["w000, 0.000 s", "w001, 0.100 s", "w002, 0.200 s"]
     assert page.count('type="range"') == 1
     assert "1700000" not in page
+    assert _range_s([300_000, 300_000]) == "0.300 s"
+    assert _range_s([300_000, 100_000, 200_000]) == "0.100 to 0.300 s"
 
 
 def test_causes_are_drawn_as_categories_with_their_shares():
@@ -125,7 +127,7 @@ def test_the_page_opens_on_whoever_has_rank_1_and_never_on_a_single_camera(name)
     assert f'for="case0-m0">{shown}</label>' in page
 
 
-def test_a_method_that_does_not_say_how_sure_it_is_has_all_pictures_but_that():
+def test_a_method_without_map_or_confidence_has_all_but_their_pictures():
     silent = {"name": "Given/x", "confidence": np.full(SHAPE, np.nan)}
     more = lambda w: (*w.methods, replace(w.methods[0], **silent))  # noqa: E731
     page = words_of(with_methods(report_data("desk"), more))
@@ -134,6 +136,15 @@ def test_a_method_that_does_not_say_how_sure_it_is_has_all_pictures_but_that():
     assert 'alt="Confidence [votes] of Given/x' not in page
     assert "Given/x does not say how sure it is" in page
     assert "Confidence [votes]</b>" in page
+    data = report_data("desk")
+    rows = data.results.rows
+    given = rows[rows["method"] == "Alg1/H"].assign(method="Given/x")
+    results = replace(data.results, rows=together([rows, given]))
+    page = page_text(replace(data, results=results))
+    assert 'alt="Depth [m] of Given/x' not in page
+    svg = page[page.index("tolerated error [cm]") - 40_000 :]
+    assert re.search(r"<text[^>]*>Given/x</text>", svg)
+    assert "case0-precision-curve-4" in svg
 
 
 def test_expected_errors_are_drawn_where_a_method_states_them_with_how_many_held():
@@ -152,32 +163,26 @@ def test_expected_errors_are_drawn_where_a_method_states_them_with_how_many_held
     assert "Expected error" not in words_of(data)
 
 
-def test_a_method_scored_of_whom_no_map_is_left_has_curves_but_no_pictures():
-    data = report_data("desk")
-    rows = data.results.rows
-    given = rows[rows["method"] == "Alg1/H"].assign(method="Given/x")
-    results = replace(data.results, rows=together([rows, given]))
-    page = page_text(replace(data, results=results))
-    assert 'alt="Depth [m] of Given/x' not in page
-    svg = page[page.index("tolerated error [cm]") - 40_000 :]
-    assert re.search(r"<text[^>]*>Given/x</text>", svg)
-    assert "case0-precision-curve-4" in svg
-
-
-def test_several_cases_and_windows_have_ids_of_their_own():
+def test_several_cases_have_ids_of_their_own_and_a_mean_says_whose_pixels():
     page = WellFormed(text := words_of(report_data("desk", "boxes", windows=2)))
     own = [name for name in page.ids if name.startswith("case")]
     assert len(own) == len(set(own))
     assert "mean of 2 cases" in text
     assert text.count('<details class="window"') == 4
+    text = words_of(report_data("desk", "boxes"))
+    ranking = text[text.index('id="ranking"') : text.index('id="case0"')]
+    assert re.search(r"On the [\d,]+ px a case that all methods of the map report", ranking)
+    assert " px a case" not in text[text.index('id="case0"') :]
 
 
-def test_a_recording_without_truth_has_maps_but_no_scores():
+def test_a_recording_without_truth_has_no_scores_and_a_folder_without_maps_no_page(tmp_path):
     text = words_of(report_data("slider", truth=False))
     assert "Ranking" not in text
     assert "Ground truth" not in text
     assert 'alt="Depth [m] of Alg1/H' in text
     assert re.search(r"Alg1/H</b> · points \d+ px", text)
+    assert "no map" in refused(write_report, tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_ordinary_cameras_picture_says_what_it_lost():
@@ -191,38 +196,37 @@ def test_an_ordinary_cameras_picture_says_what_it_lost():
     assert "Ordinary camera" not in words_of(data)
 
 
-def test_windows_of_several_lengths_are_all_meant():
-    assert _range_s([300_000, 300_000]) == "0.300 s"
-    assert _range_s([300_000, 100_000, 200_000]) == "0.100 to 0.300 s"
-
-
-def test_a_folder_without_maps_is_refused(tmp_path):
-    assert "no map" in refused(write_report, tmp_path)
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.fixture(scope="module")
 def rows():
     data = report_data("desk")
     return data.rows_of("desk", "all")
 
 
-def test_the_order_is_measured(rows):
+def test_the_order_is_measured_the_best_marked_and_findings_say_so(rows):
     assert fusion_order(rows, "mean_error") == "H < A < max"
     assert [name for name, _ in order(rows, "delta_1")][-1] == "Alg1/max"
+    got = table(rows, "mean_error")
+    for position, column in enumerate(got.columns):
+        values = [line.cells[position].value for line in got.lines]
+        best = max(values) if column.direction == "higher" else min(values)
+        marked = [line.cells[position].value for line in got.lines if line.cells[position].kind]
+        assert set(marked) == {best}, column.name
+    ranks = {line.method: line.rank for line in table(rows, "mean_error").lines}
+    assert ranks == {"Alg1/H": 1, "Alg1/A": 2, "EMVS/cam0": None, "Alg1/max": 3}
+    sentences = findings(rows, "mean_error")
+    assert sentences[0].endswith("H < A < max.")
+    assert "Alg1/H beside EMVS/cam0" in sentences[-1]
+    assert re.search(r"mean error [\d.]+ cm against [\d.]+ cm \(−\d+ %\)", sentences[-1])
+    assert "each on its own pixels" in sentences[-1]  # these rows are of before there were pairs
 
 
-def test_ties_are_called_ties():
+def test_ties_share_a_rank_undefined_ones_have_none_and_are_last():
     tied = tidy(score_row("c", "all", f"Alg1/{m}", "rmse", 1.0, "m", "lower") for m in ("H", "G"))
     assert fusion_order(tied, "rmse") == "H = G"
-
-
-def of_methods(values):
-    """Mean errors of one case by method."""
-    return tidy(score_row("c", "all", m, "mean_error", v, "m", "lower") for m, v in values.items())
-
-
-def test_undefined_is_last_and_never_best():
+    values = dict(zip("abcdef", (1.0, 2.0, 2.0, 3.0, math.nan, math.nan), strict=True))
+    tabled = of_methods({**values, "EMVS/cam0": 2.0})
+    ranks = {line.method: line.rank for line in table(tabled, "mean_error").lines}
+    assert ranks == {"a": 1, "b": 2, "EMVS/cam0": None, "c": 2, "d": 4, "e": None, "f": None}
     values = {"Alg1/min": math.nan, "Alg1/H": 2.0, "Alg1/A": 1.0}
     tabled = of_methods(values)
     got = table(tabled, "mean_error")
@@ -231,33 +235,9 @@ def test_undefined_is_last_and_never_best():
     assert got.lines[2].cells[0].text == "–"
 
 
-def test_the_best_of_each_column_follows_its_direction(rows):
-    got = table(rows, "mean_error")
-    for position, column in enumerate(got.columns):
-        values = [line.cells[position].value for line in got.lines]
-        best = max(values) if column.direction == "higher" else min(values)
-        marked = [line.cells[position].value for line in got.lines if line.cells[position].kind]
-        assert set(marked) == {best}, column.name
-
-
-def test_single_cameras_have_no_rank(rows):
-    ranks = {line.method: line.rank for line in table(rows, "mean_error").lines}
-    assert ranks == {"Alg1/H": 1, "Alg1/A": 2, "EMVS/cam0": None, "Alg1/max": 3}
-
-
-def test_equal_methods_share_a_rank_and_undefined_ones_have_none():
-    values = dict(zip("abcdef", (1.0, 2.0, 2.0, 3.0, math.nan, math.nan), strict=True))
-    tabled = of_methods({**values, "EMVS/cam0": 2.0})
-    ranks = {line.method: line.rank for line in table(tabled, "mean_error").lines}
-    assert ranks == {"a": 1, "b": 2, "EMVS/cam0": None, "c": 2, "d": 4, "e": None, "f": None}
-
-
-def test_findings_compare_the_harmonic_mean_with_the_single_camera(rows):
-    sentences = findings(rows, "mean_error")
-    assert sentences[0].endswith("H < A < max.")
-    assert "Alg1/H beside EMVS/cam0" in sentences[-1]
-    assert re.search(r"mean error [\d.]+ cm against [\d.]+ cm \(−\d+ %\)", sentences[-1])
-    assert "each on its own pixels" in sentences[-1]  # these rows are of before there were pairs
+def of_methods(values):
+    """Mean errors of one case by method."""
+    return tidy(score_row("c", "all", m, "mean_error", v, "m", "lower") for m, v in values.items())
 
 
 def numbers(**values):
@@ -277,16 +257,13 @@ PAIR = {
 }  # fmt: skip
 
 
-def test_a_sentence_compares_two_methods_on_the_pixels_of_both_and_says_how_many():
+def test_sentences_compare_on_the_pixels_of_both_and_a_prediction_has_its_own():
     (sentence,) = findings(tidy(numbers(**PAIR)), "mean_error")
     assert (
         "on the 700 px that both report: mean error 10.00 cm against 25.00 cm (−60 %)" in sentence
     )
     assert "own pixels: mean error 20.00 cm against 30.00 cm (−33 %)" in sentence
     assert "points 900 px against 800 px" in sentence
-
-
-def test_a_prediction_has_a_sentence_of_its_own():
     given = {
         "Given_x__mean_error": 0.4, "Given_x__points": 100, "Given_x__shared_points": 60,
         "Given_x__shared_mean_error": 0.3, "Given_x__harmonic_mean_error": 0.15,
@@ -326,7 +303,7 @@ def test_why_a_single_camera_is_ahead_follows_from_the_numbers(values, words, th
     assert why(**PAIR) == ""
 
 
-def test_counts_of_a_mean_are_of_all_its_cases():
+def test_a_mean_over_cases_weighs_them_counts_all_and_keeps_undefined():
     rows = tidy(
         score_row(case, "all", "Alg1/H", metric, value, unit, "none", "all", points, 1.0, 2.0)
         for case, points in (("a", 30), ("b", 10))
@@ -342,16 +319,6 @@ def test_counts_of_a_mean_are_of_all_its_cases():
     assert told.endswith("noise 60 %.")
     (alone,) = findings(rows[rows["case"] == "b"], "mean_error")
     assert alone == "Why 10 px of Alg1/H are off by more than a tenth: noise 60 %."
-
-
-def test_pixels_of_a_mean_are_said_to_be_a_cases():
-    text = words_of(report_data("desk", "boxes"))
-    ranking = text[text.index('id="ranking"') : text.index('id="case0"')]
-    assert re.search(r"On the [\d,]+ px a case that all methods of the map report", ranking)
-    assert " px a case" not in text[text.index('id="case0"') :]
-
-
-def test_the_mean_over_cases_weighs_cases_and_keeps_undefined():
     values = {
         ("a", "Alg1/H"): 1.0, ("b", "Alg1/H"): 3.0, ("a", "Alg1/A"): 1.0,
         ("b", "Alg1/A"): math.nan, ("a", "mine"): 1.0,

@@ -43,9 +43,8 @@ ASK = """<script>(async () => {
 
 
 def _browse(tmp_path, page, *flags):
-    path = tmp_path / "page.html"
+    path, profile = tmp_path / "page.html", tmp_path / "profile"
     path.write_text(page, encoding="utf-8")
-    profile = tmp_path / "profile"
     command = [CHROMIUM, *FLAGS, f"--user-data-dir={profile}", *flags, path.as_uri()]
     return subprocess.run(command, capture_output=True, timeout=120, check=True).stdout.decode()
 
@@ -197,6 +196,16 @@ def test_the_cursor_reads_a_prediction_that_says_no_confidence(tmp_path, data):
     assert drawn == silent.mask.sum()
 
 
+def _shot(tmp_path, page, size, *flags):
+    """The grey values of a page, in dark where the flags say so."""
+    shot = tmp_path / "shot.png"
+    _browse(tmp_path, page, f"--screenshot={shot}", f"--window-size={size}", *flags)
+    return np.asarray(Image.open(shot).convert("L"))
+
+
+DARK = "--blink-settings=preferredColorScheme=0"
+
+
 @pytest.mark.slow
 def test_a_studys_figure_is_as_dark_as_the_page(tmp_path):
     study = STUDIES["event-share"]
@@ -206,15 +215,10 @@ def test_a_studys_figure_is_as_dark_as_the_page(tmp_path):
     uri = _figure(tmp_path / "event-share.svg")
     style = ":root { color-scheme: light dark } body { margin: 0 }"
     page = f'<html><head><style>{style}</style></head><img src="{uri}" style="width:100%"></html>'
-    found = []
-    for flags in ((), ("--blink-settings=preferredColorScheme=0",)):
-        shot = tmp_path / "shot.png"
-        _browse(tmp_path, page, f"--screenshot={shot}", "--window-size=900,300", *flags)
-        pixels = np.asarray(Image.open(shot).convert("L"))
-        assert pixels.std() > 5
-        found.append(pixels.mean())
-    assert found[0] > 200
-    assert found[1] < 80
+    light, dark = (_shot(tmp_path, page, "900,300", *flags) for flags in ((), (DARK,)))
+    assert min(light.std(), dark.std()) > 5
+    assert light.mean() > 200
+    assert dark.mean() < 80
 
 
 @pytest.mark.slow
@@ -242,24 +246,19 @@ def test_the_cloud_draws_every_point_and_turns(tmp_path, page, data):
       return { drawn, moved, filled: filled(before), alone: +canvas.dataset.drawn };"""
     got = _ask(tmp_path, page, question)
     points = next(m for m in data.cases[0].windows[0].methods if m.name == "Alg1/H").mask.sum()
-    assert got["drawn"] == SHAPE[0] * SHAPE[1] + points
-    assert got["alone"] == points
+    assert (got["drawn"], got["alone"]) == (SHAPE[0] * SHAPE[1] + points, points)
     assert got["moved"]
     assert got["filled"] > 300
 
 
-def test_a_click_sorts_and_another_turns_the_order_around(tmp_path, page):
+def test_a_click_sorts_or_enlarges_and_the_cursor_goes_on(tmp_path, page):
     question = """
       const table = document.querySelector("#ranking table"), head = table.tHead.rows[0].cells[1];
       const column = () => [...table.tBodies[0].rows].map((row) => +row.cells[1].dataset.value);
       head.click(); const first = column(); head.click(); return [first, column()];"""
     first, second = _ask(tmp_path, page, question)
-    assert first == sorted(first, reverse=True)
-    assert second == sorted(first)
+    assert (first, second) == (sorted(first, reverse=True), sorted(first))
     assert len(set(first)) > 1
-
-
-def test_a_click_enlarges_and_the_cursor_goes_on(tmp_path, page):
     question = f"""
       document.querySelector(".linked .picture").click();
       const dialog = document.querySelector("dialog"), picture = dialog.querySelector(".picture");
@@ -274,25 +273,22 @@ def test_hostile_names_run_nothing(tmp_path, data):
     hostile = "</script><script>window.hit=1</script>"
     window = data.cases[0].windows[0]
     methods = tuple(replace(m, name=m.name + hostile) for m in window.methods)
-    case = replace(
-        data.cases[0], name=hostile, windows=(replace(window, name=hostile, methods=methods),)
-    )
+    windows = (replace(window, name=hostile, methods=methods),)
+    case = replace(data.cases[0], name=hostile, windows=windows)
     rows = data.results.rows
     rows = rows.assign(case=hostile, method=rows["method"] + hostile)
     page = run_page(replace(data, cases=(case,), results=replace(data.results, rows=rows)))
     assert _ask(tmp_path, page, "return window.hit ?? 0;") == 0
 
 
-@pytest.mark.parametrize("flags", [(), ("--blink-settings=preferredColorScheme=0",)])
+@pytest.mark.parametrize("flags", [(), (DARK,)])
 def test_a_phone_sees_a_page_in_light_and_dark(tmp_path, page, flags):
     """The narrowest window that a headless browser opens is wider than a phone, a frame is not."""
     inner = tmp_path / "inner.html"
     inner.write_text(page, encoding="utf-8")
     style = "border:0;width:390px;height:800px"
     frame = f'<body style="margin:0"><iframe src="{inner.as_uri()}" style="{style}"></iframe>'
-    shot = tmp_path / "shot.png"
-    _browse(tmp_path, frame, f"--screenshot={shot}", "--window-size=500,800", *flags)
-    pixels = np.asarray(Image.open(shot).convert("L"))[:, :390]
+    pixels = _shot(tmp_path, frame, "500,800", *flags)[:, :390]
     assert pixels.std() > 10
     assert (pixels.mean() < 100) == bool(flags)
 

@@ -133,8 +133,6 @@ def number(comparison, pair=0, **wanted):
 
 
 # --- settings
-
-
 def test_the_page_says_first_what_was_changed(tmp_path, capsys):
     folders = [
         run_folder(tmp_path / name, configuration=configuration(map_planes=planes))
@@ -150,14 +148,12 @@ def test_the_page_says_first_what_was_changed(tmp_path, capsys):
 
 
 def test_settings_of_simulator_and_scores_differ_too_and_have_units(tmp_path):
+    versions = {"eventsweep": "0.1", "numpy": "9"}
+    settings = configuration(sim_duration_s=2.0, map_min_depth_m=0.5)
     comparison = compared(
         run_folder(tmp_path / "a"),
-        run_folder(
-            tmp_path / "b", platform="elsewhere",
-            versions={"eventsweep": "0.1", "numpy": "9"},
-            configuration=configuration(sim_duration_s=2.0, map_min_depth_m=0.5),
-        ),
-    )  # fmt: skip
+        run_folder(tmp_path / "b", platform="elsewhere", versions=versions, configuration=settings),
+    )
     found = {one.name: (one.unit, *one.texts) for one in comparison.differing}
     assert found["sim.duration_s"] == ("s", "unset", "2")
     assert (found["map.min_depth_m"], found["platform"][2]) == (("m", "unset", "0.5"), "elsewhere")
@@ -203,8 +199,6 @@ def test_a_suites_code_and_failures_are_named(tmp_path):
 
 
 # --- numbers
-
-
 def test_seeds_and_windows_are_paired_and_the_interval_is_that_of_the_differences(tmp_path):
     first, other = spread(5), spread(5, 0.02, 0.004)
     one = number(compared_suites(tmp_path, *mean_errors(first, other)))
@@ -293,13 +287,10 @@ def test_means_weigh_cases_alike_and_their_seeds_stay_apart(tmp_path):
     singles = [number(comparison, case=case) for case in cases]
     assert mean.change == pytest.approx(np.mean([one.change for one in singles]))
     assert mean.low < mean.change < mean.high
-    assert comparison.pairs[0].headline == (mean,)
-    assert mean.verdict == "worse"
+    assert (comparison.pairs[0].headline, mean.verdict) == ((mean,), "worse")
 
 
 # --- what can be compared, and what cannot
-
-
 def test_what_is_common_is_compared_and_the_rest_is_named(tmp_path):
     h, g = ({"mean_error": spread(3)} for _ in range(2))
     comparison = compared(
@@ -402,8 +393,6 @@ def test_one_result_or_a_damaged_definition_is_refused_in_one_line(tmp_path):
 
 
 # --- the page
-
-
 def table(comparison, title, metric):
     section: Section = next(one for one in sections_of(comparison) if one.title == title)
     return section.tables[section.names.index(metric)]
@@ -432,8 +421,7 @@ def test_tables_hold_the_same_numbers(tmp_path, capsys):
     assert len(lines) > 3
     for _, first, second, change, low, high, share, seeds, p, verdict in lines[1:]:
         assert float(second) == pytest.approx(2 * float(first))
-        assert float(change) == pytest.approx(float(first))
-        assert float(share) == pytest.approx(100)
+        assert (float(change), float(share)) == (pytest.approx(float(first)), pytest.approx(100))
         assert (low, high, seeds, p) == ("", "", "1", "")
         assert verdict == "undecided (one seed: worse here)"
     # Scripts get the same as people.
@@ -442,8 +430,7 @@ def test_tables_hold_the_same_numbers(tmp_path, capsys):
     (pair,) = json.loads(capsys.readouterr().out)["pairs"]
     found = {(one["method"], one["metric"]): one for one in pair["numbers"]}
     one = found["Alg1/H", "mean_error"]
-    assert len(found) == len(pair["numbers"])
-    assert (one["verdict"], one["low"]) == ("undecided", None)
+    assert (len(found), one["verdict"], one["low"]) == (len(pair["numbers"]), "undecided", None)
     assert one["change"] == pytest.approx(one["first"])
 
 
@@ -490,8 +477,6 @@ def test_names_from_files_are_escaped(tmp_path):
 
 
 # --- pictures
-
-
 def picture_data(monkeypatch, **cases):
     monkeypatch.setattr(side_by_side, "load_run", lambda folder: cases[folder.name])
 

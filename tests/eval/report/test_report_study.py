@@ -46,16 +46,13 @@ def test_numbers_bands_and_breaking_points_are_there(tmp_path):
     assert "±" not in text.replace("± is half of", "")
 
 
-def test_a_figure_has_the_pages_ground_and_ink():
+def test_a_figure_is_an_image_in_the_pages_ink_in_which_nothing_runs(tmp_path):
     ground = '<g id="patch_1"><path style="fill: #ffffff"/></g>'
     shown = as_page(f'<?xml?><svg width="3">{ground}<text fill="{INK}"/></svg>')
     assert INK not in shown
     assert 'fill="currentColor"' in shown
     assert shown.index("prefers-color-scheme: dark") < shown.index("<g id")
     assert as_page("<svg><text/></svg>") == "<svg><text/></svg>"
-
-
-def test_a_figure_is_an_image_in_which_nothing_runs(tmp_path):
     drawing = b"<svg xmlns='http://www.w3.org/2000/svg'><script>alert(1)</script></svg>"
     (tmp_path / "pose-noise.svg").write_bytes(drawing)
     text = _page(tmp_path)

@@ -59,7 +59,7 @@ def tables(text):
     ]  # fmt: skip
 
 
-def test_a_suites_folder_gets_a_page_with_the_best_method_first(folder):
+def test_a_suites_page_has_the_best_method_first_links_files_and_escapes_names(folder):
     mean, a, b, _versions = tables(reported(folder))
     # (20 + 40 + 5 + 7) / 4 cm and so on; a single camera has no rank.
     assert mean == [
@@ -70,9 +70,6 @@ def test_a_suites_folder_gets_a_page_with_the_best_method_first(folder):
     assert [line[:2] for line in a] == [["EMVS/cam0", ""], ["Focus/H", "1"], ["Alg1/H", "2"]]
     assert a[2] == ["Alg1/H", "2", "12,345 ± 0", f"30.00 ± {spread_cm}"]
     assert [line[:2] for line in b] == [["Alg1/H", "1"], ["Focus/H", "2"], ["EMVS/cam0", ""]]
-
-
-def test_its_page_links_its_files_and_escapes_names(folder):
     text = reported(folder)
     page = WellFormed(text)
     links = [source for source in page.sources if not source.startswith(("#", "data:"))]

@@ -42,21 +42,17 @@ def test_coverage_by_hand():
     np.testing.assert_allclose(found.coverage, [12.5, 37.5, 50])
     np.testing.assert_allclose(found.mean_error_m, [0.5, 0.7 / 3, 0.2])
     np.testing.assert_allclose(found.best_error_m, [0, 0.1, 0.2])
-    got = values(by_hand())
-    assert got["aurc"] == pytest.approx((1 * 0.5 + 2 * 0.7 / 3 + 1 * 0.2) / 4)
-    assert got["ause"] == pytest.approx((1 * 0.5 + 2 * (0.7 / 3 - 0.1) + 0) / 4)
-    assert got["mean_error_top_10pct"] == 0.5
-    assert got["mean_error_top_20pct"] == pytest.approx(0.7 / 3)
-
-
-def test_areas_by_hand():
-    # To 15 cm: the pixels without error, and with 10 cm for the last third, count 1 + 1/3.
-    got = values(by_hand())
-    assert got["auc_precision"] == pytest.approx(100 * (4 / 3) / 4)
-    assert got["auc_recall"] == pytest.approx(100 * (4 / 3) / 8)
-    assert got["auc_f1"] == pytest.approx(200 * (4 / 3) / 12)
-    # To 20 %: no error, and 10 %, count 1 + 1/2; 20 % itself counts nothing.
-    assert got["auc_precision_relative"] == pytest.approx(100 * 1.5 / 4)
+    got, expected = values(by_hand()), {
+        "aurc": (1 * 0.5 + 2 * 0.7 / 3 + 1 * 0.2) / 4,
+        "ause": (1 * 0.5 + 2 * (0.7 / 3 - 0.1) + 0) / 4,
+        "mean_error_top_10pct": 0.5, "mean_error_top_20pct": 0.7 / 3,
+        # To 15 cm: the pixels without error, and with 10 cm for the last third, count 1 + 1/3.
+        "auc_precision": 100 * (4 / 3) / 4, "auc_recall": 100 * (4 / 3) / 8,
+        "auc_f1": 200 * (4 / 3) / 12,
+        # To 20 %: no error, and 10 %, count 1 + 1/2; 20 % itself counts nothing.
+        "auc_precision_relative": 100 * 1.5 / 4,
+    }  # fmt: skip
+    assert {name: got[name] for name in expected} == pytest.approx(expected)
 
 
 def test_cells_by_hand():
@@ -130,18 +126,16 @@ def regional_pairs(shift=0.0):
     return pair_methods({"Alg1/H": found, "silent": silent}, truth)
 
 
-def test_regions_by_hand():
+def test_regions_by_hand_and_of_an_empty_prediction():
     got = {s.metric: s for s in score_method(regional_pairs()["Alg1/H"])}
-    assert got["boundary_points"].value == 1
-    assert got["boundary_completeness"].value == pytest.approx(100 / 3)
-    assert (got["boundary_mean_error"].value, got["interior_mean_error"].value) == (0.5, 0.125)
-    assert got["interior_completeness"].value == pytest.approx(100 * 2 / 6)
+    expected = {
+        "boundary_points": 1, "boundary_completeness": 100 / 3, "boundary_mean_error": 0.5,
+        "interior_mean_error": 0.125, "interior_completeness": 100 * 2 / 6,
+    }  # fmt: skip
+    assert {name: got[name].value for name in expected} == pytest.approx(expected)
     assert got["interior_mean_error"].region == "interior"
     assert got["common_points"].region == "common"
     assert (got["mean_error"].support, got["interior_mean_error"].support) == (3, 2)
-
-
-def test_an_empty_prediction_has_no_errors_in_any_region_and_completes_none():
     got = {s.metric: s.value for s in score_method(regional_pairs()["silent"])}
     for region in ("boundary", "interior"):
         assert got[f"{region}_completeness"] == got[f"{region}_points"] == 0
@@ -150,7 +144,7 @@ def test_an_empty_prediction_has_no_errors_in_any_region_and_completes_none():
     assert got["auc_recall"] == 0
 
 
-def test_shares_of_causes_add_up_and_say_of_how_many():
+def test_shares_of_causes_add_up_and_every_row_has_a_heading_with_its_region():
     causes = dict(zip(CAUSES, (1, 0, 4, 0, 0, 2, 0, 1), strict=True))
     pairs = regional_pairs()["Alg1/H"]
     got = score_method(MethodPairs(pairs.own, pairs.common, causes=causes))
@@ -159,6 +153,14 @@ def test_shares_of_causes_add_up_and_say_of_how_many():
     assert sum(s.value for s in shares.values()) == pytest.approx(100)
     assert shares["cause_occlusion"].value == 50
     assert {s.support for s in shares.values()} == {8}
+    causes = dict.fromkeys(CAUSES, 1)
+    pairs = regional_pairs()["Alg1/H"]
+    for score in score_method(MethodPairs(pairs.own, pairs.common, pairs.regions, causes)):
+        found = column(score.metric)
+        assert (found.name, found.direction) == (score.metric, score.direction)
+        assert score.region in REGIONS
+        assert score.region == "all" or REGIONS[score.region] in found.formula
+    assert len(REGION_NAMES) == len(set(REGION_NAMES))
 
 
 def test_findings_name_the_causes_of_outliers_from_the_most_frequent_on():
@@ -175,32 +177,17 @@ def test_findings_name_the_causes_of_outliers_from_the_most_frequent_on():
     assert not any("tenth" in line for line in findings(case_rows("desk", without), "mean_error"))
 
 
-def test_every_row_has_a_heading_that_says_its_region():
-    causes = dict.fromkeys(CAUSES, 1)
-    pairs = regional_pairs()["Alg1/H"]
-    for score in score_method(MethodPairs(pairs.own, pairs.common, pairs.regions, causes)):
-        found = column(score.metric)
-        assert (found.name, found.direction) == (score.metric, score.direction)
-        assert score.region in REGIONS
-        assert score.region == "all" or REGIONS[score.region] in found.formula
-    assert len(REGION_NAMES) == len(set(REGION_NAMES))
-
-
-def test_mean_of_windows_weighs_windows_and_has_no_interval():
+def test_the_mean_weighs_windows_and_is_none_where_one_lacks_the_number():
     """They are of one seed, and say nothing of how another would do."""
     windows = {f"w{k:03d}": regional_pairs(0.1 * k) for k in range(4)}
     rows = [row for row in each(case_rows("desk", windows)) if row.method == "Alg1/H"]
     errors = [row for row in rows if row.metric == "median_error"]
     single = [row.value for row in errors if row.window.startswith("w")]
     (mean,) = [row for row in errors if row.window == "mean"]
-    assert mean.value == pytest.approx(np.mean(single))
-    assert mean.support == 12
+    assert (mean.value, mean.support) == (pytest.approx(np.mean(single)), 12)
     assert all(math.isnan(row.low) and math.isnan(row.high) for row in errors)
     again = [row for row in each(case_rows("desk", windows)) if row.method == "Alg1/H"]
     assert repr(again) == repr(rows)
-
-
-def test_a_number_that_a_window_lacks_has_no_mean():
     one = score_row("desk", "w000", "Alg1/H", "mean_error", 1.0, "m", "lower", support=3)
     other = score_row("desk", "w001", "Alg1/H", "rmse", 2.0, "m", "lower", support=3)
     rows = mean_rows([one, {**other, "window": "w000"}, {**one, "window": "w001"}])

@@ -118,7 +118,7 @@ def test_no_truth_at_all_is_undefined():
     assert all(np.isnan(value) for value in got.values())
 
 
-def test_perfect_prediction_is_perfect():
+def test_a_perfect_prediction_is_perfect_and_one_camera_has_no_disparity_metric():
     _, _, truth_m, valid = scene(1)
     truth = Truth(truth_m, valid, 226.0, 0.1)
     pairs = pair(truth_m, valid, truth, confidence=truth_m, rho=np.linspace(0.2, 1.0, 9))
@@ -127,6 +127,11 @@ def test_perfect_prediction_is_perfect():
         if name != "points":
             assert got[name].value == (100 if got[name].direction == "higher" else 0), name
     assert got["points"].value == np.count_nonzero(valid)
+    got = of_depth(*scene(3), 226.0, None)
+    assert {name for name, value in got.items() if np.isnan(value)} == {
+        "baseline_focal", *DISPARITY_METRICS,
+        *(metric.name for metric in (*CELL_METRICS, *COVERAGE_METRICS)),
+    }  # fmt: skip
 
 
 def scaled(pairs, scale):
@@ -183,14 +188,6 @@ def test_truth_must_be_finite_positive_and_within_the_limits():
     np.testing.assert_array_equal(truth.scored, [[0, 0, 0, 0, 0, 1, 1, 0]])
     got = pair(np.full_like(truth_m, 2.0), np.ones_like(truth_m, bool), truth)
     np.testing.assert_array_equal(got.truth_m, [1.0, 4.0])
-
-
-def test_one_camera_has_no_disparity_metric_but_all_others():
-    got = of_depth(*scene(3), 226.0, None)
-    assert {name for name, value in got.items() if np.isnan(value)} == {
-        "baseline_focal", *DISPARITY_METRICS,
-        *(metric.name for metric in (*CELL_METRICS, *COVERAGE_METRICS)),
-    }  # fmt: skip
 
 
 @pytest.mark.parametrize(("change", "message"), [
@@ -253,7 +250,7 @@ def test_what_is_scored_beside_a_map_leaves_its_common_support_alone():
     assert not [name for name in both["Given/x"] if name.startswith("common")]
 
 
-def test_pairs_of_windows_pool_as_one_large_window():
+def test_case_rows_hold_every_window_and_their_pool_as_one_large_window():
     def windows(seed):
         depth_m, mask, truth_m, valid = scene(seed)
         other = np.random.default_rng(seed).random(mask.shape) < 0.5
@@ -270,9 +267,6 @@ def test_pairs_of_windows_pool_as_one_large_window():
             assert got[score.metric] == pytest.approx(score.value)
     assert got["shared_points"] > 0
     assert not [name for name in got if name.startswith("common")]
-
-
-def test_case_rows_hold_every_window_and_their_pool():
     windows = {}
     for seed in (0, 1):
         depth_m, mask, truth_m, valid = scene(seed)
@@ -280,8 +274,7 @@ def test_case_rows_hold_every_window_and_their_pool():
         windows[f"w{seed:03d}"] = pair_methods({"Alg1/H": (depth_m, mask)}, truth)
     rows = list(each(case_rows("desk", windows)))
     points = {row.window: row.value for row in rows if row.metric == "points"}
-    assert points["mean"] == points["all"] / 2
-    assert points["all"] == points["w000"] + points["w001"]
+    assert (points["mean"], points["all"]) == (points["all"] / 2, points["w000"] + points["w001"])
     assert {row.case for row in rows} == {"desk"}
     assert len({(row.window, row.method, row.metric) for row in rows}) == len(rows)
 

@@ -92,20 +92,15 @@ def test_disparity_may_refer_to_a_baseline_and_focal_length_of_its_own(tmp_path)
     assert_depths(given(tmp_path, facts), rtol=1e-6)
 
 
-def test_zero_negative_and_infinite_numbers_are_no_depth(tmp_path):
+def test_a_mask_hides_numbers_and_zero_negative_and_infinite_ones_are_no_depth(tmp_path):
+    mask, expected = np.random.default_rng(1).random(SHAPE) > 0.5, np.isfinite(depths())
+    _, seen = given(tmp_path, depth_m=depths(), mask=mask).depth_m(VIEW)
+    np.testing.assert_array_equal(seen, mask & expected)
     depth_m = depths()
-    depth_m[1, :4] = 0, -1, np.inf, -np.inf
+    depth_m[1, :4], expected[1, :4] = (0, -1, np.inf, -np.inf), False
     np.save(tmp_path / "a.npy", depth_m)
-    expected = np.isfinite(depths())
-    expected[1, :4] = False
     found = depths_in(read_stored(tmp_path / "a.npy", *SHAPE))
     np.testing.assert_array_equal(np.isfinite(found), expected)
-
-
-def test_a_mask_hides_numbers(tmp_path):
-    mask = np.random.default_rng(1).random(SHAPE) > 0.5
-    _, seen = given(tmp_path, depth_m=depths(), mask=mask).depth_m(VIEW)
-    np.testing.assert_array_equal(seen, mask & np.isfinite(depths()))
 
 
 @pytest.mark.parametrize(("name", "description", "times"), [
@@ -292,10 +287,8 @@ BAD = {
     "words": (text("a b c"), "cannot be read"), "no TOML": (text("= 1", FACTS), "not TOML"),
     "unknown key": (text("unit = 1", FACTS, "250000.npy"), "it may hold name"),
     "list too short": (text("1", "timestamps.txt", "a.npy", "b.npy"), "it has 1 of them"),
-    "mask": (
-        lambda folder: np.savez(folder / "250000.npz", depth_m=depths(), mask=np.ones(3)),
-        "mask is float64",
-    ),
+    "mask": (lambda folder: np.savez(folder / "250000.npz", depth_m=depths(), mask=np.ones(3)),
+     "mask is float64"),
     "npz of disparity": (text('quantity = "disparity"', FACTS, "250000.npz"), "quantity"),
 }  # fmt: skip
 

@@ -90,13 +90,10 @@ def test_a_band_over_strata_follows_welch(groups):
     np.testing.assert_allclose(stratified_interval(groups), expected, rtol=1e-6, atol=1e-9)
 
 
-def test_one_stratum_is_students_t():
+def test_one_stratum_is_students_t_and_the_paired_t_test():
     values = [3.0, 5.0, 4.0, 8.0]
     expected = stats.t.interval(0.95, 3, np.mean(values), stats.sem(values))
     np.testing.assert_allclose(stratified_interval([values]), expected)
-
-
-def test_p_of_one_stratum_is_the_paired_t_tests():
     first, other = [3.0, 5.0, 4.0, 8.0], [2.0, 5.5, 3.0, 6.0]
     differences = np.subtract(other, first)
     assert stratified_p([differences]) == pytest.approx(stats.ttest_rel(other, first).pvalue)

@@ -61,7 +61,7 @@ def scored(mapped):
     return truth, window_pairs(sequence, window, EvalConfig(), given)
 
 
-def test_true_depth_is_perfect_in_every_region(scored):
+def test_true_depth_is_perfect_in_every_region_and_every_bad_pixel_has_one_cause(scored):
     truth, pairs = scored
     got = {score.metric: score.value for score in score_method(pairs["true"])}
     assert truth.scored.mean() > 0.5
@@ -69,9 +69,6 @@ def test_true_depth_is_perfect_in_every_region(scored):
     assert got["mean_error"] == got["outlier_points"] == 0
     assert got["interior_completeness"] == got["edges_completeness"] == 100
     assert got["interior_points"] + got["boundary_points"] == got["points"]
-
-
-def test_every_bad_pixel_has_one_cause(scored):
     truth, pairs = scored
     deep = pairs["deep"]
     assert sum(deep.causes.values()) == np.count_nonzero(truth.scored) > 0

@@ -11,7 +11,6 @@ import pytest
 
 from eventsweep import scenes
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.output_manifest import NAME, strangers
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.perturbations import Perturbation
@@ -22,6 +21,7 @@ from eventsweep.eval.studies.stages.simulate import WAY_M, going_straight, lit, 
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.rigs import rig as named_rig
 from killed import killed_at_every_step
+from one_line import command_refused, refused
 
 
 def values_of(table, metric="mean_error"):
@@ -38,18 +38,18 @@ def curve_of(table, cases):
     return curves(values_of(table), amounts, ["Alg1/H"], cases)[0]
 
 
-def test_a_curve_is_the_mean_over_cases_of_the_mean_over_seeds():
+def test_a_curve_is_the_mean_over_cases_of_the_mean_over_seeds_or_nothing():
     curve = curve_of({("a", 0): [1, 2], ("a", 1): [3, 4], ("b", 0): [10, 20]}, ["a", "b"])
     np.testing.assert_allclose(curve.mean, [(2 + 10) / 2, (3 + 20) / 2])
     assert curve.samples.tolist() == [3, 3]
     # Case b has one seed, which does not say how much seeds differ.
     assert np.isnan([curve.low, curve.high]).all()
-
-
-def test_the_band_is_students_over_seeds_with_the_cases_held_fixed():
     curve = curve_of({("a", 0): [1], ("a", 1): [3], ("b", 0): [10], ("b", 1): [10]}, ["a", "b"])
     # Seeds of case a differ by 2: its mean is 2 ± 12.7 (t of one degree), of two cases half of it.
     np.testing.assert_allclose((curve.low[0], curve.high[0]), (6 - 6.3531, 6 + 6.3531), atol=1e-4)
+    curve = curve_of({("a", 0): [1, 2], ("b", 0): [1, math.nan]}, ["a", "b"])
+    assert np.isnan(curve.mean[1])
+    assert np.isnan(curve.low[1])
 
 
 def test_one_seed_has_no_band_and_is_drawn(tmp_path):
@@ -65,20 +65,12 @@ def test_one_seed_has_no_band_and_is_drawn(tmp_path):
     assert "<dc:date>" not in (tmp_path / "one.svg").read_text()  # the same bytes in every run
 
 
-def test_a_method_breaks_where_it_passes_twice_its_first_value():
-    assert curve_of({("a", 0): [1, 1.5, 2.5, 9]}, ["a"]).breaking_amount() == 1.5
-    assert curve_of({("a", 0): [1, 1.5, 2.0]}, ["a"]).breaking_amount() is None
-
-
-def test_an_amount_without_a_map_is_broken_and_a_study_without_a_start_says_nothing():
-    assert curve_of({("a", 0): [1, math.nan, 1]}, ["a"]).breaking_amount() == 1
-    assert curve_of({("a", 0): [math.nan, 1, 9]}, ["a"]).breaking_amount() is None
-
-
-def test_a_sample_that_is_missing_leaves_no_mean_over_the_others():
-    curve = curve_of({("a", 0): [1, 2], ("b", 0): [1, math.nan]}, ["a", "b"])
-    assert np.isnan(curve.mean[1])
-    assert np.isnan(curve.low[1])
+@pytest.mark.parametrize(("values", "amount"), [
+    ([1, 1.5, 2.5, 9], 1.5), ([1, 1.5, 2.0], None),
+    ([1, math.nan, 1], 1), ([math.nan, 1, 9], None),  # no map is broken, no start says nothing
+])  # fmt: skip
+def test_a_method_breaks_where_it_passes_twice_its_first_value(values, amount):
+    assert curve_of({("a", 0): values}, ["a"]).breaking_amount() == amount
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -153,14 +145,13 @@ def test_every_lamp_becomes_as_dim_as_asked():
     assert isinstance(dim, mujoco.MjModel)
 
 
-def test_an_unknown_study_case_or_method_is_refused(tmp_path):
-    with pytest.raises(InputError, match="choose from pose-noise"):
-        study_named("nothing")
-    for flags in (["--case", "nowhere"], ["--method", "Alg9/H"], ["--seeds", "x"]):
-        assert main(["study", "planes", "--out", str(tmp_path / "s"), *flags]) == 2
-    for seconds in ("0.15", "0.3"):
-        flags = ["--seconds", seconds, "--quiet"]
-        assert main(["study", "window-length", "--out", str(tmp_path / "s"), *flags]) == 2
+@pytest.mark.parametrize("words", [
+    "planes --case nowhere", "planes --method Alg9/H", "planes --seeds x",
+    "window-length --seconds 0.15", "window-length --seconds 0.3",
+])  # fmt: skip
+def test_an_unknown_study_case_or_method_is_refused(tmp_path, capsys, words):
+    assert "choose from pose-noise" in refused(study_named, "nothing")
+    command_refused(capsys, "study", *words.split(), "--out", tmp_path / "s", "--quiet")
     assert not (tmp_path / "s").exists()
 
 
@@ -178,8 +169,6 @@ def test_delaying_one_camera_breaks_stereo_and_leaves_the_other_camera_alone(tmp
 
 
 # --- what is left of a kill
-
-
 def study_result(mean):
     study = study_named("pose-noise")
     values = [

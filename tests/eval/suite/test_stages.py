@@ -1,7 +1,5 @@
 """The scoring stage of a suite's jobs: what its numbers are comparable to."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from eventsweep.eval.gate.compare import Choice, Tolerances, compare
@@ -15,7 +13,7 @@ from score_rows import score_row
 CAUSE_METRICS = {"outlier_points", *(f"cause_{cause}" for cause in CAUSES)}
 
 
-def test_causes_have_versions_of_their_own(monkeypatch):
+def test_causes_have_versions_of_their_own_and_others_are_not_comparable(monkeypatch):
     """A change of what decides a cause changes the version of the causes, and nothing else."""
     before = metric_versions()
     monkeypatch.setattr(
@@ -23,10 +21,7 @@ def test_causes_have_versions_of_their_own(monkeypatch):
     )
     after = metric_versions()
     assert {name for name in before if before[name] != after[name]} == CAUSE_METRICS
-
-
-def test_causes_of_another_version_are_not_comparable():
-    """The same number under another definition of the causes is no longer the same number."""
+    # The same number under another definition of the causes is no longer the same number.
     row = score_row("wall", "all", "Alg1/H", "cause_occlusion", 40.0, "%", "none", seed=0)
     facts = SampleFacts("s", "t", "scene", "gl", {}, {}, {"cause_occlusion": "one"})
     old = SuiteResult(

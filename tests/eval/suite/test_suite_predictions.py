@@ -1,7 +1,5 @@
 """Depth maps of others join a whole suite: listed, checked, hashed, scored, ranked and shown."""
 
-from __future__ import annotations
-
 import json
 import shutil
 
@@ -10,11 +8,11 @@ import pytest
 
 from blank_pictures import blank_pictures
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.scoring.results import each
 from eventsweep.eval.suite.results import read_suite
 from eventsweep.eval.suite.stages import predict as predict_stage
+from one_line import command_refused, refused
 from small_suite import case, suite_text
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -41,9 +39,13 @@ def suite(tmp_path_factory, jobs_in_this_process):
     return folder / "pair.toml", cache, read_suite(folder / "out")
 
 
-def run(folder, cache, out, *more):
-    arguments = ["--out", str(out), "--cache", str(cache), "--workers", "1", "--no-speed"]
-    return main(["suite", str(folder / "pair.toml"), *arguments, "--quiet", *map(str, more)])
+def asked(folder, cache, out, *more):
+    where = ["suite", folder / "pair.toml", "--out", out, "--cache", cache]
+    return [*where, "--workers", "1", "--no-speed", "--quiet", *more]
+
+
+def run(*places):
+    return main([*map(str, asked(*places))])
 
 
 def listed(file, cache, capsys):
@@ -62,12 +64,6 @@ def predict(content, folder, spoil=lambda depth_m: depth_m):
             depth_m = sequence.truth_view_depth_m(0, window["t_ref_us"]) * 1.01
             np.savez(path, depth_m=spoil(np.where(np.isfinite(depth_m), depth_m, np.nan)))
     return folder
-
-
-@pytest.fixture
-def blank():
-    with blank_pictures():
-        yield
 
 
 @pytest.fixture
@@ -96,9 +92,6 @@ def test_the_list_is_that_of_the_maps_and_needs_nothing_simulated(suite, tmp_pat
         for sequence in one["sequences"]:
             del sequence["sequence"]
     assert nothing == content
-
-
-def test_the_list_for_people_has_a_line_for_each_window(suite, capsys):
     assert main(["suite", str(suite[0]), "--list-cases", "--cache", str(suite[1])]) == 0
     out = capsys.readouterr().out
     assert out.count("/seedN/") == 3
@@ -138,9 +131,8 @@ def test_a_prediction_is_scored_ranked_and_shown(suite, theirs, tmp_path):
 
 
 @pytest.mark.slow
-def test_several_predictions_resume_and_only_what_changed_is_scored_again(
-    suite, theirs, tmp_path, blank
-):
+@blank_pictures()
+def test_several_predictions_resume_and_only_what_changed_is_scored_again(suite, theirs, tmp_path):
     file, cache, _ = suite
     other = shutil.copytree(theirs, tmp_path / "other")
     given = ("--prediction", f"a={theirs}", "--prediction", other)
@@ -174,6 +166,7 @@ def spotted(value):
     return depth_m
 
 
+FIRST = "wall/seed0/10000.npz"
 WRONG = {
     "missing case": (lambda folder: shutil.rmtree(folder / "late"), "late with seed 0"),
     "missing seed": (lambda folder: (folder / "late/seed0").rename(folder / "late/seed1"), "late"),
@@ -184,71 +177,51 @@ WRONG = {
     "all NaN": (put(np.full((180, 240), np.nan)), "finite and positive"),
     "negative": (put(spotted(-1.0)), "3 of 43200 numbers are negative"),
     "millimetres": (put(np.full((180, 240), 2000.0)), "set scale"),
-    "time": (
-        lambda folder: (folder / "wall/seed0/10000.npz").rename(folder / "wall/seed0/9999.npz"),
-        "-1 µs away",
-    ),
-    "damaged": (
-        lambda folder: (folder / "wall/seed0/10000.npz").write_bytes(b"PK"),
-        "cannot be read",
-    ),
+    "time": (lambda folder: (folder / FIRST).rename(folder / "wall/seed0/9999.npz"), "-1 µs away"),
+    "damaged": (lambda folder: (folder / FIRST).write_bytes(b"PK"), "cannot be read"),
     "description": (lone("unit = 1"), "it may hold name"),
-    "twice": (
-        lambda folder: shutil.copy(
-            folder / "wall/seed0/10000.npz", folder / "wall/seed0/10000_b.npz"
-        ),
-        "both for 10000",
-    ),
-}
+    "twice": (lambda folder: shutil.copy(folder / FIRST, folder / "wall/seed0/10000_b.npz"),
+     "both for 10000"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", WRONG)
 def test_a_wrong_prediction_is_one_line_before_anything_is_computed(
-    suite, theirs, tmp_path, monkeypatch, capsys, kind
+    suite, theirs, tmp_path, capsys, kind
 ):
     """With an empty cache, where the first job would be a simulation."""
     spoil, words = WRONG[kind]
     spoil(theirs)
     out, cache = tmp_path / "out", tmp_path / "cache"
-    assert run(suite[0].parent, cache, out, "--prediction", f"mine={theirs}") == 2
-    err = capsys.readouterr().err
-    assert words in err
-    assert err.count("\n") == 1
+    given = ("--prediction", f"mine={theirs}")
+    assert words in command_refused(capsys, *asked(suite[0].parent, cache, out, *given))
     assert not out.exists()
     assert not list(cache.rglob("entry.json"))
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        (["nowhere"], "nowhere: no such folder"),
-        (["=theirs"], "needs NAME=DIR"),
-        (["a=theirs", "a=theirs"], "two predictions are called Given/a"),
-    ],
-)
+@pytest.mark.parametrize(("given", "words"), [
+    (["nowhere"], "nowhere: no such folder"), (["=theirs"], "needs NAME=DIR"),
+    (["a=theirs", "a=theirs"], "two predictions are called Given/a"),
+])  # fmt: skip
 def test_what_is_asked_for_wrongly_is_one_line(
     suite, theirs, tmp_path, monkeypatch, capsys, given, words
 ):
     monkeypatch.chdir(tmp_path)
     more = [word for one in given for word in ("--prediction", one)]
-    assert run(suite[0].parent, suite[1], tmp_path / "out", *more) == 2
-    err = capsys.readouterr().err
-    assert words in err
-    assert err.count("\n") == 1
+    command = asked(suite[0].parent, suite[1], tmp_path / "out", *more)
+    assert words in command_refused(capsys, *command)
 
 
-def test_a_suite_needs_a_folder_unless_it_is_only_listed(suite, capsys):
-    assert main(["suite", str(suite[0])]) == 2
-    assert "add --list-cases" in capsys.readouterr().err
-    assert main(["suite", str(suite[0]), "--list-cases", "--out", "o"]) == 2
-    assert "it only lists" in capsys.readouterr().err
+@pytest.mark.parametrize(("flags", "words"), [
+    ([], "add --list-cases"), (["--list-cases", "--out", "o"], "it only lists"),
+])  # fmt: skip
+def test_a_suite_needs_a_folder_unless_it_is_only_listed(suite, capsys, flags, words):
+    assert words in command_refused(capsys, "suite", suite[0], *flags)
 
 
 def test_a_file_that_changes_while_the_suite_runs_is_not_scored(theirs):
     """The job was planned with another file: its key would say what it is not."""
-    parameters = {
-        "name": "Given/a", "description": {},
-        "files": {"10000": ["wall/seed0/10000.npz", "0" * 64]},
-    }  # fmt: skip
-    with pytest.raises(InputError, match="was changed while the suite ran"):
-        predict_stage.opened(parameters, theirs)
+    files = {"10000": [FIRST, "0" * 64]}
+    parameters = {"name": "Given/a", "description": {}, "files": files}
+    said = refused(predict_stage.opened, parameters, theirs)
+    assert "was changed while the suite ran" in said

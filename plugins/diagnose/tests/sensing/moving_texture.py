@@ -1,7 +1,5 @@
 """A smooth texture that moves before a sensor: frames, events and pictures beside."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -1,7 +1,5 @@
 """What was put into a sensor comes out of its events, or is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from moving_texture import movie, recorded
@@ -25,16 +23,19 @@ def still(seconds, level=0.4, shape=(64, 80)):
     return times_us, [np.full(shape, level, np.float32)] * len(times_us)
 
 
-def test_thresholds_of_ideal_pixels_are_recovered(moving):
+def test_thresholds_mismatch_and_bandwidth_are_recovered_and_refused_without_frames(moving):
     fit = fit_pixels(*recorded(*moving, **C))
     assert fit["contrast_threshold_pos"].value == pytest.approx(0.2, rel=0.01)
     assert fit["contrast_threshold_neg"].value == pytest.approx(0.25, rel=0.01)
     for name in ("bandwidth_hz", "refractory_period_us", "shot_rate_hz"):
         assert fit[name].refused
     assert not fit["threshold_sigma"].value > 0.003
-
-
-def test_mismatch_and_bandwidth_are_recovered(moving):
+    pixels, _ = recorded(*moving, **C)
+    fit = fit_pixels(pixels, None)
+    assert "needs frames" in fit["contrast_threshold_neg"].refused
+    assert "needs frames" in fit["bandwidth_hz"].refused
+    assert fit.values()["sensor"].keys() <= {"hot_pixel_fraction", "shot_rate_dark_hz",
+                                             "shot_rate_bright_hz"}  # fmt: skip
     sensor = {"threshold_sigma": 0.03, "bandwidth_hz": 200.0}
     fit = fit_pixels(*recorded(*moving, sensor=sensor, **C))
     truth = {"threshold_sigma": 0.03, "bandwidth_hz": 200.0, **C}
@@ -99,15 +100,6 @@ def test_the_rate_of_hot_pixels_is_that_before_their_dead_time(dead_us):
     assert abs(rate.value - 298) < rate.uncertainty < 10
 
 
-def test_without_frames_what_needs_them_is_refused(moving):
-    pixels, _ = recorded(*moving, **C)
-    fit = fit_pixels(pixels, None)
-    assert "needs frames" in fit["contrast_threshold_neg"].refused
-    assert "needs frames" in fit["bandwidth_hz"].refused
-    assert fit.values()["sensor"].keys() <= {"hot_pixel_fraction", "shot_rate_dark_hz",
-                                             "shot_rate_bright_hz"}  # fmt: skip
-
-
 def test_effective_thresholds_make_as_many_events():
     times_us, frames = movie(seconds=0.3)
     pixels, stack = recorded(times_us, frames, every=1, **C)
@@ -136,8 +128,7 @@ def test_quiet_pixels_equal_a_slow_twin():
                 if near == counts[k - 1 : k + 2, y, x].sum() and not pixels.hot[y, x]:
                     cells, events = cells + 1, events + dark[k, y, x]
     assert cells > 0
-    assert sums[:, 0].sum() == pytest.approx(0.01 * cells)
-    assert sums[:, 3].sum() == events
+    assert (sums[:, 0].sum(), sums[:, 3].sum()) == (pytest.approx(0.01 * cells), events)
 
 
 def test_replicates_scatter_as_the_mean_does():

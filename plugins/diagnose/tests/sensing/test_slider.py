@@ -1,7 +1,5 @@
 """A real DAVIS240C: what is fitted to one half of its recording holds for the other."""
 
-from __future__ import annotations
-
 import pytest
 
 from eventsweep.emvs.datasets import open_recording

@@ -1,7 +1,5 @@
 """`eventsweep fit` and `realism`: what they write, and what they refuse."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 
@@ -13,6 +11,7 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.formats import write_events
 from eventsweep.eval.cli.main import main
 from eventsweep.sim.config import SimConfig
+from one_line import command_refused
 
 
 @pytest.fixture(scope="module")
@@ -37,13 +36,6 @@ def test_fit_writes_a_preset_that_a_simulation_takes(sequence, tmp_path, capsys)
     assert main(["fit", str(sequence), "--out", str(out)]) == 2
 
 
-def test_too_short_a_recording_is_refused(sequence, tmp_path, capsys):
-    out = tmp_path / "out"
-    assert main(["realism", str(sequence), str(sequence), "--out", str(out)]) == 2
-    assert "take a longer recording" in capsys.readouterr().err
-    assert not out.exists()
-
-
 def test_fit_names_its_files_and_each_reason_once(sequence, tmp_path, capsys):
     file = tmp_path / "e.npz"
     write_events(file, "npz", 96, 64, {"events": [Sequence.open(sequence).events(0, 0, 1 << 40)]})
@@ -53,24 +45,18 @@ def test_fit_names_its_files_and_each_reason_once(sequence, tmp_path, capsys):
     assert f"wrote {tmp_path / 'out' / 'sensor.toml'}" in shown.out + shown.err
 
 
-@pytest.mark.parametrize(
-    ("flags", "words"),
-    [
-        (["--camera", "7"], "no camera 7, it has 0 to 1"),
-        (["--start-s", "1e9"], "from 1e+09 s of a recording"),
-        (["--duration-s", "-1"], "from 0 s for -1 s of a recording"),
-    ],
-)
-def test_a_part_that_is_not_there_is_refused_in_one_line(sequence, tmp_path, capsys, flags, words):
-    assert main(["fit", str(sequence), "--out", str(tmp_path / "out"), *flags]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert words in line
-    assert not (tmp_path / "out").exists()
-
-
-def test_nothing_at_a_path_is_refused_in_one_line(tmp_path, capsys):
-    assert main(["fit", str(tmp_path / "no"), "--out", str(tmp_path / "out")]) == 2
-    assert "no such file or folder; needs a recording or an event file" in capsys.readouterr().err
+@pytest.mark.parametrize(("words", "told"), [
+    ("fit {} --camera 7", "no camera 7, it has 0 to 1"),
+    ("fit {} --start-s 1e9", "from 1e+09 s of a recording"),
+    ("fit {} --duration-s -1", "from 0 s for -1 s of a recording"),
+    ("fit nowhere", "no such file or folder; needs a recording or an event file"),
+    ("realism {} {}", "take a longer recording"),
+])  # fmt: skip
+def test_a_part_that_is_not_there_is_refused_in_one_line(sequence, tmp_path, capsys, words, told):
+    out = tmp_path / "out"
+    words = [word.format(sequence) for word in words.split()]
+    assert told in command_refused(capsys, *words, "--out", out, "--quiet")
+    assert not out.exists()
 
 
 def test_an_event_file_says_what_events_alone_can(sequence, tmp_path, capsys):
@@ -80,14 +66,12 @@ def test_an_event_file_says_what_events_alone_can(sequence, tmp_path, capsys):
     write_events(file, "npz", 96, 64, {"events": [events]})
     np.save(table, np.stack([events.x, events.y, events.p, events.t_us], 1).astype(np.int64))
     columns = ("--columns", "x=0,y=1,p=2,t=3", "--time-unit", "us")
-    found = []
+    found, out = [], str(tmp_path / "o")
     for path, words in ((file, ()), (table, columns)):
-        assert (
-            main(["fit", str(path), "--out", str(tmp_path / "o"), "--json", "--force", *words]) == 0
-        )
+        assert main(["fit", str(path), "--out", out, "--json", "--force", *words]) == 0
         found.append(json.loads(capsys.readouterr().out))
         by_name = {each["name"]: each for each in found[-1]["estimates"]}
         assert "needs frames" in by_name["contrast_threshold_pos"]["refused"]
     assert found[0] == found[1]
-    assert main(["fit", str(file), "--out", str(tmp_path / "p"), "--camera", "1"]) == 2
-    assert "no camera 1, it has 0 to 0" in capsys.readouterr().err
+    said = command_refused(capsys, "fit", file, "--out", tmp_path / "p", "--camera", "1", "--quiet")
+    assert "no camera 1, it has 0 to 0" in said

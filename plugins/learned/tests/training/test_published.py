@@ -7,6 +7,7 @@ from eventsweep.eval.cli.main import main
 from eventsweep.plugins.learned.networks.derd import LAYERS, derd_net
 from eventsweep.plugins.learned.training import published
 from lanes import in_blocks
+from one_line import command_refused
 
 torch = pytest.importorskip("torch", reason="torch is an extra, [train]")
 
@@ -65,7 +66,7 @@ def test_two_published_files_give_the_mean_of_what_they_give(tmp_path):
     assert sorted(one.name for one in out.iterdir()) == ["derd.json", "derd.npz"]
 
 
-def test_a_plain_state_is_read_as_well(tmp_path):
+def test_a_plain_state_is_read_as_well_and_layers_have_the_published_names(tmp_path):
     model = saved(tmp_path / "a.pth")
     torch.save(model.state_dict(), tmp_path / "plain.pth")
     for name in ("a", "plain"):
@@ -74,6 +75,8 @@ def test_a_plain_state_is_read_as_well(tmp_path):
     assert one.models == 1
     for name, array in one.weights.arrays.items():
         np.testing.assert_array_equal(other.weights.arrays[name], array)
+    found = {name: tuple(one.shape) for name, one in PixelwiseConvGRU().state_dict().items()}
+    assert found == dict(LAYERS)
 
 
 class Evil:
@@ -86,43 +89,25 @@ class Evil:
         return (self.path.touch, ())
 
 
-def _multipixel(path):
-    saved(path, outputs=9)
-
-
-def _foreign(path):
-    torch.save({"model_state_dict": torch.nn.Linear(3, 1).state_dict()}, path)
-
-
-def _short(path):
-    saved(path)
-    path.write_bytes(path.read_bytes()[:9000])
-
-
-def _evil(path):
-    torch.save({"model_state_dict": Evil(path.with_name("executed"))}, path)
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (_multipixel, "weights of the 3 x 3 pixel variant; needs those of one pixel"),
-        (_foreign, "arrays differ from DERD-Net's: bias, conv3d.0.bias"),
-        (_short, "cannot be read as a file of weights"),
-        (_evil, "cannot be read as a file of weights (UnpicklingError"),
-        (lambda path: torch.save([1, 2], path), "contains no model state"),
-        (lambda path: torch.save({"model_state_dict": 3}, path), "contains no model state"),
-        (lambda path: None, "cannot be read as a file of weights (FileNotFoundError"),
-        (lambda path: path.mkdir(), "is a folder; needs a regular file"),
-    ],
-)
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda path: saved(path, outputs=9),
+     "weights of the 3 x 3 pixel variant; needs those of one pixel"),
+    (lambda path: torch.save({"model_state_dict": torch.nn.Linear(3, 1).state_dict()}, path),
+     "arrays differ from DERD-Net's: bias, conv3d.0.bias"),
+    (lambda path: [saved(path), path.write_bytes(path.read_bytes()[:9000])],
+     "cannot be read as a file of weights"),
+    (lambda path: torch.save({"model_state_dict": Evil(path.with_name("executed"))}, path),
+     "cannot be read as a file of weights (UnpicklingError"),
+    (lambda path: torch.save([1, 2], path), "contains no model state"),
+    (lambda path: torch.save({"model_state_dict": 3}, path), "contains no model state"),
+    (lambda path: None, "cannot be read as a file of weights (FileNotFoundError"),
+    (lambda path: path.mkdir(), "is a folder; needs a regular file"),
+])  # fmt: skip
 def test_other_files_get_one_line_and_leave_nothing(make, words, tmp_path, capsys):
     path, out = tmp_path / "a.pth", tmp_path / "out"
     make(path)
-    assert main(["train", "--out", str(out), "--published", str(path), "--quiet"]) == 2
-    said = capsys.readouterr().err.strip()
+    said = command_refused(capsys, "train", "--out", out, "--published", path, "--quiet")
     assert words in said
-    assert "\n" not in said
     assert not out.exists()
     assert not (tmp_path / "executed").exists()
 
@@ -130,16 +115,9 @@ def test_other_files_get_one_line_and_leave_nothing(make, words, tmp_path, capsy
 def test_what_makes_no_sense_is_refused(tmp_path, capsys):
     saved(tmp_path / "a.pth")
     one = ["--published", str(tmp_path / "a.pth")]
-    out = ["train", "--out", str(tmp_path / "out"), "--quiet"]
-    assert main([*out, *one, *one, *one]) == 2
-    assert "3 published files: at most 2" in capsys.readouterr().err
-    assert main([*out, *one, "--epochs", "3"]) == 2
-    assert "published weights are not trained: leave out epochs" in capsys.readouterr().err
-    assert main([*out, *one]) == 0
-    assert main([*out, *one]) == 2
-    assert "derd.npz: is there already" in capsys.readouterr().err
-
-
-def test_layers_have_the_published_names():
-    found = {name: tuple(one.shape) for name, one in PixelwiseConvGRU().state_dict().items()}
-    assert found == dict(LAYERS)
+    asked = ["train", "--out", str(tmp_path / "out"), "--quiet", *one]
+    assert "3 published files: at most 2" in command_refused(capsys, *asked, *one, *one)
+    said = command_refused(capsys, *asked, "--epochs", "3")
+    assert "published weights are not trained: leave out epochs" in said
+    assert main(asked) == 0
+    assert "derd.npz: is there already" in command_refused(capsys, *asked)

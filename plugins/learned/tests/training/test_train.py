@@ -12,6 +12,7 @@ from eventsweep.plugins.learned.networks.network import NAME, Architecture
 from eventsweep.plugins.learned.networks.weights import read_weights
 from eventsweep.plugins.learned.training import data
 from eventsweep.plugins.learned.training.sequences import FIRST_SEED, TrainingSequence
+from one_line import command_refused, untouched
 
 FLAGS = ["--candidates", "80", "--batch", "32", "--quiet"]
 
@@ -29,10 +30,12 @@ def few(monkeypatch):
 
 def test_without_torch_it_says_what_to_install(monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.delitem(sys.modules, "eventsweep.plugins.learned.training.fit", raising=False)
-    monkeypatch.delitem(sys.modules, "eventsweep.plugins.learned.training.network", raising=False)
-    assert main(["train", "--out", str(tmp_path / "a")]) == 2
-    assert release.install_extra("train") in capsys.readouterr().err
+    for name in ("fit", "network"):
+        monkeypatch.delitem(
+            sys.modules, f"eventsweep.plugins.learned.training.{name}", raising=False
+        )
+    said = command_refused(capsys, "train", "--out", tmp_path / "a")
+    assert release.install_extra("train") in said
     assert not (tmp_path / "a").exists()
 
 
@@ -62,19 +65,19 @@ def test_it_trains_and_a_stopped_run_ends_as_one_that_was_not(few, tmp_path, cap
     for name, array in weights.arrays.items():
         np.testing.assert_allclose(again.arrays[name], array, atol=1e-4)
 
-    assert main(["train", "--out", str(one), "--epochs", "4", *FLAGS]) == 2
-    assert "something else was trained here (another epochs)" in capsys.readouterr().err
+    said = command_refused(capsys, "train", "--out", one, "--epochs", "4", *FLAGS)
+    assert "something else was trained here (another epochs)" in said
     (one / "checkpoint.pt").write_bytes(b"nothing")
-    assert main(["train", "--out", str(one), "--epochs", "3", *FLAGS]) == 2
-    assert "cannot be resumed" in capsys.readouterr().err
+    said = command_refused(capsys, "train", "--out", one, "--epochs", "3", *FLAGS)
+    assert "cannot be resumed" in said
 
 
 def test_a_folder_of_somebody_else_is_left_alone(few, tmp_path, capsys):
     pytest.importorskip("torch", reason="torch is an extra, [train]")
     (tmp_path / "notes.txt").write_text("mine")
-    assert main(["train", "--out", str(tmp_path), *FLAGS]) == 2
-    assert "is not empty, and nothing was trained here" in capsys.readouterr().err
-    assert [one.name for one in tmp_path.iterdir()] == ["notes.txt"]
+    with untouched(tmp_path):
+        said = command_refused(capsys, "train", "--out", tmp_path, *FLAGS)
+    assert "is not empty, and nothing was trained here" in said
 
 
 def test_a_folder_trained_by_other_code_is_refused(few, tmp_path, capsys):
@@ -83,5 +86,4 @@ def test_a_folder_trained_by_other_code_is_refused(few, tmp_path, capsys):
 
     config = TrainingConfig(candidates=80, batch=32).model_dump(mode="json")
     (tmp_path / "training.json").write_text(json.dumps({"config": config, "code": "0"}))
-    assert main(["train", "--out", str(tmp_path), *FLAGS]) == 2
-    assert "by other code" in capsys.readouterr().err
+    assert "by other code" in command_refused(capsys, "train", "--out", tmp_path, *FLAGS)

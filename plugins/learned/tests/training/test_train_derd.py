@@ -12,18 +12,13 @@ from eventsweep.eval.scoring.run_folder import truth_of
 from eventsweep.plugins.learned.methods.derd import DERD
 from eventsweep.plugins.learned.networks.derd import DepthRange, derd_net, selecting
 from eventsweep.plugins.learned.training import data, derd_samples
+from eventsweep.plugins.learned.training import sequences as training
 from eventsweep.plugins.learned.training.config import TrainingConfig
 from eventsweep.plugins.learned.training.samples import swept_window, window_config
-from eventsweep.plugins.learned.training.sequences import (
-    FIRST_SEED,
-    TrainingSequence,
-    TrainingWindow,
-    sequences,
-    windows,
-)
+from one_line import command_refused
 
-TINY = TrainingSequence("planes", "oblique", FIRST_SEED + 900, "ideal", 0.1)
-WINDOW = TrainingWindow(0.0, 0.1, seed=3)
+TINY = training.TrainingSequence("planes", "oblique", training.FIRST_SEED + 900, "ideal", 0.1)
+WINDOW = training.TrainingWindow(0.0, 0.1, seed=3)
 
 
 @pytest.fixture(scope="module")
@@ -35,12 +30,12 @@ def folder(tmp_path_factory):
 
 
 def test_its_windows_are_those_of_the_same_list_with_nothing_wrong():
-    for one in sequences("training"):
+    for one in training.sequences("training"):
         found = derd_samples.derd_windows(one)
         assert found
         assert {(w.planes, w.fusion) for w in found} == {(100, "H")}
         assert not any(w.imperfection for w in found)
-        spans = {(w.start_s, w.duration_s) for w in windows(one)}
+        spans = {(w.start_s, w.duration_s) for w in training.windows(one)}
         assert {(w.start_s, w.duration_s) for w in found} <= spans
 
 
@@ -78,11 +73,8 @@ def test_its_pixels_are_those_of_algorithm_1(folder):
     """It learns at least the pixels that it is compared on."""
     sequence = EventSequence.open(folder / TINY.name)
     config = window_config(WINDOW)
-    asked = selecting(
-        config.model_copy(
-            update={"derd": config.derd.model_copy(update={"threshold_c": derd_samples.LEAST_C})}
-        )
-    )
+    derd = config.derd.model_copy(update={"threshold_c": derd_samples.LEAST_C})
+    asked = selecting(config.model_copy(update={"derd": derd}))
     swept = swept_window(sequence, config, DERD.build("DERD/H"))
     value = swept.result.maxima["DERD/H"].value
     np.testing.assert_array_equal(confidence_mask(value, asked), confidence_mask(value, config))
@@ -114,8 +106,8 @@ def test_the_same_command_trains_it(tmp_path, monkeypatch, capsys):
     pytest.importorskip("torch", reason="torch is an extra, [train]")
 
     def few(part):
-        seed = FIRST_SEED + 900 + (part == "calibration")
-        return (TrainingSequence("planes", "oblique", seed, "ideal", 0.2),)
+        seed = training.FIRST_SEED + 900 + (part == "calibration")
+        return (training.TrainingSequence("planes", "oblique", seed, "ideal", 0.2),)
 
     monkeypatch.setattr(data, "sequences", few)
     out = tmp_path / "out"
@@ -124,16 +116,15 @@ def test_the_same_command_trains_it(tmp_path, monkeypatch, capsys):
     net = derd_net(out / "derd.npz")
     assert (net.models, net.uniform_in) == (1, "inverse")
     manifest = net.weights.manifest
-    assert manifest["training"]["network"] == "derd"
-    assert manifest["training"]["batch"] == 64
+    assert (manifest["training"]["network"], manifest["training"]["batch"]) == ("derd", 64)
     assert {"all_beyond_1px", "votes_all_beyond_1px"} <= set(manifest["calibration_errors"])
     assert "precision" not in manifest
     page = (out / "report.html").read_text()
     assert "Training of DERD-Net" in page
     assert "by votes" in page
     assert "seems most reliable" not in page
-    assert main([*asked, "--uniform-in", "linear"]) == 2
-    assert "something else was trained here (another uniform_in)" in capsys.readouterr().err
+    said = command_refused(capsys, *asked, "--uniform-in", "linear")
+    assert "something else was trained here (another uniform_in)" in said
 
 
 @pytest.mark.parametrize(
@@ -147,5 +138,5 @@ def test_each_network_has_defaults_of_its_own(told, epochs, batch, rate):
 
 
 def test_an_output_that_only_the_other_network_has_is_refused(tmp_path, capsys):
-    assert main(["train", "--out", str(tmp_path / "a"), "--uniform-in", "inverse"]) == 2
-    assert "uniform_in inverse with network learned" in capsys.readouterr().err
+    said = command_refused(capsys, "train", "--out", tmp_path / "a", "--uniform-in", "inverse")
+    assert "uniform_in inverse with network learned" in said

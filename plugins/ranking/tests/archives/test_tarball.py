@@ -7,9 +7,9 @@ import tarfile
 
 import pytest
 
-from eventsweep.emvs.errors import InputError
 from eventsweep.plugins.ranking.archives.manifest import PackedFile
 from eventsweep.plugins.ranking.archives.tarball import first_member, pack, unpack
+from one_line import refused
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -58,67 +58,51 @@ def test_what_was_packed_comes_out_and_nothing_else(tmp_path):
 
 def test_the_same_files_give_the_same_bytes(tmp_path):
     """Whenever, by whoever, with whatever rights and in whatever order they were written."""
-    first, second = (
-        files(tmp_path / "one"),
-        files(tmp_path / "two", dict(reversed(CONTENT.items()))),
-    )
+    turned = dict(reversed(CONTENT.items()))
+    first, second = files(tmp_path / "one"), files(tmp_path / "two", turned)
     (second / "a.txt").chmod(0o600)
     (second / "a.txt").touch()
     facts = [
         pack(tmp_path / f"{folder.name}.tar.zst", folder, names)
-        for folder, names in ((first, CONTENT), (second, [*reversed(CONTENT)]))
+        for folder, names in ((first, CONTENT), (second, turned))
     ]
-    assert facts[0] == facts[1]
-    whole = [(tmp_path / f"{name}.tar.zst").read_bytes() for name in ("one", "two")]
-    assert whole[0] == whole[1]
-    assert facts[0] == (hashlib.sha256(whole[0]).hexdigest(), len(whole[0]))
+    whole, other = ((tmp_path / f"{name}.tar.zst").read_bytes() for name in ("one", "two"))
+    assert whole == other
+    assert facts[0] == facts[1] == (hashlib.sha256(whole).hexdigest(), len(whole))
 
 
 HOSTILE = {
-    "a name that leads out": (entry("../a.txt"), "does not belong there"),
-    "an absolute name": (entry("/tmp/a.txt"), "does not belong there"),
-    "a name that leads out and back": (entry("x/../a.txt"), "does not belong there"),
-    "another file": (entry("b.txt"), "does not belong there"),
-    "a symbolic link": (entry("a.txt", b"", tarfile.SYMTYPE, "/etc/passwd"), "not a regular file"),
-    "a hard link": (entry("a.txt", b"", tarfile.LNKTYPE, "/etc/passwd"), "not a regular file"),
-    "a device": (entry("a.txt", b"", tarfile.CHRTYPE), "not a regular file"),
-    "a folder": (entry("a.txt", b"", tarfile.DIRTYPE), "not a regular file"),
-    "too large": (entry("a.txt", b"firsts"), "has 6 bytes, should be 5"),
-    "too small": (entry("a.txt", b"firs"), "has 4 bytes, should be 5"),
-    "another content": (entry("a.txt", b"tsrif"), "was changed"),
-}
+    "a name that leads out": ([entry("../a.txt")], "does not belong there"),
+    "an absolute name": ([entry("/tmp/a.txt")], "does not belong there"),
+    "a name that leads out and back": ([entry("x/../a.txt")], "does not belong there"),
+    "another file": ([entry("b.txt")], "does not belong there"),
+    "a symbolic link": ([entry("a.txt", b"", tarfile.SYMTYPE, "/etc/passwd")],
+     "not a regular file"),
+    "a hard link": ([entry("a.txt", b"", tarfile.LNKTYPE, "/etc/passwd")], "not a regular file"),
+    "a device": ([entry("a.txt", b"", tarfile.CHRTYPE)], "not a regular file"),
+    "a folder": ([entry("a.txt", b"", tarfile.DIRTYPE)], "not a regular file"),
+    "too large": ([entry("a.txt", b"firsts")], "has 6 bytes, should be 5"),
+    "too small": ([entry("a.txt", b"firs")], "has 4 bytes, should be 5"),
+    "another content": ([entry("a.txt", b"tsrif")], "was changed"),
+    "a name twice": ([entry("a.txt"), entry("a.txt")], "appears twice"),
+    "nothing": ([], "a.txt is missing"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", HOSTILE)
 def test_a_hostile_archive_is_one_line_and_writes_nothing_outside(tmp_path, kind):
-    member, words = HOSTILE[kind]
+    members, words = HOSTILE[kind]
     out = tmp_path / "deep" / "out"
     out.mkdir(parents=True)
-    with pytest.raises(InputError, match=words) as caught:
-        unpack(archived(tmp_path / "bad.tar.zst", member), out, ONE)
-    assert "\n" not in str(caught.value)
+    assert words in refused(unpack, archived(tmp_path / "bad.tar.zst", *members), out, ONE)
     assert [p.name for p in (tmp_path / "deep").iterdir()] == ["out"]
-
-
-def test_a_name_twice_is_refused(tmp_path):
-    path = archived(tmp_path / "bad.tar.zst", entry("a.txt"), entry("a.txt"))
-    (tmp_path / "out").mkdir()
-    with pytest.raises(InputError, match="appears twice"):
-        unpack(path, tmp_path / "out", ONE)
-
-
-def test_a_missing_file_is_refused(tmp_path):
-    (tmp_path / "out").mkdir()
-    with pytest.raises(InputError, match=r"a\.txt is missing"):
-        unpack(archived(tmp_path / "bad.tar.zst"), tmp_path / "out", ONE)
 
 
 def test_nothing_is_written_through_a_link_that_is_there(tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "precious").write_bytes(b"mine!")
     (tmp_path / "out" / "a.txt").symlink_to(tmp_path / "precious")
-    with pytest.raises(InputError):
-        unpack(archived(tmp_path / "one.tar.zst", entry("a.txt")), tmp_path / "out", ONE)
+    refused(unpack, archived(tmp_path / "one.tar.zst", entry("a.txt")), tmp_path / "out", ONE)
     assert (tmp_path / "precious").read_bytes() == b"mine!"
 
 
@@ -139,8 +123,7 @@ def test_a_bomb_is_stopped_by_the_sizes_in_the_manifest(tmp_path, where):
         for _ in range(256):
             stream.write(zeros)
     (tmp_path / "out").mkdir()
-    with pytest.raises(InputError):
-        unpack(path, tmp_path / "out", ONE)
+    refused(unpack, path, tmp_path / "out", ONE)
     assert sum(p.stat().st_size for p in (tmp_path / "out").rglob("*")) <= 5
 
 
@@ -150,14 +133,11 @@ def test_a_damaged_archive_is_one_line(tmp_path, spoil):
     pack(path, files(tmp_path / "in"), CONTENT)
     path.write_bytes(spoil(path.read_bytes()))
     (tmp_path / "out").mkdir()
-    with pytest.raises(InputError) as caught:
-        unpack(path, tmp_path / "out", listed(CONTENT))
-    assert "\n" not in str(caught.value)
+    refused(unpack, path, tmp_path / "out", listed(CONTENT))
 
 
 def test_the_first_file_can_be_read_alone(tmp_path):
     path = archived(tmp_path / "one.tar.zst", entry("a.txt"), entry("b.txt", bytes(1 << 20)))
     assert first_member(path, "a.txt", 100) == b"first"
     for name, most, words in (("b.txt", 100, "needs b.txt first"), ("a.txt", 4, "at most 4")):
-        with pytest.raises(InputError, match=words):
-            first_member(path, name, most)
+        assert words in refused(first_member, path, name, most)

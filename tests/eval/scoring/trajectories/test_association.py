@@ -60,10 +60,15 @@ def test_a_long_chain_of_ever_closer_neighbours_is_taken_from_its_end():
     np.testing.assert_array_equal(of_truth, of_estimate + 1)
 
 
-def test_ties_go_to_the_earlier_estimate_and_then_to_the_earlier_truth():
+def test_the_nearest_of_the_shorter_trajectory_and_the_earlier_of_equals():
     assert as_pairs(one_to_one(np.array([5]), np.array([0, 10]), 5)) == [(0, 0)]
     assert as_pairs(one_to_one(np.array([0, 10]), np.array([5]), 5)) == [(0, 0)]
     assert as_pairs(nearest(np.array([0, 10]), np.array([5]), 5)) == [(0, 0)]
+    # Two true poses share one estimate, or two estimates one true pose: never a longer one.
+    few, many = np.array([0, 1000]), np.array([0, 10, 20, 30, 1000])
+    assert as_pairs(nearest(many, few, 100)) == [(0, 0), (4, 1)]
+    assert as_pairs(nearest(few, many, 100)) == [(0, 0), (1, 4)]
+    assert as_pairs(nearest(np.array([0, 9, 500]), np.array([4, 5]), 100)) == [(0, 0), (1, 1)]
 
 
 @pytest.mark.parametrize("rule", [one_to_one, nearest])
@@ -71,14 +76,6 @@ def test_the_largest_difference_is_included(rule):
     truth_us, estimate_us = np.array([0, 100]), np.array([20, 121])
     assert as_pairs(rule(truth_us, estimate_us, 20)) == [(0, 0)]
     assert as_pairs(rule(truth_us, estimate_us, 19)) == []
-
-
-def test_the_nearest_of_the_shorter_trajectory_as_evo_swaps_them():
-    """Two true poses share one estimate, or two estimates one true pose: never a longer one."""
-    few, many = np.array([0, 1000]), np.array([0, 10, 20, 30, 1000])
-    assert as_pairs(nearest(many, few, 100)) == [(0, 0), (4, 1)]
-    assert as_pairs(nearest(few, many, 100)) == [(0, 0), (1, 4)]
-    assert as_pairs(nearest(np.array([0, 9, 500]), np.array([4, 5]), 100)) == [(0, 0), (1, 1)]
 
 
 @pytest.mark.parametrize("rule", ["one-to-one", "nearest", "interpolate"])
@@ -91,15 +88,12 @@ def test_an_offset_is_added_to_the_estimate(rule):
     np.testing.assert_allclose(matched.T_odom_body, matched.T_world_body, atol=1e-12)
 
 
-def test_interpolation_takes_the_truth_at_the_time_of_every_estimate():
+def test_interpolation_takes_the_truth_at_every_estimate_but_never_across_a_gap():
     truth = room(2.0, rate_hz=20)
     estimate = room(2.0, rate_hz=500)
     matched = associate(truth, estimate, "interpolate", 0)
     assert len(matched) == len(estimate)
     np.testing.assert_allclose(matched.T_world_body, truth.at(matched.t_us), atol=1e-12)
-
-
-def test_the_truth_is_never_interpolated_across_a_gap_or_beyond_its_ends():
     whole = room(3.0)
     truth = part(whole, np.r_[10:100, 180:290])
     known = covered(truth, whole.t_us)
