@@ -1,8 +1,8 @@
 """What the GPU gives beside the CPU: `python tests/benchmarks bench_gpu --out FILE.json`.
 
 Times whole calls of the mapper on both, compares volumes and maxima, and counts pictures of every
-renderer; the tables are those of plugins/cuda/cuda.md. The JSON is written after every part, so that
-a run that is stopped leaves what it has. Exit code 1 where a result is wrong, slow or not.
+renderer; the tables are those of plugins/cuda/cuda.md. The JSON is written after every part, so
+that a run that is stopped leaves what it has. Exit code 1 where a result is wrong, slow or not.
 """
 
 from __future__ import annotations
