@@ -1,7 +1,5 @@
 """`eventsweep info`: counts equal a plain count, faults are found, and pictures are drawn."""
 
-from __future__ import annotations
-
 import itertools
 import json
 
@@ -14,6 +12,7 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.formats import write_events
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.event_statistics import GAP_US, StreamCount
+from one_line import command_refused
 
 
 def made(times, columns=None) -> Events:
@@ -56,10 +55,10 @@ def test_strays_are_counted_and_named(tmp_path, capsys):
     assert stream["longest_gaps_us"] == [[10, 300_000]]
 
 
-@given(
-    st.lists(st.tuples(st.integers(0, 300), st.integers(0, 300)), min_size=1, max_size=30),
-    st.integers(1, 10),
-)
+PLACES = st.lists(st.tuples(st.integers(0, 300), st.integers(0, 300)), min_size=1, max_size=30)
+
+
+@given(PLACES, st.integers(1, 10))
 def test_without_a_sensors_size_the_image_reaches_the_largest_pixel(places, packet):
     x, y = np.array(places, np.uint16).T
     p = (np.arange(len(x)) % 2).astype(np.uint8)
@@ -70,33 +69,27 @@ def test_without_a_sensors_size_the_image_reaches_the_largest_pixel(places, pack
     expected = np.zeros((2, y.max() + 1, x.max() + 1), np.int64)
     np.add.at(expected, (p, y, x), 1)
     np.testing.assert_array_equal(found.image(), expected)
-    found.add(
-        Events(*(np.array([v], k) for v, k in ((5000, "u2"), (1, "u2"), (99, "i8"), (0, "u1"))))
-    )
+    far = ((5000, "u2"), (1, "u2"), (99, "i8"), (0, "u1"))
+    found.add(Events(*(np.array([v], kind) for v, kind in far)))
     assert found.image() is None
     assert found.outside == 0
 
 
-def test_a_picture_of_a_file_that_says_no_size(tmp_path):
+def test_a_picture_is_drawn_of_a_file_that_says_no_size_but_not_of_nothing(tmp_path, capsys):
     path, picture = tmp_path / "e.txt", tmp_path / "e.png"
     write_events(path, "text", 64, 64, {"e": [made([0, 10, 20])]})
-    assert main(["info", str(path), "--quiet", "--picture", str(picture)]) == 0
+    asked = ["info", str(path), "--quiet", "--picture", str(picture)]
+    assert main(asked) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert main(["info", str(path), "--quiet", "--picture", str(picture)]) == 2
-
-
-def test_a_file_that_is_nothing_is_refused(tmp_path, capsys):
-    path = tmp_path / "e.raw"
-    path.write_bytes(b"\x00\x01\x02")
-    assert main(["info", str(path)]) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    command_refused(capsys, *asked)
+    (tmp_path / "e.raw").write_bytes(b"\x00\x01\x02")
+    command_refused(capsys, "info", tmp_path / "e.raw")
 
 
 def test_slider_depth_is_known(shared_data, capsys):
     main(["info", str(shared_data / "slider_depth"), "--json"])
     found = json.loads(capsys.readouterr().out)
-    assert found["what"] == "Event Camera Dataset"
-    assert found["streams"][0]["events"] == 1_078_541
+    assert (found["what"], found["streams"][0]["events"]) == ("Event Camera Dataset", 1_078_541)
     assert found["recording"]["poses_cover_events"] is False
     assert found["recording"]["poses"] == 339
 

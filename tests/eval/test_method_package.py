@@ -1,12 +1,7 @@
 """A whole method in a package outside the repository, as documented: mapped, scored, in a suite."""
 
-from __future__ import annotations
-
 import csv
-import os
 import re
-import subprocess
-import sys
 import tomllib
 
 import numpy as np
@@ -14,9 +9,10 @@ import pytest
 
 from eventsweep.emvs import methods
 from eventsweep.emvs.maps.folder import read_map
-from eventsweep.eval.cli.main import main
 from eventsweep.eval.suite.results import read_suite
+from one_line import command_refused
 from places import ROOT
+from programs import python
 from small_pair import small_sequence
 from small_suite import case, suite_text
 
@@ -55,16 +51,8 @@ def site(tmp_path_factory):
     return folder
 
 
-def eventsweep(site, folder, *words):
-    path = os.pathsep.join([str(ROOT), str(site)])
-    return subprocess.run(
-        [sys.executable, "-m", "eventsweep", *map(str, words)], cwd=folder, capture_output=True,
-        text=True, env={**os.environ, "PYTHONPATH": path}, check=False,
-    )  # fmt: skip
-
-
 def done(site, folder, *words):
-    over = eventsweep(site, folder, *words)
+    over = python("-m", "eventsweep", *words, path=[ROOT, site], cwd=folder)
     assert over.returncode == 0, over.stderr
     return over.stdout
 
@@ -120,12 +108,13 @@ def test_what_is_no_depth_map_of_the_view_is_one_line(tmp_path, monkeypatch, cap
     sequence, out = small_sequence(tmp_path / "seq"), tmp_path / "maps"
     _, module = documented()
     assert old in module
+    methods.load(ours=True)
     monkeypatch.setattr(methods, "_registered", dict(methods._registered))
     names = {}
     exec(compile(module.replace(old, new), "chance", "exec"), names)
     names["register_methods"]()
-    assert main(["map", str(sequence), "--out", str(out), "--method", "Chance/middle"]) == 2
-    line = capsys.readouterr().err.strip().splitlines()[-1]
+    asked = ["map", sequence, "--out", out, "--method", "Chance/middle", "--quiet"]
+    line = command_refused(capsys, *asked)
     assert "Chance/middle" in line
     assert words in line
     assert not out.exists()

@@ -13,17 +13,11 @@ from small_pair import small_sequence
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
 
-@pytest.mark.parametrize(
-    ("value", "unit", "text"),
-    [
-        (1234567.0, "px", "1,234,567"),
-        (0.0123, "m", "1.23"),
-        (12.3, "m", "1,230.00"),
-        (4.5, "%", "4.50"),
-        (math.nan, "px", "–"),
-        (math.nan, "m", "–"),
-    ],
-)
+@pytest.mark.parametrize(("value", "unit", "text"), [
+    (1234567.0, "px", "1,234,567"), (0.0123, "m", "1.23"), (12.3, "m", "1,230.00"),
+    (4.5, "%", "4.50"), (0.0625, "m", "6.25"), (math.nan, "px", "–"), (math.nan, "%", "–"),
+    (math.nan, "m", "–"),
+])  # fmt: skip
 def test_counts_have_commas_and_metres_are_read_in_centimetres(value, unit, text):
     assert displayed(value, unit) == text
 

@@ -1,7 +1,5 @@
 """Maps on poses that were found: given the true poses, they and their scores are the true ones."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import partial
@@ -32,6 +30,7 @@ from eventsweep.plugins.ranking.entries import of_suite
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Change, Tracked
 from in_process import in_process
+from one_line import command_refused
 from small_pair import small_sequence
 from small_suite import case, suite_text
 
@@ -150,7 +149,7 @@ def run(tmp_path_factory):
     return run_with(perfect, tmp_path_factory.mktemp("run") / "out")
 
 
-def test_a_run_scores_poses_and_maps_on_them_beside_the_true_ones(run):
+def test_a_run_scores_poses_and_maps_beside_the_true_ones_and_again_alike(run):
     results = read_results(run)
     true, own = (values_of(results.rows, name) for name in ("Alg1/H", "Alg1/H track"))
     assert own["points"] == pytest.approx(true["points"], rel=0.02)
@@ -164,9 +163,6 @@ def test_a_run_scores_poses_and_maps_on_them_beside_the_true_ones(run):
     assert "Alg1/H track" in page
     assert 'href="planes/track/report.html"' in page
     assert any("Poses found from events" in one for one in findings(results.rows, "mean_error"))
-
-
-def test_scoring_again_finds_the_same(run):
     before = read_results(run).rows
     assert main(["score", str(run), "--quiet"]) == 0
     assert read_results(run).rows.equals(before)
@@ -186,8 +182,8 @@ def test_a_tracker_that_finds_nothing_ends_no_run_and_is_counted(tmp_path):
 def test_a_mapper_called_track_would_be_mistaken_for_poses(tmp_path, capsys):
     text = suite_text(case("wall", track=True, mappers=["track"]), mappers={"track": {}})
     (tmp_path / "s.toml").write_text(text)
-    assert main(["suite", str(tmp_path / "s.toml"), "--out", str(tmp_path / "o")]) == 2
-    assert "no mapper may be called 'track'" in capsys.readouterr().err
+    said = command_refused(capsys, "suite", tmp_path / "s.toml", "--out", tmp_path / "o")
+    assert "no mapper may be called 'track'" in said
 
 
 @pytest.mark.slow
