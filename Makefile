@@ -2,7 +2,7 @@
 BIN := .venv/bin
 SEED ?= 0
 
-.PHONY: demo test tools slow lint gate bench site notebooks setup clean
+.PHONY: demo test tools slow lint gate core bench site notebooks setup clean
 .PHONY: pictures pictures-code pictures-scenes pictures-simulator pictures-methods tables measurements studies
 .DEFAULT_GOAL := demo
 
@@ -30,6 +30,15 @@ lint: setup
 # Whether maps and scores are as good as in the committed baseline.
 gate: setup
 	$(BIN)/eventsweep gate --baseline reports/baseline.json --strict
+
+# What stays without the plug-ins: the core's tests, and the part of the baseline that needs none, in
+# a clone without the folder.
+CORE_CASES := planes desk boxes low-texture oblique plain
+core: setup
+	rm -rf out/core && git clone --quiet . out/core && rm -rf out/core/plugins
+	cd out/core && PYTHONPATH=. $(CURDIR)/$(BIN)/python -m pytest -n auto --dist loadfile
+	cd out/core && PYTHONPATH=. $(CURDIR)/$(BIN)/python -m eventsweep gate --baseline reports/baseline.json \
+		--strict $(CORE_CASES:%=--case %)
 
 bench: setup
 	$(BIN)/python -m pytest tests/benchmarks/speed/bench_*.py --benchmark-only -p no:xdist

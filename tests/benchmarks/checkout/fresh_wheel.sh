@@ -6,6 +6,16 @@
 # are then installed as it says.
 set -euo pipefail
 
+# A bright square that moves, for `events`.
+FRAMES='
+from pathlib import Path
+from PIL import Image
+Path("frames").mkdir()
+for k in range(5):
+    picture = Image.new("L", (64, 48), 40)
+    picture.paste(200, (4 * k, 10, 4 * k + 16, 30))
+    picture.save(f"frames/{k}.png")
+'
 home=/root/user
 aside=/root/aside
 
@@ -65,6 +75,15 @@ main() {
     # The tutorial's script goes on from its commands.
     with_libraries env/bin/eventsweep simulate boxes --out boxes-sequence --seconds 0.2 --quiet
     with_libraries env/bin/python tutorial.py
+    # Each plug-in once: verbs, methods, checks and devices that come by entry points.
+    with_libraries env/bin/eventsweep check boxes-sequence --quiet
+    with_libraries env/bin/eventsweep realism boxes-sequence boxes-sequence --out realism --quiet
+    with_libraries env/bin/eventsweep track boxes-sequence --out tracked --quiet
+    with_libraries env/bin/eventsweep map boxes-sequence --out learned --method Learned/H --quiet
+    with_libraries env/bin/python -c "$FRAMES"
+    with_libraries env/bin/eventsweep events frames --out frames-events --rate-hz 100 --quiet
+    with_libraries env/bin/eventsweep archive make quick --out frozen --case plain --seeds 0 --quiet
+    with_libraries env/bin/eventsweep map boxes-sequence --out auto --device auto --quiet
     /root/build/bin/mypy --strict --config-file= --python-executable env/bin/python tutorial.py first.py
 }
 
