@@ -7,9 +7,9 @@ import pytest
 
 from eventsweep.eval.gate.baseline import read_baseline
 from markdown_blocks import with_block
-from one_line import refused
 from places import ROOT
 from readme_table import REAL, main, real_block, results_block
+from refusals import line_of
 
 README, BASELINE = ROOT / "README.md", ROOT / "reports" / "baseline.json"
 
@@ -39,7 +39,7 @@ def test_numbers_are_means_of_cases_and_seeds_and_of_the_real_recording():
     text = real_block(f"{other}\n<!-- real: begin -->\n{table}\n<!-- real: end -->\n{other}\n")
     assert "0.11 (Focus/H) and 0.21 (Learned/H) times that of Alg1/H" in text
     assert "0.5 % (Alg1/H), 1.5 % (Focus/H), 2.5 % (Learned/H)" in text
-    assert "Alg1/H" in refused(real_block, "nothing")
+    assert "Alg1/H" in line_of(real_block, "nothing")
 
 
 def test_only_what_stands_between_the_marks_changes():
@@ -47,4 +47,4 @@ def test_only_what_stands_between_the_marks_changes():
     after = with_block(page, "results", "new\n")
     assert after == "a\n<!-- results: begin -->\n\nnew\n\n<!-- results: end -->\nz\n"
     assert with_block(after, "results", "new\n") == after
-    assert "results: begin" in refused(with_block, "nothing", "results", "x")
+    assert "results: begin" in line_of(with_block, "nothing", "results", "x")

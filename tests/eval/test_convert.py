@@ -24,8 +24,8 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.convert import Options, convert_file, targets
 from eventsweep.eval.inspect import inspect
 from eventsweep.sim.rigs import RIGS
-from one_line import command_refused, refused, untouched
 from places import ROOT
+from refusals import command_refused, line_of, untouched
 
 SIZE_PX = (640, 480)
 WIDE = {"width_px": 1280, "height_px": 720}
@@ -206,10 +206,10 @@ def test_units_of_time(tmp_path, unit, scale):
 def test_calibrations_come_back(tmp_path, name, kind):
     made, path = RIGS[name], tmp_path / ("rig.yaml" if kind in ("kalibr", "opencv") else "rig.json")
     if kind == "basalt" and made.cameras[0].model == "radtan":
-        assert "cannot be written for Basalt" in refused(rigs.write_basalt, path, made)
+        assert "cannot be written for Basalt" in line_of(rigs.write_basalt, path, made)
         return
     if kind == "kalibr" and any(any(camera.distortion[4:]) for camera in made.cameras):
-        assert "Kalibr has no such coefficient" in refused(rigs.write_kalibr, path, made)
+        assert "Kalibr has no such coefficient" in line_of(rigs.write_kalibr, path, made)
         return
     rigs.WRITERS[kind](path, made)
     got = read_rig(path)

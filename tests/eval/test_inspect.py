@@ -12,7 +12,7 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.formats import write_events
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.event_statistics import GAP_US, StreamCount
-from one_line import command_refused
+from refusals import command_refused
 
 
 def made(times, columns=None) -> Events:

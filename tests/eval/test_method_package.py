@@ -10,9 +10,9 @@ import pytest
 from eventsweep.emvs import methods
 from eventsweep.emvs.maps.folder import read_map
 from eventsweep.eval.suite.results import read_suite
-from one_line import command_refused
 from places import ROOT
 from programs import python
+from refusals import command_refused
 from small_pair import small_sequence
 from small_suite import case, suite_text
 

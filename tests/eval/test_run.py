@@ -22,7 +22,7 @@ from eventsweep.eval.numbers import thousands
 from eventsweep.eval.scoring.metrics import METRICS
 from eventsweep.eval.scoring.results import each, read_results
 from eventsweep.eval.scoring.score import RIG
-from one_line import command_refused
+from refusals import command_refused
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 

@@ -13,7 +13,7 @@ from eventsweep.emvs.maps.folder import read_map
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.progress import MapBars
 from eventsweep.eval.scoring.results import read_results
-from one_line import command_refused, refused
+from refusals import command_refused, line_of
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -65,10 +65,10 @@ def test_other_settings_or_a_camera_without_calibration_are_one_line(
     command_refused(capsys, *mapping(mapped, sequence, "--quiet", "--map.median-px", "3"))
     values = json.loads((sequence / "rig.json").read_text())
     del values["cameras"][1]["fx_px"]
-    assert "fx_px" in refused(Rig.from_json, values)
+    assert "fx_px" in line_of(Rig.from_json, values)
     for name in ("events.txt", "groundtruth.txt"):
         (tmp_path / name).write_text("")
-    assert "lacks calib.txt" in refused(open_recording, tmp_path)
+    assert "lacks calib.txt" in line_of(open_recording, tmp_path)
 
 
 @pytest.mark.slow

@@ -1,23 +1,64 @@
-"""What is refused, and with which words."""
+"""What is refused ends in one line, of a call or of a command, and all is left as it was."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
 from eventsweep.emvs.errors import InputError
 
 
-def refused(words, call, /, *args, **kwargs):
-    """What the call's `InputError` says: one line that holds the words.
-
-    The words are a pattern, or several that it must all hold; a path stands for itself.
-    """
+def line_of(call, /, *arguments, **settings) -> str:
+    """The one line with which a call refuses its input."""
     __tracebackhide__ = True
     with pytest.raises(InputError) as caught:
-        call(*args, **kwargs)
-    said = str(caught.value)
-    assert len(said.splitlines()) == 1, said
+        call(*arguments, **settings)
+    line = str(caught.value)
+    assert line.isprintable(), line
+    return line
+
+
+def refused(words, call, /, *arguments, **settings) -> str:
+    """Likewise; it must hold the words.
+
+    These are a pattern, or several that it must all hold; a path stands for itself.
+    """
+    __tracebackhide__ = True
+    line = line_of(call, *arguments, **settings)
     for one in words if isinstance(words, (list, tuple)) else [words]:
         pattern = one if isinstance(one, str) else re.escape(str(one))
-        assert re.search(pattern, said), f"{one} is not in: {said}"
-    return said
+        assert re.search(pattern, line), f"{one} is not in: {line}"
+    return line
+
+
+def command_refused(capsys, *words, errno=False) -> str:
+    """The one line of a command that must fail: code 2, nothing printed, no raw error number."""
+    from eventsweep.eval.cli.main import main
+
+    capsys.readouterr()
+    assert main([str(word) for word in words]) == 2
+    out, line = capsys.readouterr()
+    assert out == ""
+    assert line.startswith("eventsweep: ")
+    assert line.count("\n") == 1, line
+    assert errno or "Errno" not in line
+    return line
+
+
+def contents(folder: Path) -> dict[Path, bytes | str]:
+    """Every file's bytes, and every folder, below one."""
+    return {path: path.read_bytes() if path.is_file() else "folder" for path in folder.rglob("*")}
+
+
+@contextmanager
+def untouched(folder: Path) -> Iterator[None]:
+    """Nothing below the folder is made, changed, written anew or removed meanwhile."""
+
+    def state():
+        return contents(folder), {path: path.lstat().st_mtime_ns for path in folder.rglob("*")}
+
+    before = state()
+    yield
+    assert state() == before

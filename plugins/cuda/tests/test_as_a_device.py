@@ -12,7 +12,7 @@ from eventsweep.eval.suite.definition import read
 from eventsweep.eval.suite.run import suite_jobs
 from eventsweep.plugins.cuda import device
 from eventsweep.plugins.cuda import fusion_kernels as cuda_kernels
-from one_line import command_refused
+from refusals import command_refused
 from small_suite import case, suite_text
 
 

@@ -9,8 +9,8 @@ from eventsweep.emvs.data.writer import SequenceWriter
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.eval.cli.main import main
 from eventsweep.plugins.diagnose import calibration
-from one_line import command_refused, untouched
 from point_world import edge_points, pinhole, stereo_rig, swinging
+from refusals import command_refused, untouched
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 

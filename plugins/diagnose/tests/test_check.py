@@ -7,7 +7,7 @@ import pytest
 
 from dataset_world import rewritten, write_sequence
 from eventsweep.eval.cli.main import main
-from one_line import command_refused
+from refusals import command_refused
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 

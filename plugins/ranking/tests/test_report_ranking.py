@@ -26,8 +26,8 @@ from eventsweep.plugins.ranking.pages.method_page import page_names
 from eventsweep.plugins.ranking.pages.page import HTML_NAME, ranking_page, write_ranking
 from eventsweep.plugins.ranking.submission import SubmissionFacts
 from killed import killed_at_every_step
-from one_line import command_refused, refused, untouched
 from ranking_entries import CASES, entry
+from refusals import command_refused, line_of, untouched
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -270,7 +270,7 @@ def test_names_from_files_cannot_write_into_the_page(tmp_path):
     ([entry("a", {})], "no method was run on every case"),
 ])  # fmt: skip
 def test_what_cannot_be_ranked_is_one_line(tmp_path, entries, words):
-    assert words in refused(ranked, tmp_path, *entries)
+    assert words in line_of(ranked, tmp_path, *entries)
     assert not (tmp_path / "out").exists()
 
 

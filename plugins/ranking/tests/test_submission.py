@@ -22,8 +22,8 @@ from eventsweep.plugins.ranking.archives.tarball import pack, sha256_of, unpack,
 from eventsweep.plugins.ranking.entry import ENTRY, read_entry
 from eventsweep.plugins.ranking.entry import PACKAGE as MAPS
 from eventsweep.plugins.ranking.submission import MANIFEST, Asked, read_manifest
-from one_line import command_refused
 from places import ROOT
+from refusals import command_refused
 from small_suite import case, suite_text
 
 pytestmark = pytest.mark.usefixtures("blank_figures")

@@ -23,8 +23,8 @@ from eventsweep.eval.suite.series import of_suite
 from eventsweep.plugins.ranking.archive import SequenceArchive, hidden_seed, read_secret
 from eventsweep.plugins.ranking.archives.fetch import verify
 from eventsweep.plugins.ranking.archives.manifest import read
-from one_line import command_refused, refused
 from places import HELPERS, ROOT
+from refusals import command_refused, line_of
 from small_suite import WHOLE, case, suite_text
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -280,7 +280,7 @@ def test_only_who_has_the_truth_can_score(made, hidden, tmp_path, capsys):
 def test_a_secret_that_is_none_is_one_line(tmp_path, content, words):
     if content is not None:
         (tmp_path / "secret").write_bytes(content)
-    assert words in refused(read_secret, tmp_path / "secret")
+    assert words in line_of(read_secret, tmp_path / "secret")
 
 
 # What goes wrong
@@ -320,4 +320,4 @@ def test_a_damaged_file_of_an_archive_fails_one_case(made, tmp_path):
     result = read_suite(tmp_path / "out")
     assert [sample.case for sample in result.samples] == ["crooked"]
     assert "damaged archive" in result.failures[0].failure
-    refused(verify, spoilt)
+    line_of(verify, spoilt)

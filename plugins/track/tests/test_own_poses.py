@@ -30,7 +30,7 @@ from eventsweep.plugins.ranking.entries import of_suite
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Change, Tracked
 from in_process import in_process
-from one_line import command_refused
+from refusals import command_refused
 from small_pair import small_sequence
 from small_suite import case, suite_text
 

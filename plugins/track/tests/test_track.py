@@ -19,7 +19,7 @@ from eventsweep.plugins.track import (
 )  # before what it opens recordings by is patched
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Change, Tracked
-from one_line import command_refused
+from refusals import command_refused
 
 
 @pytest.fixture(scope="module")

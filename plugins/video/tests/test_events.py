@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eventsweep.eval.cli.main import main
-from one_line import command_refused, untouched
+from refusals import command_refused, untouched
 from video_files import drifting, events_of, rows, write_folder, write_image, write_video
 
 SECONDS = [f"{k / 20:.2f}" for k in range(6)]

@@ -16,8 +16,8 @@ import pytest
 
 from eventsweep.eval.cli.exit_codes import with_flags
 from eventsweep.eval.cli.main import main
-from one_line import command_refused
 from programs import python
+from refusals import command_refused
 from small_pair import small_sequence
 from tiers import often
 

@@ -9,8 +9,8 @@ from functools import cache
 import pytest
 
 from eventsweep.eval.cli.main import app, main
-from one_line import command_refused
 from places import ROOT
+from refusals import command_refused
 
 ASKED = {
     "ru": {"run"}, "run --map.pl": {"--map.planes"}, "run rpg-m": {"rpg-monitor"},

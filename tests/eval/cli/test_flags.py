@@ -2,8 +2,8 @@
 
 import pytest
 
-from one_line import command_refused
 from program import COMMANDS, command
+from refusals import command_refused
 
 REPLACE = {
     "archive make", "archive unpack", "calibrate", "check", "run", "score", "simulate", "map",

@@ -9,8 +9,8 @@ from rich.console import Console
 
 from eventsweep.eval.cli.help import ALL, readable
 from eventsweep.eval.cli.main import app, main
-from one_line import command_refused
 from program import COMMANDS, command
+from refusals import command_refused
 
 EVERY = sorted(COMMANDS)
 MOST_FLAGS = 16

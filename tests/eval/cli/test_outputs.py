@@ -18,9 +18,9 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.cli.verbs.gate import GateFlags
 from eventsweep.eval.scoring.results import Results, write_results
 from eventsweep.sim.parallel.checkpoint import CheckpointFolder, checkpoint_path
-from one_line import command_refused, contents, refused, untouched
 from places import ROOT
 from programs import python
+from refusals import command_refused, contents, line_of, untouched
 from score_rows import score_row
 from small_pair import small_sequence
 
@@ -185,7 +185,7 @@ def test_the_gate_writes_over_nothing_but_its_own(tmp_path, capsys):
         path.write_text("### eventsweep gate")
     flags.check_files(force=False)
     own.write_text("### eventsweep gate: corrected")
-    assert "exists" in refused(flags.check_files, force=False)
+    assert "exists" in line_of(flags.check_files, force=False)
 
 
 @pytest.mark.slow
@@ -216,7 +216,7 @@ def test_a_work_folder_that_is_not_ours_is_refused_and_kept(tmp_path, made, kind
         (place / "thesis.tex").write_text("x") if kind == "stranger" else None
     checkpoint = CheckpointFolder(out, "key", Sequence.open(made).rig, resume=False, notice=print)
     with untouched(tmp_path):
-        assert "unfinished work" in refused(checkpoint.__enter__)
+        assert "unfinished work" in line_of(checkpoint.__enter__)
 
 
 # Ctrl-C before anything has begun

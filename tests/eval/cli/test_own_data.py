@@ -9,7 +9,7 @@ import rover
 from dataset_world import TRUTH_US, rewritten, write_sequence
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.eval.cli.main import main
-from one_line import command_refused, untouched
+from refusals import command_refused, untouched
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 

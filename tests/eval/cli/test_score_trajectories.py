@@ -12,8 +12,8 @@ from eventsweep.emvs.data.writer import SequenceWriter
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.report.trajectory_page import write_scores
 from made_trajectories import moved, noisy, part, room
-from one_line import command_refused, untouched
 from point_world import pinhole, stereo_rig
+from refusals import command_refused, untouched
 from report_data import WellFormed
 
 TRUTH = room(6.0, 50)

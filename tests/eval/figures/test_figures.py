@@ -13,7 +13,7 @@ from eventsweep.eval.figures import colormaps, images, plots
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.method_scores import ALL_METRICS
 from eventsweep.eval.scoring.metrics import Pairs
-from one_line import refused
+from refusals import line_of
 
 WHITE = [255, 255, 255]
 
@@ -30,7 +30,7 @@ def test_enlarging_repeats_pixels_and_colours_are_of_the_palette():
     image = images.IndexedImage(np.array([[0, 1]], np.uint8), colormaps.grey_palette()).enlarged(3)
     np.testing.assert_array_equal(image.index, [[0, 0, 0, 1, 1, 1]] * 3)
     index = np.array([[2]], np.uint8)
-    assert "palette of 2" in refused(images.IndexedImage, index, colormaps.grey_palette()[:2])
+    assert "palette of 2" in line_of(images.IndexedImage, index, colormaps.grey_palette()[:2])
 
 
 DEPTHS = colormaps.depth_scale((0.5, 4.0))

@@ -26,8 +26,8 @@ from eventsweep.eval.suite.series import (
     Series,
     read_measured,
 )
-from one_line import command_refused, refused
 from places import ROOT
+from refusals import command_refused, line_of
 from score_rows import score_row
 
 TOLERANCES = Tolerances()
@@ -223,7 +223,7 @@ def test_a_chosen_part_is_all_that_is_asked_for(part, choice):
 
 @pytest.mark.parametrize("what", ["case", "method", "metric"])
 def test_a_name_that_the_baseline_does_not_have_is_refused(what):
-    said = refused(Choice(**{f"{what}s": ("a",)}).check, {BASE.key: BASE})
+    said = line_of(Choice(**{f"{what}s": ("a",)}).check, {BASE.key: BASE})
     assert f"has no {what} 'a': choose from " in said
     Choice(cases=("desk",), methods=("Alg1/H",), metrics=("mean_error",)).check({BASE.key: BASE})
 
@@ -317,7 +317,7 @@ def test_a_baseline_says_why_and_keeps_its_history(tmp_path):
     (measured(), "why"),
 ])  # fmt: skip
 def test_no_baseline_of_what_is_incomplete(about, reason):
-    assert "baseline" in refused(make_baseline, about, reason, None)
+    assert "baseline" in line_of(make_baseline, about, reason, None)
 
 
 @pytest.mark.parametrize("text", [
@@ -326,7 +326,7 @@ def test_no_baseline_of_what_is_incomplete(about, reason):
 ])  # fmt: skip
 def test_a_damaged_baseline_is_one_line(tmp_path, text):
     (tmp_path / "b.json").write_text(text)
-    said = refused(read_baseline, tmp_path / "b.json")
+    said = line_of(read_baseline, tmp_path / "b.json")
     assert said.startswith("baseline ")
     assert "--update" in said
 

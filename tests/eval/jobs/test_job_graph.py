@@ -26,8 +26,8 @@ from eventsweep.eval.jobs.scheduler import JobBoard, run_jobs
 from eventsweep.eval.progress import Silent
 from eventsweep.sim.mjcf import files_of
 from job_stages import runs
-from one_line import refused
 from places import HELPERS, ROOT
+from refusals import line_of
 
 
 @pytest.fixture
@@ -188,7 +188,7 @@ def test_pruning_removes_what_was_not_used_for_longest(tmp_path):
 
 def test_a_cache_is_a_folder_of_which_only_what_is_ours_is_pruned(tmp_path):
     (tmp_path / "file").touch()
-    said = refused(Cache, tmp_path / "file" / "c")
+    said = line_of(Cache, tmp_path / "file" / "c")
     assert re.match(r"cannot make the folder .*file is a file; choose", said)
     folder = tmp_path / "cache"
     for empty in (folder, tmp_path):
@@ -401,7 +401,7 @@ OTHERS = ["10.0.0.1", "head.example", "0.0.0.0", "[2001:db8::1]"]
      "needs --tls-key FILE, not None"),
 ])  # fmt: skip
 def test_an_address_that_is_none_is_unsafe_or_lacks_its_files_is_refused(address, files, words):
-    assert words in refused(Cluster(address, **files).check)
+    assert words in line_of(Cluster(address, **files).check)
 
 
 def test_another_machine_needs_a_word_this_one_does_not_and_must_answer(tmp_path, monkeypatch):
@@ -409,7 +409,7 @@ def test_another_machine_needs_a_word_this_one_does_not_and_must_answer(tmp_path
     for host in ("127.0.0.1", "localhost", "[::1]", "127.3.2.1"):
         Cluster(f"tcp://{host}:8786").check()
     monkeypatch.setattr(schedule_dask, "_CONNECT_S", 1)
-    assert "not reached" in refused(dask_workers(Cluster("tcp://127.0.0.1:9"), tmp_path).__enter__)
+    assert "not reached" in line_of(dask_workers(Cluster("tcp://127.0.0.1:9"), tmp_path).__enter__)
 
 
 @pytest.fixture
@@ -473,7 +473,7 @@ def test_a_killed_scheduler_is_one_line_and_what_was_done_stays(start, make, log
     threading.Thread(target=kill).start()
     last = make("b", "sleep", needs=(make("a"),), seconds=60)
     workers = lambda: dask_workers(place, tmp_path / "cache")  # noqa: E731
-    assert "the scheduler is gone" in refused(run_jobs, [last], workers, Silent())
+    assert "the scheduler is gone" in line_of(run_jobs, [last], workers, Silent())
     assert do(make("a"), str(tmp_path / "cache")).found
 
 

@@ -14,7 +14,7 @@ from eventsweep.eval.report.ranking import findings, fusion_order, mean_over_cas
 from eventsweep.eval.report.run_data import _range_s
 from eventsweep.eval.report.run_page import page_text, write_report
 from eventsweep.eval.scoring.results import tidy, together
-from one_line import refused
+from refusals import line_of
 from report_data import METHODS, SHAPE, WellFormed, report_data
 from score_rows import score_row
 
@@ -181,7 +181,7 @@ def test_a_recording_without_truth_has_no_scores_and_a_folder_without_maps_no_pa
     assert "Ground truth" not in text
     assert 'alt="Depth [m] of Alg1/H' in text
     assert re.search(r"Alg1/H</b> · points \d+ px", text)
-    assert "no map" in refused(write_report, tmp_path)
+    assert "no map" in line_of(write_report, tmp_path)
     assert not list(tmp_path.iterdir())
 
 

@@ -26,7 +26,7 @@ from eventsweep.eval.scoring.results import Results, write_results
 from eventsweep.eval.scoring.significance import holm, interval
 from eventsweep.eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, write_suite
 from eventsweep.sim.config import SimConfig
-from one_line import command_refused, refused
+from refusals import command_refused, line_of
 from report_data import WellFormed, report_data
 from score_rows import score_row
 
@@ -384,12 +384,12 @@ def test_nothing_in_common_is_one_line_and_leaves_nothing(tmp_path, capsys, make
 
 
 def test_one_result_or_a_damaged_definition_is_refused_in_one_line(tmp_path):
-    assert "1 result given, needs two" in refused(read_compared, [run_folder(tmp_path / "one")])
+    assert "1 result given, needs two" in line_of(read_compared, [run_folder(tmp_path / "one")])
     folder = suite_folder(tmp_path / "a", {"desk": mean_errors(spread(1))[0]})
     content = json.loads((folder / "suite.json").read_text())
     del content["definition"]["cases"]
     (folder / "suite.json").write_text(json.dumps(content))
-    assert "definition is damaged" in refused(read_compared, [folder, folder])
+    assert "definition is damaged" in line_of(read_compared, [folder, folder])
 
 
 # --- the page

@@ -8,7 +8,7 @@ import pytest
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.figures.colormaps import INK
 from eventsweep.eval.report.study_page import as_page, find_studies, read_study, write_study_report
-from one_line import command_refused, refused
+from refusals import command_refused, line_of
 from report_data import WellFormed
 
 
@@ -83,7 +83,7 @@ def test_only_studies_are_found(tmp_path):
     ({"curves": [{"method": "x"}]}, "curves.0.metric"),
 ])  # fmt: skip
 def test_a_damaged_study_is_refused_in_a_line(tmp_path, changes, words):
-    assert words in refused(read_study, _write(tmp_path, **changes))
+    assert words in line_of(read_study, _write(tmp_path, **changes))
 
 
 def test_the_command_finds_out_what_a_folder_holds(tmp_path, capsys):

@@ -10,7 +10,7 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.scoring.results import POOLED, tidy, together
 from eventsweep.eval.suite import output
 from eventsweep.eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult
-from one_line import command_refused
+from refusals import command_refused
 from report_data import WellFormed
 from score_rows import score_row
 

@@ -18,7 +18,7 @@ from eventsweep.eval.report.rerun import write_rerun
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.simulate import simulate
 from mujoco_scenes import tiny_rig
-from one_line import command_refused
+from refusals import command_refused
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from eventsweep.eval.scoring.metrics import CELL_METRICS, METRICS, Pairs
 from eventsweep.eval.scoring.pairing import Truth, pair, pair_methods
 from eventsweep.eval.scoring.results import each
 from eventsweep.eval.scoring.score import case_rows, score_depth
-from one_line import refused
+from refusals import line_of
 
 METRE_METRICS = ("mean_error", "median_error", "rmse")
 RELATIVE_METRICS = (
@@ -202,7 +202,7 @@ def test_unusable_input_is_named_in_one_line(change, message):
         "depth_m": ones, "mask": all_, "truth_depth_m": ones, "truth_valid": all_,
         "focal_px": 100.0, "baseline_m": 0.1,
     }  # fmt: skip
-    assert message in refused(score_depth, **{**sound, **change})
+    assert message in line_of(score_depth, **{**sound, **change})
 
 
 TRUTH = Truth(np.ones((1, 4)), np.ones((1, 4), bool), 100.0, 0.1)
@@ -295,4 +295,4 @@ def test_every_metric_says_what_it_is():
 ])  # fmt: skip
 def test_configuration_refuses_reversed_limits_and_unknown_keys(values, words):
     assert EvalConfig(min_truth_depth_m=0.5).truth_limits_m == (0.5, float("inf"))
-    assert words in refused(EvalConfig, **values)
+    assert words in line_of(EvalConfig, **values)

@@ -17,7 +17,7 @@ from eventsweep.eval.scoring.pairing import MethodPairs
 from eventsweep.eval.scoring.pooling import CasePool, NumberStore, Pool
 from eventsweep.eval.scoring.score import case_rows
 from naive_metrics import pooled, pooled_methods
-from one_line import refused
+from refusals import line_of
 
 BASELINE_FOCAL = 22.6
 
@@ -79,7 +79,7 @@ def test_one_camera_pools_and_two_rigs_do_not():
     got = pool_of([alone, alone])
     assert got["points"] == 10
     assert np.isnan(got["bad_1px"])
-    assert "22.6 and 124" in refused(pool_of, [made(1, 5), made(2, 5, baseline_focal=124.0)])
+    assert "22.6 and 124" in line_of(pool_of, [made(1, 5), made(2, 5, baseline_focal=124.0)])
 
 
 def regional(seed, names):
@@ -141,7 +141,7 @@ def test_what_is_kept_is_given_back_with_its_type_or_one_line_says_why_not(monke
             np.testing.assert_array_equal(back(), one, strict=True)
     full = mock.Mock(side_effect=OSError(28, "No space left on device"))
     monkeypatch.setattr("tempfile.TemporaryFile", full)
-    said = refused(NumberStore(0).keep, np.ones(3))
+    said = line_of(NumberStore(0).keep, np.ones(3))
     assert re.search("No space left on device.*TMPDIR", said)
 
 

@@ -19,7 +19,7 @@ from eventsweep.eval.scoring.depth_files import SUFFIXES, depths_in, read_stored
 from eventsweep.eval.scoring.pairing import Estimate
 from eventsweep.eval.scoring.predictions import Prediction, TargetView, estimates_of
 from eventsweep.eval.scoring.run_folder import keep, kept_predictions, predicted_maps
-from one_line import refused
+from refusals import line_of
 
 VIEW = TargetView(t_us=250_000, width_px=7, height_px=5, focal_px=100.0, baseline_m=0.1)
 SHAPE = (VIEW.height_px, VIEW.width_px)
@@ -126,7 +126,7 @@ def test_each_case_has_its_folder_and_the_name_is_fit_for_a_method(tmp_path):
 
 def test_a_time_within_the_tolerance_counts_and_others_are_refused_with_the_nearest(tmp_path):
     np.save(tmp_path / "249900.npy", depths())
-    said = refused(given(tmp_path).check, [VIEW])
+    said = line_of(given(tmp_path).check, [VIEW])
     assert re.search("1 of 1 reference views .* 250000 .* -100 µs away", said)
     np.save(tmp_path / "260000.npy", depths())
     given(tmp_path, "tolerance_us = 100").check([VIEW])
@@ -146,7 +146,7 @@ def test_confidence_of_an_npz_comes_along_and_others_say_nothing(tmp_path):
 @pytest.mark.parametrize("wrong", [np.ones(3), np.full(SHAPE, np.nan), np.full(SHAPE, "x")])
 def test_a_confidence_that_is_no_image_of_numbers_is_refused(tmp_path, wrong):
     prediction = given(tmp_path, depth_m=depths(), confidence=wrong)
-    assert "confidence is" in refused(prediction.confidence, VIEW)
+    assert "confidence is" in line_of(prediction.confidence, VIEW)
 
 
 SEEN = replace(VIEW, true_depth_m=(2.0, 2.0))
@@ -155,7 +155,7 @@ SEEN = replace(VIEW, true_depth_m=(2.0, 2.0))
 @pytest.mark.parametrize("factor", [1000, 0.001, 100])
 def test_another_unit_is_refused_unless_it_is_declared(tmp_path, factor):
     np.save(tmp_path / "250000.npy", depths() * factor)
-    assert re.search("median depth would be .* set scale", refused(given(tmp_path).depth_m, SEEN))
+    assert re.search("median depth would be .* set scale", line_of(given(tmp_path).depth_m, SEEN))
     for scale, unit in ((1 / factor, 1), (1, factor)):
         assert_depths(given(tmp_path, f"scale = {scale}"), SEEN, unit, rtol=1e-6)
 
@@ -174,7 +174,7 @@ EMPTY = {"NaN": np.nan, "negative": -1.5, "zero": 0.0, "infinite": np.inf}
 def test_a_map_of_nothing_is_refused_unless_it_is_meant(tmp_path, quantity, number):
     np.save(tmp_path / "250000.npy", np.full(SHAPE, number))
     facts = f'quantity = "{quantity}"\n'
-    line = refused(given(tmp_path, facts).depth_m, SEEN)
+    line = line_of(given(tmp_path, facts).depth_m, SEEN)
     for told in (
         "250000.npy",
         f"no {quantity}",
@@ -232,7 +232,7 @@ def test_what_was_kept_goes_when_nothing_is_scored_and_never_what_is_not_ours(tm
     place = tmp_path / "predictions"
     keep_one(tmp_path)
     (place / "thesis.tex").write_text("x")
-    assert "thesis.tex" in refused(kept_predictions(tmp_path, [tmp_path]).__enter__)
+    assert "thesis.tex" in line_of(kept_predictions(tmp_path, [tmp_path]).__enter__)
     with kept_predictions(tmp_path, []):
         pass
     assert [path.name for path in place.iterdir()] == ["thesis.tex"]
@@ -247,7 +247,7 @@ def test_a_folder_of_that_name_that_is_not_ours_is_not_looked_into(tmp_path):
 def test_predictions_that_lie_where_they_would_be_kept_are_refused(tmp_path):
     keep_one(tmp_path)
     inside = tmp_path / "predictions" / "Given-a"
-    assert "holds the input" in refused(kept_predictions(tmp_path, [inside]).__enter__)
+    assert "holds the input" in line_of(kept_predictions(tmp_path, [inside]).__enter__)
     assert (inside / "desk" / "1.npz").is_file()
 
 
@@ -297,7 +297,7 @@ BAD = {
 def test_bad_predictions_end_in_one_clear_line(tmp_path, kind):
     spoil, message = BAD[kind]
     spoil(tmp_path)
-    assert message in refused(lambda: given(tmp_path).depth_m(VIEW))
+    assert message in line_of(lambda: given(tmp_path).depth_m(VIEW))
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from eventsweep.eval.scoring.method_scores import ALL_METRICS
 from eventsweep.eval.scoring.results import UNITS, Results, read_results, write_results
-from one_line import refused
 from places import ROOT
 from programs import python
+from refusals import line_of
 from score_rows import score_row, texts
 
 ROWS = (
@@ -86,7 +86,7 @@ def _damage(damage):
 def test_a_damaged_file_is_refused_in_one_line(tmp_path, damage, message):
     write_results(tmp_path, RESULTS)
     damage(tmp_path / "results.json")
-    assert message in refused(read_results, tmp_path)
+    assert message in line_of(read_results, tmp_path)
 
 
 WORDS = st.text(max_size=8)
@@ -165,7 +165,7 @@ def test_what_pandas_reads_of_the_csv_is_such_a_table(tmp_path):
     (lambda f: f.to_dict(), "a dict: needs a DataFrame"),
 ])  # fmt: skip
 def test_a_table_of_something_else_is_refused_in_one_line(change, message):
-    said = refused(Results.from_dataframe, change(RESULTS.to_dataframe()))
+    said = line_of(Results.from_dataframe, change(RESULTS.to_dataframe()))
     assert re.search(message, said)
     assert len(said) < 250
 

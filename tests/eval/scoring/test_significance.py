@@ -15,7 +15,7 @@ from eventsweep.eval.scoring.significance import (
     stratified_interval,
     stratified_p,
 )
-from one_line import refused
+from refusals import line_of
 
 numbers = st.floats(-10, 10)
 whole = st.integers(-50, 50)
@@ -117,7 +117,7 @@ def test_p_is_where_the_interval_ends_at_zero(groups):
     ([2], {"resamples": 0}, "resamples"), ([1, 1], {"resamples": 19}, "20 or more"),
 ])  # fmt: skip
 def test_impossible_bootstraps_are_refused(sizes, options, message):
-    assert message in refused(intervals, np.ones((2, 1)), sizes, **options)
+    assert message in line_of(intervals, np.ones((2, 1)), sizes, **options)
 
 
 @given(st.lists(st.floats(0, 1), max_size=8))

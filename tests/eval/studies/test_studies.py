@@ -21,7 +21,7 @@ from eventsweep.eval.studies.stages.simulate import WAY_M, going_straight, lit, 
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.rigs import rig as named_rig
 from killed import killed_at_every_step
-from one_line import command_refused, refused
+from refusals import command_refused, line_of
 
 
 def values_of(table, metric="mean_error"):
@@ -150,7 +150,7 @@ def test_every_lamp_becomes_as_dim_as_asked():
     "window-length --seconds 0.15", "window-length --seconds 0.3",
 ])  # fmt: skip
 def test_an_unknown_study_case_or_method_is_refused(tmp_path, capsys, words):
-    assert "choose from pose-noise" in refused(study_named, "nothing")
+    assert "choose from pose-noise" in line_of(study_named, "nothing")
     command_refused(capsys, "study", *words.split(), "--out", tmp_path / "s", "--quiet")
     assert not (tmp_path / "s").exists()
 

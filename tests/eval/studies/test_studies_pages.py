@@ -9,8 +9,8 @@ import study_pages
 from eventsweep.eval.scoring.metrics import METRICS as KNOWN
 from eventsweep.eval.suite.definition import load
 from eventsweep.eval.suite.results import Sample, SampleFacts, SuiteResult, mapper_method
-from one_line import refused
 from published_table import MONO, RATIOS, TABLE, H
+from refusals import line_of
 from score_rows import score_row
 
 FACTS = SampleFacts("a", "b", "c", "d", {}, {}, dict.fromkeys(RATIOS, "e"))
@@ -58,11 +58,11 @@ def test_the_page_has_every_study_with_its_figure_and_breaking_points(tmp_path):
 
 def test_a_folder_without_studies_or_figures_and_a_page_without_marks_are_refused(tmp_path):
     path = docs(tmp_path, "another")
-    assert "not a study" in refused(study_pages.write, tmp_path, path)
+    assert "not a study" in line_of(study_pages.write, tmp_path, path)
     study(tmp_path)
-    assert "needs the lines" in refused(study_pages.write, tmp_path, path)
+    assert "needs the lines" in line_of(study_pages.write, tmp_path, path)
     (tmp_path / "pose-noise.png").unlink()
-    assert "run the study again" in refused(study_pages.write, tmp_path, path)
+    assert "run the study again" in line_of(study_pages.write, tmp_path, path)
 
 
 def flights(values, case="mvsec-flying", mapper="default"):

@@ -18,9 +18,9 @@ from eventsweep.eval.suite.results import FILE_NAME, read_suite
 from eventsweep.eval.suite.run import suite_jobs
 from eventsweep.eval.suite.stages import map as stage
 from eventsweep.sim.rigs import rig as named_rig
-from one_line import command_refused, refused
 from places import ROOT
 from point_world import fronto_parallel
+from refusals import command_refused, line_of
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -108,7 +108,7 @@ def test_a_suite_is_frozen(name):
 ])  # fmt: skip
 def test_a_wrong_definition_is_one_line(tmp_path, old, new, words):
     assert old in TINY
-    said = refused(read, toml(tmp_path, TINY.replace(old, new)))
+    said = line_of(read, toml(tmp_path, TINY.replace(old, new)))
     assert words in said
     assert len(said) < 1000
 
@@ -120,7 +120,7 @@ def test_a_wrong_definition_is_one_line(tmp_path, old, new, words):
 ])  # fmt: skip
 def test_what_does_not_exist_is_refused_before_the_first_job(tmp_path, old, new, words):
     suite = read(toml(tmp_path, TINY.replace(old, new)))
-    assert words in refused(suite_jobs, suite, ("wall",), (0,))
+    assert words in line_of(suite_jobs, suite, ("wall",), (0,))
 
 
 def test_a_mapper_is_told_wrong_geometry_of_the_same_sequence(tmp_path):
@@ -306,7 +306,7 @@ def test_a_job_that_fails_is_told_and_others_go_on(run, tmp_path, capsys):
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"schema_version": 1}', '{"schema_version": 7}'])
 def test_a_damaged_result_is_one_line(tmp_path, text):
     (tmp_path / FILE_NAME).write_text(text)
-    assert "run the suite again" in refused(read_suite, tmp_path)
+    assert "run the suite again" in line_of(read_suite, tmp_path)
 
 
 def test_the_cache_says_its_size_and_shrinks(tmp_path, capsys):

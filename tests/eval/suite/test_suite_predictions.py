@@ -12,7 +12,7 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.scoring.results import each
 from eventsweep.eval.suite.results import read_suite
 from eventsweep.eval.suite.stages import predict as predict_stage
-from one_line import command_refused, refused
+from refusals import command_refused, line_of
 from small_suite import case, suite_text
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -223,5 +223,5 @@ def test_a_file_that_changes_while_the_suite_runs_is_not_scored(theirs):
     """The job was planned with another file: its key would say what it is not."""
     files = {"10000": [FIRST, "0" * 64]}
     parameters = {"name": "Given/a", "description": {}, "files": files}
-    said = refused(predict_stage.opened, parameters, theirs)
+    said = line_of(predict_stage.opened, parameters, theirs)
     assert "was changed while the suite ran" in said

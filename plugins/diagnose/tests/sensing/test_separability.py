@@ -11,7 +11,7 @@ from eventsweep.plugins.diagnose.sensing.folder import write_realism
 from eventsweep.plugins.diagnose.sensing.realism import compared, portrait
 from eventsweep.plugins.diagnose.sensing.separability import area_under_curve, separability
 from eventsweep.plugins.diagnose.sensing.window_features import edge_rates_hz, isolated
-from one_line import refused
+from refusals import line_of
 
 WINDOW = np.repeat(np.arange(40), 6)
 
@@ -79,7 +79,7 @@ def test_the_page_and_its_facts_unless_there_are_too_few_events(tmp_path):
     assert json.loads((tmp_path / "realism.json").read_text()) == found.facts()
     assert found.auc == pytest.approx(0.5)
     assert "AUC of 0.500" in (tmp_path / "report.html").read_text()
-    assert "take a longer recording" in refused(noise, 0, 0.05)
+    assert "take a longer recording" in line_of(noise, 0, 0.05)
 
 
 def test_isolated_events_are_alone_and_edges_fire_by_contrast_speed_and_threshold():

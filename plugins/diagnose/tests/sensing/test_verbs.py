@@ -11,7 +11,7 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.formats import write_events
 from eventsweep.eval.cli.main import main
 from eventsweep.sim.config import SimConfig
-from one_line import command_refused
+from refusals import command_refused
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from calibrate_confidence import left_out, reliability_diagram, spread
 from eventsweep.emvs.depth import precision
 from eventsweep.plugins.learned.training import confidence
 from eventsweep.plugins.learned.training.confidence import Scored
-from one_line import refused
+from refusals import line_of
 
 
 def points(seed, count, steepness=1.0):
@@ -86,9 +86,9 @@ def test_a_score_that_says_nothing_and_steps_beyond_calibration_state_nothing():
     rng = np.random.default_rng(0)
     table = fit(rng.uniform(size=5000), rng.exponential(1.0, 5000))
     assert table.error_px[0] / table.error_px[-1] < 2
-    said = refused(table.least_score, 0.99, "Mine/a")
+    said = line_of(table.least_score, 0.99, "Mine/a")
     assert re.search(r"Mine/a reached at most 0\.\d+ on the calibration", said)
-    assert "3 points: calibration needs" in refused(fit, np.ones(3), np.ones(3))
+    assert "3 points: calibration needs" in line_of(fit, np.ones(3), np.ones(3))
     rng = np.random.default_rng(0)
     telling = fit(*points(0, 40_000), most_step_px=0.8)
     assert telling.states_errors(0.8)
@@ -122,7 +122,7 @@ def test_tables_are_numbers_in_files_and_those_that_ship_cover_their_methods():
 
 @pytest.mark.parametrize("broken", BROKEN)
 def test_a_broken_table_is_refused(broken):
-    assert "invalid precision table" in refused(precision.Precision.from_json, broken)
+    assert "invalid precision table" in line_of(precision.Precision.from_json, broken)
 
 
 def test_a_sequence_is_asked_of_a_table_of_the_others(monkeypatch):

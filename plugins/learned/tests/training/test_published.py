@@ -7,7 +7,7 @@ from eventsweep.eval.cli.main import main
 from eventsweep.plugins.learned.networks.derd import LAYERS, derd_net
 from eventsweep.plugins.learned.training import published
 from lanes import in_blocks
-from one_line import command_refused
+from refusals import command_refused
 
 torch = pytest.importorskip("torch", reason="torch is an extra, [train]")
 

@@ -12,7 +12,7 @@ from eventsweep.plugins.learned.networks.network import NAME, Architecture
 from eventsweep.plugins.learned.networks.weights import read_weights
 from eventsweep.plugins.learned.training import data
 from eventsweep.plugins.learned.training.sequences import FIRST_SEED, TrainingSequence
-from one_line import command_refused, untouched
+from refusals import command_refused, untouched
 
 FLAGS = ["--candidates", "80", "--batch", "32", "--quiet"]
 

@@ -15,7 +15,7 @@ from eventsweep.plugins.learned.training import data, derd_samples
 from eventsweep.plugins.learned.training import sequences as training
 from eventsweep.plugins.learned.training.config import TrainingConfig
 from eventsweep.plugins.learned.training.samples import swept_window, window_config
-from one_line import command_refused
+from refusals import command_refused
 
 TINY = training.TrainingSequence("planes", "oblique", training.FIRST_SEED + 900, "ideal", 0.1)
 WINDOW = training.TrainingWindow(0.0, 0.1, seed=3)

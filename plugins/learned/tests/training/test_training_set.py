@@ -19,7 +19,7 @@ from eventsweep.plugins.learned.training.sequences import (
     sequences,
     windows,
 )
-from one_line import refused
+from refusals import line_of
 from study_samples import SETS
 
 
@@ -125,6 +125,6 @@ def test_samples_are_written_and_read(sequence, tmp_path):
 
 
 def test_a_scene_that_nothing_shows_is_refused():
-    said = refused(data.chosen, "training", TrainingConfig(scenes=("nowhere",)))
+    said = line_of(data.chosen, "training", TrainingConfig(scenes=("nowhere",)))
     assert "no training sequence of nowhere: choose from boxes" in said
     assert MapperConfig().learned.weights is None

@@ -28,7 +28,7 @@ from eventsweep.plugins.ranking.archives.manifest import (
     read,
     write,
 )
-from one_line import refused
+from refusals import line_of
 
 CONTENT = {
     f"{case}-seed{seed}.tar.zst": bytes([seed]) * 5000 + case.encode()
@@ -194,7 +194,7 @@ def test_two_at_once_into_one_folder(published, tmp_path):
 
 
 def one_line(place, out, **more):
-    return refused(fetch, str(place), out, Silent(), **more)
+    return line_of(fetch, str(place), out, Silent(), **more)
 
 
 def test_a_connection_that_breaks_for_ever_is_one_line_and_keeps_what_came(published, tmp_path):
@@ -319,7 +319,7 @@ def test_redirections_are_followed_but_never_out_of_encryption(published, tmp_pa
         assert "archive" in one_line(address, tmp_path / "a")  # all files lead to that one
     request = urllib.request.Request("https://a.example/archive.json")
     follow = fetching._Redirects().redirect_request
-    said = refused(follow, request, None, 302, "", {}, "http://a.example/b")
+    said = line_of(follow, request, None, 302, "", {}, "http://a.example/b")
     assert "only https is followed" in said
 
 
@@ -327,7 +327,7 @@ def test_a_changed_file_is_found_and_fetched_again(published, tmp_path):
     out, name = tmp_path / "a", "wall-seed1.tar.zst"
     fetch(str(published), out, Silent())
     (out / name).write_bytes(b"z" * 5004)
-    assert f"{name}: was changed" in refused(verify, out)
+    assert f"{name}: was changed" in line_of(verify, out)
     assert f"{name}: is not" in one_line(published, out)
     (out / name).unlink()
     fetch(str(published), out, Silent())
@@ -363,7 +363,7 @@ def test_what_is_not_there_is_one_line(published, tmp_path):
         ({"seeds": [9]}, "none of the requested"),
     ):  # fmt: skip
         assert words in one_line(published, tmp_path / "a", **asked)
-    assert "no archive.json" in refused(read, tmp_path)
+    assert "no archive.json" in line_of(read, tmp_path)
 
 
 HOSTILE = {
@@ -390,7 +390,7 @@ def test_a_manifest_lists_each_once():
     twice = {**text, "sequences": text["sequences"] * 2}
     newer = text | {"schema_version": 9}
     for content, words in ((twice, "listed twice"), (newer, "schema version 9")):
-        assert words in refused(parse, json.dumps(content), "here")
+        assert words in line_of(parse, json.dumps(content), "here")
 
 
 def test_the_page_says_how_large_an_archive_is(published, tmp_path, capsys):

@@ -9,7 +9,7 @@ import pytest
 
 from eventsweep.plugins.ranking.archives.manifest import PackedFile
 from eventsweep.plugins.ranking.archives.tarball import first_member, pack, unpack
-from one_line import refused
+from refusals import line_of
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -94,7 +94,7 @@ def test_a_hostile_archive_is_one_line_and_writes_nothing_outside(tmp_path, kind
     members, words = HOSTILE[kind]
     out = tmp_path / "deep" / "out"
     out.mkdir(parents=True)
-    assert words in refused(unpack, archived(tmp_path / "bad.tar.zst", *members), out, ONE)
+    assert words in line_of(unpack, archived(tmp_path / "bad.tar.zst", *members), out, ONE)
     assert [p.name for p in (tmp_path / "deep").iterdir()] == ["out"]
 
 
@@ -102,7 +102,7 @@ def test_nothing_is_written_through_a_link_that_is_there(tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "precious").write_bytes(b"mine!")
     (tmp_path / "out" / "a.txt").symlink_to(tmp_path / "precious")
-    refused(unpack, archived(tmp_path / "one.tar.zst", entry("a.txt")), tmp_path / "out", ONE)
+    line_of(unpack, archived(tmp_path / "one.tar.zst", entry("a.txt")), tmp_path / "out", ONE)
     assert (tmp_path / "precious").read_bytes() == b"mine!"
 
 
@@ -123,7 +123,7 @@ def test_a_bomb_is_stopped_by_the_sizes_in_the_manifest(tmp_path, where):
         for _ in range(256):
             stream.write(zeros)
     (tmp_path / "out").mkdir()
-    refused(unpack, path, tmp_path / "out", ONE)
+    line_of(unpack, path, tmp_path / "out", ONE)
     assert sum(p.stat().st_size for p in (tmp_path / "out").rglob("*")) <= 5
 
 
@@ -133,11 +133,11 @@ def test_a_damaged_archive_is_one_line(tmp_path, spoil):
     pack(path, files(tmp_path / "in"), CONTENT)
     path.write_bytes(spoil(path.read_bytes()))
     (tmp_path / "out").mkdir()
-    refused(unpack, path, tmp_path / "out", listed(CONTENT))
+    line_of(unpack, path, tmp_path / "out", listed(CONTENT))
 
 
 def test_the_first_file_can_be_read_alone(tmp_path):
     path = archived(tmp_path / "one.tar.zst", entry("a.txt"), entry("b.txt", bytes(1 << 20)))
     assert first_member(path, "a.txt", 100) == b"first"
     for name, most, words in (("b.txt", 100, "needs b.txt first"), ("a.txt", 4, "at most 4")):
-        assert words in refused(first_member, path, name, most)
+        assert words in line_of(first_member, path, name, most)

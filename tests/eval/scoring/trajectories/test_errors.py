@@ -15,7 +15,7 @@ import naive_trajectories as naive
 from eventsweep.emvs.geometry import se3
 from eventsweep.eval.scoring.trajectories.errors import Step, relative_errors, steps_of
 from made_trajectories import made, moved, noisy, on_clock, part, room
-from one_line import refused
+from refusals import line_of
 
 seeds = st.integers(0, 10**6)
 TRUTH = room(6.0, rate_hz=20)
@@ -190,7 +190,7 @@ def test_what_a_line_or_standing_still_leaves_open_is_undefined():
     assert values["ate_rmse"] == 0
     assert all(np.isnan(values[name]) for name in ("drift", "ate_share", "scale"))
     asked = {"align": "sim3", "rpe_times_s": (1,)}
-    assert "no scale to find" in refused(scored, still, TRUTH, **asked)
+    assert "no scale to find" in line_of(scored, still, TRUTH, **asked)
 
 
 @pytest.mark.parametrize(("bow_m", "is_noted"), [(0.002, True), (0.5, False)])
