@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import eventsweep as es
-import one_line
 from made_trajectories import moved, noisy, on_clock, part, room
+from refusals import line_of
 
 TRUTH = room(6.0, 50)
 EPOCH_US = 1_518_196_269_772_422
@@ -13,7 +13,7 @@ AT_EPOCH = on_clock(TRUTH, shift_us=EPOCH_US)
 
 
 def refused(estimate, truth=TRUTH, **settings):
-    message = one_line.refused(lambda: scored(estimate, truth, **settings))
+    message = line_of(lambda: scored(estimate, truth, **settings))
     assert len(message) < 500
     return message
 
@@ -95,4 +95,4 @@ def test_unsorted_and_repeated_times_are_refused(tmp_path, order):
     (lambda: es.TrajectoryConfig(rpe_times_s=(0,)), "rpe_times_s"),
 ])  # fmt: skip
 def test_what_is_no_trajectory_is_refused(call, words):
-    assert words in one_line.refused(call)
+    assert words in line_of(call)
