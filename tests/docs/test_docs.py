@@ -34,7 +34,7 @@ READS = {
 
 VERBS, NAMES = map(sorted, of_absent_plug_ins())
 ABSENT = re.compile(
-    "|".join([*(rf"eventsweep {v}\\b" for v in VERBS), *(rf"es\\.{n}\\b" for n in NAMES)])
+    "|".join([*(rf"eventsweep {v}\b" for v in VERBS), *(rf"es\.{n}\b" for n in NAMES)])
 )
 
 

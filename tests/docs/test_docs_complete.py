@@ -31,7 +31,7 @@ from eventsweep.eval.config import EvalConfig, TrajectoryConfig
 from eventsweep.eval.scoring.results import Results, write_results
 from eventsweep.eval.suite.definition import load
 from eventsweep.eval.suite.run import extent, suite_jobs
-from places import HAS_PLUGINS, ROOT, TOOLS
+from places import HAS_PLUGINS, ROOT, TOOLS, needs_plugins
 from settings_table import TABLES, is_there, main, settings_block
 
 DOCS = ROOT / "docs"
@@ -151,6 +151,7 @@ def makers(picture):
             yield line
 
 
+@needs_plugins
 def test_every_picture_is_shown_and_drawn_by_a_command():
     pictures = sorted(path.name for path in (DOCS / "images").iterdir())
     pages = text_of(*PAGES)
@@ -271,6 +272,7 @@ def test_the_list_of_tools_says_what_each_does():
     assert all(len(line.split()) > 3 for line in lines[1:])
 
 
+@needs_plugins
 @pytest.mark.parametrize("name", ["quick", "suite-v4", "suite-v3"])
 def test_the_page_on_suites_counts_their_seeds_and_jobs(name):
     suite, subset = load(name)

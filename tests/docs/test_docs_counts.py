@@ -11,7 +11,7 @@ from eventsweep.eval.cli.main import app
 from eventsweep.scenes import summaries
 from page_counts import numbers_in
 from places import PAGES as DOCUMENTATION
-from places import ROOT, TOOLS, of_absent_plug_ins, page
+from places import ROOT, TOOLS, needs_plugins, of_absent_plug_ins, page
 from program import COMMANDS, command
 from study_samples import DEVELOPMENT, FURTHER
 
@@ -97,6 +97,7 @@ def calls(text, known):
             yield name, FLAG.findall(rest)
 
 
+@needs_plugins
 def test_every_flag_in_prose_or_of_a_command_that_is_named_is_taken():
     known = taken()
     files = [*PAGES, ROOT / "Makefile", *(ROOT / ".github").rglob("*.yml")]

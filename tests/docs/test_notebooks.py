@@ -9,7 +9,7 @@ import matplotlib
 import pytest
 
 import eventsweep as es
-from places import ROOT
+from places import ROOT, needs_plugins
 from run_notebooks import code_of, digest, main
 
 FOLDER = ROOT / "docs" / "notebooks"
@@ -30,6 +30,7 @@ def nodes(book):
     return list(ast.walk(ast.parse("\n".join(code_of(book)))))
 
 
+@needs_plugins
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_uses_public_names_only(path):
     found = nodes(opened(path))
@@ -64,6 +65,7 @@ def test_outputs_of_other_code_are_noticed(tmp_path, capsys):
     assert "stale" in capsys.readouterr().err
 
 
+@needs_plugins
 def test_there_are_three_whose_links_lead_somewhere():
     assert len(NOTEBOOKS) == 3
     cells = [(path, cell) for path in NOTEBOOKS for cell in opened(path)["cells"]]

@@ -7,13 +7,14 @@ import pytest
 
 from eventsweep.eval.gate.baseline import read_baseline
 from markdown_blocks import with_block
-from places import ROOT
+from places import ROOT, needs_plugins
 from readme_table import REAL, main, real_block, results_block
 from refusals import line_of
 
 README, BASELINE = ROOT / "README.md", ROOT / "reports" / "baseline.json"
 
 
+@needs_plugins
 @pytest.mark.parametrize(("typed", "times"), [("| Alg1/H | ", 1), ("Median errors are ", 1)])
 def test_the_readme_is_not_stale_and_a_typed_number_is_noticed_and_cured(
     tmp_path, capsys, typed, times

@@ -15,7 +15,7 @@ import yaml
 import eventsweep as es
 from eventsweep.emvs.utils import release
 from places import PAGES as DOCUMENTATION
-from places import ROOT
+from places import ROOT, needs_plugins
 from programs import python
 
 DOCS = ROOT / "docs"
@@ -63,6 +63,7 @@ def links_with_anchors(page):
             yield (page.parent / path if path else page), anchor
 
 
+@needs_plugins
 def test_every_page_is_in_the_navigation_once_and_links_lead_to_headings():
     links = [(page, *link) for page in PAGES for link in links_with_anchors(page)]
     headings = {path: anchors(path) for _, path, _ in links}
@@ -76,6 +77,7 @@ def test_every_page_is_in_the_navigation_once_and_links_lead_to_headings():
     assert sorted(found) == sorted(pages | top)
 
 
+@needs_plugins
 def test_every_public_name_has_its_row_and_every_error_is_one_of_the_product():
     """The reference is made of the tables in api.md and of the stub's imports."""
     rows = re.findall(r"^\| (`.*?) \|", (DOCS / "api.md").read_text("utf-8"), re.MULTILINE)

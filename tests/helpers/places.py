@@ -5,6 +5,8 @@ import re
 import tomllib
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 HELPERS = ROOT / "tests" / "helpers"
 TOOLS = ROOT / "tests" / "benchmarks"
@@ -14,6 +16,7 @@ PAGES = [*sorted((ROOT / "docs").glob("*.md")), *sorted(ROOT.glob("plugins/*/*.m
 PLUGINS = ROOT / "plugins"
 HAS_PLUGINS = PLUGINS.is_dir()
 """The core's tests pass without them, too."""
+needs_plugins = pytest.mark.skipif(not HAS_PLUGINS, reason="about the plug-ins, too")
 
 
 def page(name: str) -> Path:

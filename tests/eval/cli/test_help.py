@@ -9,6 +9,7 @@ from rich.console import Console
 
 from eventsweep.eval.cli.help import ALL, readable
 from eventsweep.eval.cli.main import app, main
+from places import needs_plugins
 from program import COMMANDS, command
 from refusals import command_refused
 
@@ -64,6 +65,7 @@ def test_help_shows_what_matters_and_help_all_the_rest(pages):
         assert "more flags" not in whole, verb
 
 
+@needs_plugins
 @pytest.mark.parametrize("group", ["archive"])
 def test_help_of_a_group_shows_its_commands(capsys, group):
     page = printed(capsys, group, "--help")

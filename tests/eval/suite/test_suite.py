@@ -18,7 +18,7 @@ from eventsweep.eval.suite.results import FILE_NAME, read_suite
 from eventsweep.eval.suite.run import suite_jobs
 from eventsweep.eval.suite.stages import map as stage
 from eventsweep.sim.rigs import rig as named_rig
-from places import ROOT
+from places import HAS_PLUGINS, ROOT
 from point_world import fronto_parallel
 from refusals import command_refused, line_of
 
@@ -67,7 +67,8 @@ def test_every_suite_can_be_run_and_names_find_suites_and_subsets(tmp_path):
     for name, suite in suites.items():
         assert suite.name == name
         assert suite.spread_seeds[: len(suite.seeds)] == suite.seeds, name
-        assert suite_jobs(suite, tuple(suite.cases), (0,)), name
+        if HAS_PLUGINS or name.startswith("mvsec"):  # which have learned methods
+            assert suite_jobs(suite, tuple(suite.cases), (0,)), name
         assert all(set(some.seeds) <= set(suite.spread_seeds) for some in suite.subsets.values())
     file = toml(tmp_path)
     assert load("quick")[0].name == load("suite-v4")[0].name == "suite-v4"
