@@ -10,7 +10,7 @@ import sys
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from cyclopts import Group, Parameter
 from pydantic import BaseModel
@@ -40,7 +40,8 @@ NO_NEGATIVE = Parameter(negative=())
 """Of a flag that has no `--no-` or `--empty-` beside it."""
 Methods = Annotated[tuple[str, ...], Parameter(negative=(), completer=names.method_names)]
 if TYPE_CHECKING:
-    Poses, Device = str, str
+    Poses: TypeAlias = str
+    Device: TypeAlias = str
 else:  # what plug-ins bring is known when the program starts
     Poses = Literal["true", *(point.name for point in points(TRACKERS))]
     Device = Literal["cpu", *(point.name for point in points(DEVICES)), "auto"]

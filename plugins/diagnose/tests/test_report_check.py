@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eventsweep.eval.report import check_page
+from eventsweep.plugins.diagnose import check_page
 from eventsweep.plugins.diagnose.check.findings import TIME, Finding, Report, Series
 from report_data import WellFormed
 
