@@ -16,7 +16,8 @@ def line_of(call, /, *arguments, **settings) -> str:
     with pytest.raises(InputError) as caught:
         call(*arguments, **settings)
     line = str(caught.value)
-    assert line.isprintable(), line
+    assert len(line.splitlines()) == 1, line
+    assert not re.search(r"[\x00-\x1f\x7f-\x9f]", line), line
     return line
 
 
