@@ -11,23 +11,23 @@ from eventsweep.emvs.errors import InputError
 
 
 def line_of(call, /, *arguments, **settings) -> str:
-    """The one line with which a call refuses its input."""
+    """The one line with which a call refuses its input; what it shows can be printed."""
+    __tracebackhide__ = True
+    line = refused("", call, *arguments, **settings)
+    assert line.isprintable(), line
+    return line
+
+
+def refused(words, call, /, *arguments, **settings) -> str:
+    """The one line with which a call refuses its input, and which holds the words.
+
+    These are a pattern, or several that it must all hold; a path stands for itself.
+    """
     __tracebackhide__ = True
     with pytest.raises(InputError) as caught:
         call(*arguments, **settings)
     line = str(caught.value)
     assert len(line.splitlines()) == 1, line
-    assert not re.search(r"[\x00-\x1f\x7f-\x9f]", line), line
-    return line
-
-
-def refused(words, call, /, *arguments, **settings) -> str:
-    """Likewise; it must hold the words.
-
-    These are a pattern, or several that it must all hold; a path stands for itself.
-    """
-    __tracebackhide__ = True
-    line = line_of(call, *arguments, **settings)
     for one in words if isinstance(words, (list, tuple)) else [words]:
         pattern = one if isinstance(one, str) else re.escape(str(one))
         assert re.search(pattern, line), f"{one} is not in: {line}"
