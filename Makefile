@@ -19,7 +19,7 @@ tools: setup
 	$(BIN)/python -m pytest -n auto --dist loadfile tests/benchmarks
 
 slow: setup
-	HYPOTHESIS_RANDOM=1 HYPOTHESIS_EXAMPLES=100 $(BIN)/python -m pytest --run-slow -n auto --dist loadfile tests
+	HYPOTHESIS_RANDOM=1 HYPOTHESIS_EXAMPLES=100 $(BIN)/python -m pytest --run-slow -n auto --dist loadfile tests plugins
 
 lint: setup
 	$(BIN)/ruff check .

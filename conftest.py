@@ -22,7 +22,7 @@ settings.register_profile(
     "eventsweep",
     deadline=None,
     derandomize=not os.environ.get("HYPOTHESIS_RANDOM"),
-    max_examples=int(os.environ.get("HYPOTHESIS_EXAMPLES", "25")),
+    max_examples=int(os.environ.get("HYPOTHESIS_EXAMPLES", "20")),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 settings.load_profile("eventsweep")

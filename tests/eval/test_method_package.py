@@ -1,8 +1,6 @@
 """A whole method in a package outside the repository, as documented: mapped, scored, in a suite."""
 
 import csv
-import re
-import tomllib
 
 import numpy as np
 import pytest
@@ -10,8 +8,8 @@ import pytest
 from eventsweep.emvs import methods
 from eventsweep.emvs.maps.folder import read_map
 from eventsweep.eval.suite.results import read_suite
+from packages import documented, install, run_with
 from places import ROOT
-from programs import python
 from refusals import command_refused
 from small_pair import small_sequence
 from small_suite import case, suite_text
@@ -23,36 +21,19 @@ SUITE = suite_text(
 )
 
 
-def documented():
-    """The package's pyproject.toml and module, as docs/methods.md prints them."""
-    page = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
-    section = page.partition("### Without a volume, in a package of your own")[2]
-    return [
-        re.search(rf"```{kind}\n(.*?)```", section, re.DOTALL)[1] for kind in ("toml", "python")
-    ]
+PAGE, HEADING = ROOT / "docs" / "methods.md", "### Without a volume, in a package of your own"
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """A folder of packages with that one in it, as an installer leaves it."""
-    project, module = documented()
-    facts = tomllib.loads(project)["project"]
     folder = tmp_path_factory.mktemp("site")
-    name, version = facts["name"], facts["version"]
-    (folder / name).mkdir()
-    (folder / name / "__init__.py").touch()
-    (folder / name / "eventsweep.py").write_text(module)
-    info = folder / f"{name}-{version}.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
-    ((group, points),) = facts["entry-points"].items()
-    lines = [f"[{group}]", *(f"{key} = {value}" for key, value in points.items())]
-    (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    install(folder, *documented(PAGE, HEADING))
     return folder
 
 
 def done(site, folder, *words):
-    over = python("-m", "eventsweep", *words, path=[ROOT, site], cwd=folder)
+    over = run_with(site, folder, *words)
     assert over.returncode == 0, over.stderr
     return over.stdout
 
@@ -106,7 +87,7 @@ SPOILT = {
 def test_what_is_no_depth_map_of_the_view_is_one_line(tmp_path, monkeypatch, capsys, kind):
     old, new, words = SPOILT[kind]
     sequence, out = small_sequence(tmp_path / "seq"), tmp_path / "maps"
-    _, module = documented()
+    _, module = documented(PAGE, HEADING)
     assert old in module
     methods.load(ours=True)
     monkeypatch.setattr(methods, "_registered", dict(methods._registered))

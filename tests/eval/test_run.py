@@ -29,9 +29,9 @@ pytestmark = pytest.mark.usefixtures("blank_figures")
 
 @pytest.fixture(scope="session")
 def desk_run(tmp_path_factory):
-    """`eventsweep run desk` as the README says, cut to its first 0.3 s."""
+    """`eventsweep run desk` as the README says, cut to its first 0.2 s."""
     out = tmp_path_factory.mktemp("desk") / "run"
-    assert main(["run", "desk", "--seconds", "0.3", "--out", str(out), "--quiet"]) == 0
+    assert main(["run", "desk", "--seconds", "0.2", "--out", str(out), "--quiet"]) == 0
     return out
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 from places import ROOT
+from programs import python
 
 
 def documented(page: Path, heading: str) -> list[str]:
@@ -38,10 +37,6 @@ def install(folder: Path, project: str, module: str) -> None:
     (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
 
 
-def run_with(packages: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+def run_with(packages: Path, folder: Path, *words: object) -> subprocess.CompletedProcess[str]:
     """Runs `eventsweep` in a folder, where the packages are installed."""
-    path = os.pathsep.join([str(ROOT), str(packages)])
-    return subprocess.run(
-        [sys.executable, "-m", "eventsweep", *words], cwd=folder, check=False,
-        env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True,
-    )  # fmt: skip
+    return python("-m", "eventsweep", *words, path=[ROOT, packages], cwd=folder)

@@ -2,7 +2,7 @@
 
 The tests of the kernels are in `cuda_*.py`. The simulator is chosen by an environment variable that
 numba reads when it is imported, so they run in a process of their own. On a machine with an NVIDIA
-GPU they run on it: `python -m pytest tests/emvs/dsi/cuda_*.py`.
+GPU they run on it: `python -m pytest plugins/cuda/tests/cuda_*.py`.
 """
 
 import os
