@@ -48,11 +48,19 @@ COLOURS = {
     "scenes": "#b8860b",
     "eval": "#cc4c02",
     "eventsweep": "#7a5195",
+    "plugins": "#666666",
 }
-LANES = {"emvs": -0.5, "sim": 0.35, "scenes": 0.45, "eval": 0.75, "eventsweep": 0.75}
+LANES = {
+    "emvs": -0.5,
+    "sim": 0.35,
+    "scenes": 0.45,
+    "eval": 0.75,
+    "eventsweep": 0.75,
+    "plugins": 0.0,
+}
 KERNELS = "_kernels"
 MANY = 16  # more modules than this directly in a package share a box
-WIDTH_IN, DPI = 15.0, 100
+WIDTH_IN, DPI = 18.0, 100
 LETTER_IN, LINE_IN, ROW_GAP_IN, BOX_GAP_IN, BEND_GAP_IN = 0.083, 0.17, 0.34, 0.13, 0.11
 ROUNDS = 300
 

@@ -17,7 +17,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
-import eventsweep
 from eventsweep.emvs.errors import InputError, heed_interrupt, said
 from eventsweep.emvs.utils.release import install_extra
 
@@ -28,7 +27,7 @@ GROUPS = VERBS, METHODS, DEVICES, TRACKERS, CHECKS, SEQUENCES, PREDICTIONS = tup
     for name in ("verbs", "methods", "devices", "trackers", "checks", "sequences", "predictions")
 )
 """Groups of entry points that the core reads; each is described where it is read."""
-_OURS = "eventsweep.plugins."
+_OURS, _FOLDER = "eventsweep.plugins.", Path(__file__).parents[2] / "plugins"
 
 
 @cache
@@ -48,7 +47,7 @@ def is_ours(point: EntryPoint) -> bool:
 
 def _is_there(point: EntryPoint) -> bool:
     folder = point.module.removeprefix(_OURS).partition(".")[0]
-    return Path(eventsweep.__path__[0], "plugins", folder, "__init__.py").is_file()
+    return (_FOLDER / folder / "__init__.py").is_file()
 
 
 def modules_of(points: Iterable[EntryPoint]) -> tuple[str, ...]:

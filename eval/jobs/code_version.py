@@ -13,9 +13,7 @@ from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
-import eventsweep
-
-_PREFIX = "eventsweep."
+_PREFIX, _FOLDER = "eventsweep.", Path(__file__).parents[2]
 _NOT_MEANING = {"ctx", "kind", "type_comment", "type_params", "lineno", "col_offset"}
 
 
@@ -94,7 +92,7 @@ def _ours(name: str) -> bool:
 def _file(name: str) -> Path | None:
     """The source of a module; of this project's without importing the packages that hold it."""
     if _ours(name):
-        at = Path(eventsweep.__path__[0], *name.split(".")[1:])
+        at = _FOLDER.joinpath(*name.split(".")[1:])
         return next(filter(Path.is_file, (at / "__init__.py", at.with_suffix(".py"))), None)
     spec = importlib.util.find_spec(name)
     origin = spec.origin if spec else None

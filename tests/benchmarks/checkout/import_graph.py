@@ -180,7 +180,7 @@ def longest_chain(graph: Graph) -> list[str]:
 
 
 def subpackage(name: str) -> str:
-    """The part of the architecture that a module belongs to: `emvs.dsi` for `plugins.cuda.arrays`.
+    """The part of the architecture that a module belongs to: `emvs.formats` for `emvs.formats.png`.
 
     A module directly in a top-level package, such as `emvs.mapper`, is a part by itself.
     """
