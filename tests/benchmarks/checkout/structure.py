@@ -10,7 +10,6 @@ nothing of it is run.
   packages. Developer tools draw, measure and write tables for the documentation: what lies in
   `tests/benchmarks` and `docs/figures` and is no test. Tests are the rest of `tests`, their helpers
   included; those of the tools are counted once more by themselves.
-- The mapper's modules are all that `emvs.mapper` imports, directly or not, itself included.
 - A subpackage is what `import_graph.subpackage` says: `emvs.dsi` with all below it; a module
   directly in a top-level package is a part by itself.
 - A small module with one importer has fewer than 60 lines and one module of the product that
@@ -36,7 +35,6 @@ from import_graph import (
     import_graph,
     importers,
     longest_chain,
-    reachable,
     read_modules,
     subpackage_graph,
     within,
@@ -67,7 +65,6 @@ def measure(root: Path) -> dict[str, Any]:
             for name, inside in sorted(folders.items())
         },
         "fullest_folders": dict(fullest.most_common(FULLEST)),
-        "mapper_modules": len(reachable(graph, "emvs.mapper")) if "emvs.mapper" in graph else 0,
         "chains": chains(graph),
         "part_chains": chains(parts),
         "circles": circles(graph),
@@ -144,18 +141,12 @@ def rows(found: dict[str, Any]) -> dict[str, str]:
         "median module, lines": f"{found['median_module_lines']:g}",
         **{f"`{name}`: modules, lines": _size(size) for name, size in found["packages"].items()},
         "fullest folders": ", ".join(f"`{k}` {n}" for k, n in found["fullest_folders"].items()),
-        "modules that the mapper imports": str(found["mapper_modules"]),
         **{f"floors, {name}": str(len(one)) for name, one in found["chains"].items()},
         "circles of modules (modules in each)": _circle_sizes(found["circles"]),
-        **{
-            f"floors of subpackages, {name}": str(len(one))
-            for name, one in found["part_chains"].items()
-        },
+        **{f"floors of parts, {name}": str(len(one)) for name, one in found["part_chains"].items()},
         "subpackages": str(found["subpackages"]),
         "circles of subpackages (parts in each)": _circle_sizes(found["subpackage_circles"]),
-        f"modules under {SMALL_LINES} lines with one importer": str(
-            len(found["small_with_one_importer"])
-        ),
+        "small modules with one importer": str(len(found["small_with_one_importer"])),
     }
 
 
