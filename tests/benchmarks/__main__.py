@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
 FOLDERS = sorted({path.parent for path in HERE.glob("*/*.py")})
 
 
@@ -31,7 +32,7 @@ def main() -> None:
             words = (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "").splitlines()
             sys.stderr.write(f"  {path.parent.name}/{path.stem:<20} {words[0] if words else ''}\n")
         sys.exit(2)
-    shared = HERE.parent / "helpers", HERE.parent / "reference"
+    shared = HERE.parent / "helpers", HERE.parent / "reference", *ROOT.glob("plugins/*/tests")
     sys.path[:1] = [str(folder) for folder in (*FOLDERS, *shared)]
     sys.argv[:2] = [str(known[name])]
     runpy.run_path(sys.argv[0], run_name="__main__")

@@ -1,12 +1,8 @@
 """A machine that is told that its processor can do less."""
 
-import os
-import subprocess
-import sys
-
 import pytest
 
-from places import ROOT
+from programs import python
 
 NARROW = {
     "256 bits": {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx,+avx2,+fma,+bmi,+bmi2"},
@@ -14,9 +10,12 @@ NARROW = {
 }
 
 
-def assert_same_bits(script, told, folder):
-    """A script that prints the width of vectors, and results, prints the same results."""
-    found = [_run(script, environment, folder) for environment in ({}, NARROW[told])]
+def assert_same_bits(script, told, folder, path=()):
+    """A script that prints the width of vectors, and results, prints the same results.
+
+    Modules that it imports by name lie in `path`.
+    """
+    found = [_run(script, environment, folder, path) for environment in ({}, NARROW[told])]
     if found[0][0] == found[1][0] or "+fma" not in _features():
         pytest.skip("this processor has no longer vectors")
     assert found[1][0] == "8"
@@ -29,10 +28,6 @@ def _features():
     return get_host_cpu_features().flatten()
 
 
-def _run(script, environment, folder):
+def _run(script, environment, folder, path):
     known = {"NUMBA_CACHE_DIR": str(folder), **environment}
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, timeout=300,
-        env=os.environ | known, check=True,
-    )  # fmt: skip
-    return done.stdout.split()
+    return python("-c", script, path=path, env=known, check=True).stdout.split()

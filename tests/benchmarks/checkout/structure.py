@@ -2,9 +2,7 @@
 
 Run: python tests/benchmarks structure [ROOT ...] [--json] [--list]
 
-Prints a Markdown table with a column for each checkout, such as before and after a change. A
-checkout is read as text (`import_graph` says what counts as an import, a circle and a floor);
-nothing of it is run.
+Prints a Markdown table with a column for each checkout; `import_graph` says what an import is.
 
 - Lines are lines of text, empty ones and comments included. The product is every module of the
   packages. Developer tools draw, measure and write tables for the documentation: what lies in

@@ -1,5 +1,7 @@
 """The network's results do not depend on how wide the processor's vectors are."""
 
+from pathlib import Path
+
 import pytest
 
 from processors import NARROW, assert_same_bits
@@ -19,4 +21,4 @@ print(WIDTH, *(one.tobytes().hex() for one in judged))
 @pytest.mark.slow
 @pytest.mark.parametrize("told", NARROW)
 def test_a_processor_with_shorter_vectors_finds_the_same_bits(told, tmp_path):
-    assert_same_bits(SAME, told, tmp_path)
+    assert_same_bits(SAME, told, tmp_path, [Path(__file__).parent])
