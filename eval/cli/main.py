@@ -43,10 +43,14 @@ def _add_verb(point: EntryPoint) -> None:
             """Cannot be loaded."""
             raise InputError(reason)
 
-    if isinstance(verb, App):
+    name = verb.name[0] if isinstance(verb, App) else point.name
+    if name in set(app):
+        package = point.dist.name if point.dist else point.value
+        sys.stderr.write(f"{package}: its verb {name} is left out, there is one of that name\n")
+    elif isinstance(verb, App):
         app.command(verb)
     else:
-        app.command(verb, name=point.name)
+        app.command(verb, name=name)
 
 
 for _point in points(VERBS):

@@ -35,6 +35,7 @@ name = "broken"
 version = "1"
 [project.entry-points."eventsweep.verbs"]
 broken = "broken.eventsweep:verb"
+map = "broken.taken:map"
 """
 
 
@@ -175,16 +176,15 @@ def site(tmp_path_factory):
     """The plug-in that the page prints, and one whose verb cannot be imported."""
     folder = tmp_path_factory.mktemp("site")
     install(folder, *documented(PAGE, "## A plug-in of your own"))
-    broken = (
-        '[project]\nname = "broken"\nversion = "1"\n[project.entry-points."eventsweep.verbs"]\n'
-    )
-    install(folder, f'{broken}broken = "broken.eventsweep:verb"\n', "import no_such_module\n")
+    install(folder, BROKEN, "import no_such_module\n")
+    (folder / "broken" / "taken.py").write_text("def map() -> None: ...\n")
     return folder
 
 
 def test_the_documented_plug_in_works(site, sequence, tmp_path):
     done = run_with(site, tmp_path, "rate", str(sequence), "--least-hz", "1e6")
-    assert (done.returncode, done.stderr) == (1, "")
+    said = "broken: its verb map is left out, there is one of that name"
+    assert (done.returncode, done.stderr.splitlines()) == (1, [said])
     assert done.stdout.splitlines()[0].startswith("cam0: 40,")
     asked = ("map", str(sequence), "--out", "maps", "--method", "EMVS/cam0", "--quiet")
     assert "check: cam0 sends 40" in run_with(site, tmp_path, *asked).stderr
@@ -194,7 +194,7 @@ def test_the_documented_plug_in_works(site, sequence, tmp_path):
 def test_a_verb_that_cannot_be_loaded_disturbs_no_other(site, tmp_path):
     done = run_with(site, tmp_path, "broken", "--whatever", "7")
     assert (done.returncode, done.stdout) == (2, "")
-    (line,) = done.stderr.splitlines()
+    *_, line = done.stderr.splitlines()
     assert "broken: its verb (broken = broken.eventsweep:verb) cannot be loaded" in line
     assert "no_such_module" in line
     assert run_with(site, tmp_path, "list", "suites").returncode == 0
