@@ -396,7 +396,7 @@ class MapperConfig(ParameterGroup):
     threads: int = Field(default=0, ge=0, description="threads of the kernels; 0: all")
     device: str = Field(
         default="cpu",
-        description="where the sweep runs: cpu, cuda; auto: on an NVIDIA GPU where there is one",
+        description="where the sweep runs: cpu, cuda or auto, an NVIDIA GPU where there is one",
     )
     voting_precision: Literal["fixed", "float"] = Field(
         default="fixed", description="how a GPU sums votes; fixed: the same bits in every run"
