@@ -47,7 +47,7 @@ def cost_of(root: Path, words: Sequence[str], *, cold: bool) -> Cost:
             variables["NUMBA_CACHE_DIR"] = f"{folder}/kernels"
         before, began_s = _children_s(), time.perf_counter()
         done = subprocess.run(
-            [sys.executable, "-m", _module(root), *arguments], env={**os.environ, **variables},
+            [_python(root), "-m", "eventsweep", *arguments], env={**os.environ, **variables},
             cwd=folder, capture_output=True, text=True, check=False,
         )  # fmt: skip
         cost = Cost(time.perf_counter() - began_s, _children_s() - before)
@@ -56,11 +56,10 @@ def cost_of(root: Path, words: Sequence[str], *, cold: bool) -> Cost:
     return cost
 
 
-def _module(root: Path) -> str:
-    """The command line, whose place has changed."""
-    return (
-        "eventsweep" if (root / "eventsweep" / "__main__.py").is_file() else "eventsweep.eval.cli"
-    )
+def _python(root: Path) -> str:
+    """The checkout's own Python, where it has one: entry points are those of what is installed."""
+    own = root / ".venv" / "bin" / "python"
+    return str(own) if own.is_file() else sys.executable
 
 
 def _children_s() -> float:
