@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from moving_texture import movie, recorded
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.plugins.diagnose.sensing.estimates import resampled
 from eventsweep.plugins.diagnose.sensing.fit import effective_thresholds, fit_pixels
 from eventsweep.plugins.diagnose.sensing.noise import hot_estimates
 from eventsweep.plugins.diagnose.sensing.pixel_events import PixelEvents
+from moving_texture import movie, recorded
 
 C = {"contrast_threshold_pos": 0.2, "contrast_threshold_neg": 0.25}
 
