@@ -78,7 +78,8 @@ main() {
     # Each plug-in once: verbs, methods, checks and devices that come by entry points.
     with_libraries env/bin/eventsweep check boxes-sequence --quiet
     with_libraries env/bin/eventsweep realism boxes-sequence boxes-sequence --out realism --quiet
-    with_libraries env/bin/eventsweep track boxes-sequence --out tracked --quiet
+    with_libraries env/bin/eventsweep simulate desk --out desk-sequence --quiet
+    with_libraries env/bin/eventsweep track desk-sequence --out tracked --quiet
     with_libraries env/bin/eventsweep map boxes-sequence --out learned --method Learned/H --quiet
     with_libraries env/bin/python -c "$FRAMES"
     with_libraries env/bin/eventsweep events frames --out frames-events --rate-hz 100 --quiet
