@@ -12,8 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
-from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.plugins import TRACKERS, loaded, points
+from eventsweep.emvs.utils.plugins import TRACKERS, offered, points
 
 if TYPE_CHECKING:
     from eventsweep.eval.progress import Display
@@ -46,7 +45,4 @@ def tracker(name: str) -> Tracker:
     Raises:
         InputError: no plug-in brings it, or the plug-in cannot be loaded.
     """
-    for point in points(TRACKERS):
-        if point.name == name:
-            return cast("Tracker", loaded(point, "its tracker {} cannot be used"))
-    raise InputError(f"unknown tracker {name!r}: choose one of {', '.join(names())}")
+    return cast("Tracker", offered(TRACKERS, name, "tracker", names()))

@@ -11,12 +11,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol, cast
 
 from eventsweep.emvs.dsi.backend import Backend, CpuBackend, Task
 from eventsweep.emvs.dsi.backprojection import AnyRays, CpuProjector, Projector
-from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.plugins import DEVICES, loaded, modules_of, points
+from eventsweep.emvs.utils.plugins import DEVICES, files_of, modules_of, offered, points
 
 AUTO = "auto"
 _log = logging.getLogger(__name__)
@@ -95,9 +95,10 @@ def check_device(wanted: str) -> None:
         choose_device(wanted)
 
 
-def modules_of_device(wanted: str) -> tuple[str, ...]:
-    """The modules of a plug-in of ours that the device of a name comes with."""
-    return modules_of(point for point in points(DEVICES) if point.name == wanted)
+def code_of_device(wanted: str) -> tuple[tuple[str, ...], tuple[Path, ...]]:
+    """Modules of a plug-in of ours, or files of another package, that a device comes with."""
+    its = [point for point in points(DEVICES) if point.name == wanted]
+    return modules_of(its), tuple(files_of(its))
 
 
 def projector_on(device: Device) -> Projector:
@@ -124,7 +125,4 @@ def _platform(name: str) -> Platform:
     Raises:
         InputError: no plug-in brings it, or the plug-in cannot be loaded.
     """
-    for point in points(DEVICES):
-        if point.name == name:
-            return cast("Platform", loaded(point, "its device {} cannot be used"))
-    raise InputError(f"unknown device {name!r}: choose one of {', '.join(names())}")
+    return cast("Platform", offered(DEVICES, name, "device", names()))

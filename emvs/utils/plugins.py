@@ -55,6 +55,18 @@ def modules_of(points: Iterable[EntryPoint]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(point.module for point in points if is_ours(point)))
 
 
+def offered(group: str, name: str, kind: str, known: Iterable[str]) -> Any:
+    """What a plug-in offers under a name, loaded.
+
+    Raises:
+        InputError: no plug-in offers it, with all names that are `known`; or it cannot be loaded.
+    """
+    for point in points(group):
+        if point.name == name:
+            return loaded(point, f"its {kind} {{}} cannot be used")
+    raise InputError(f"unknown {kind} {name!r}: choose one of {', '.join(known)}")
+
+
 def loaded(point: EntryPoint, what: str) -> Any:
     """What an entry point names; errors are those of `run_point`."""
     return run_point(point, what, lambda found: found)

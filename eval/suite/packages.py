@@ -34,7 +34,7 @@ class Wanted:
 def open_packages(
     given: Sequence[NamedFolder], wanted: Wanted, cache: Cache
 ) -> tuple[list[NamedFolder], Stated]:
-    """Unpacks, into the cache, what is no plain folder of depth maps.
+    """Unpacks packed depth maps into the cache; plain folders stay as they are.
 
     Returns:
         The folders, in the order given; and by the method's name in scores, facts of those that

@@ -44,7 +44,8 @@ def offer(monkeypatch, place, **found):
     stranger = SimpleNamespace(**found)
     monkeypatch.setitem(sys.modules, MODULE, stranger)
     points = tuple(EntryPoint(name, f"{MODULE}:{name}", "any") for name in found)
-    monkeypatch.setattr(place, "points", lambda _group: points)
+    for reader in {place, plugins}:
+        monkeypatch.setattr(reader, "points", lambda _group: points)
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +80,16 @@ def test_a_device_of_others_computes_the_sweep(monkeypatch, sequence):
         np.testing.assert_array_equal(a.depth_m, b.depth_m)
 
 
+def test_the_files_of_a_device_of_others_belong_to_the_key_of_its_maps(monkeypatch, tmp_path):
+    """So an edit of the package maps again."""
+    (tmp_path / "their_device.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    point = EntryPoint("mine", "their_device", "any")
+    monkeypatch.setattr(device, "points", lambda _group: (point,))
+    assert device.code_of_device("mine") == ((), (tmp_path / "their_device.py",))
+    assert device.code_of_device("cpu") == ((), ())
+
+
 @pytest.mark.parametrize(
     ("missing", "taken", "said"),
     [(None, "mine", "took the GPU Theirs 3000"), ("no driver", "cpu", "took the CPU: no driver")],
@@ -105,7 +116,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("what", REFUSED)
 def test_what_nobody_brings_is_refused(monkeypatch, tmp_path, what):
-    for place in (device, trackers, source):
+    for place in (device, trackers, source, plugins):
         offer(monkeypatch, place)
     call, words = REFUSED[what]
     with pytest.raises(InputError, match=words):
@@ -114,7 +125,7 @@ def test_what_nobody_brings_is_refused(monkeypatch, tmp_path, what):
 
 def test_one_that_cannot_be_loaded_is_named(monkeypatch):
     point = EntryPoint("mine", "nobody_has_this:thing", "any")
-    monkeypatch.setattr(device, "points", lambda _group: (point,))
+    monkeypatch.setattr(plugins, "points", lambda _group: (point,))
     with pytest.raises(InputError, match=r"its device \(mine = nobody_has_this:thing\) cannot"):
         device.choose_device("mine")
 

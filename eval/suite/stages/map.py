@@ -10,7 +10,7 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.depth.precision import PRECISION
-from eventsweep.emvs.dsi.device import modules_of_device
+from eventsweep.emvs.dsi.device import code_of_device
 from eventsweep.emvs.maps.sliding import map_into, one_window, without
 from eventsweep.emvs.maps.store import write_entry
 from eventsweep.emvs.methods import code_of_methods
@@ -22,7 +22,8 @@ def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
     """The modules of its methods and device, and the weights, tables and packages it reads."""
     config = MapperConfig.model_validate(parameters["map"])
     modules, files = code_of_methods(config)
-    return (*modules, *modules_of_device(config.device)), (*files, PRECISION)
+    device_modules, device_files = code_of_device(config.device)
+    return (*modules, *device_modules), (*files, *device_files, PRECISION)
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
