@@ -45,7 +45,7 @@ def open_packages(
     """
     folders = list(given)
     stated: Stated = {}
-    for point in points(PREDICTIONS) if given else ():
+    for point in reversed(points(PREDICTIONS)) if given else ():  # ours last: it refuses the rest
         opened = loaded(point, "its predictions {} cannot be used")
         folders, facts = opened(folders, wanted, cache)
         stated |= facts

@@ -41,7 +41,7 @@ def open_source(folder: Path) -> SequenceSource:
     Raises:
         InputError: nothing here can open it, or what is in it is damaged.
     """
-    for point in points(SEQUENCES):
+    for point in reversed(points(SEQUENCES)):  # ours last: it says what is wrong with a folder
         source: SequenceSource | None = loaded(point, "its sequences {} cannot be used")(folder)
         if source is not None:
             return source

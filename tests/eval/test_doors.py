@@ -149,6 +149,8 @@ def test_sequences_come_from_whoever_knows_the_folder(monkeypatch, tmp_path):
     known = SimpleNamespace(facts=None)
     offer(monkeypatch, source, a=lambda _: None, b=lambda path: known if path == tmp_path else None)
     assert source.open_source(tmp_path) is known
+    offer(monkeypatch, source, ours=lambda _: pytest.fail("asked first"), theirs=lambda _: known)
+    assert source.open_source(tmp_path) is known
 
 
 def test_predictions_are_unpacked_by_whoever_can(monkeypatch, tmp_path):
