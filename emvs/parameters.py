@@ -135,3 +135,11 @@ def _annotation(model: type[BaseModel], place: tuple[int | str, ...]) -> Any:
         field = getattr(kind, "model_fields", {}).get(str(name))
         kind = field.annotation if field else None
     return kind
+
+
+def stated(settings: BaseModel) -> dict[str, Any]:
+    """What makes the same settings again, as plain JSON values: what was set, and what that set."""
+    own = settings.model_dump(mode="json", exclude_unset=True)
+    again = type(settings).model_validate(own).model_dump(mode="json")
+    whole = settings.model_dump(mode="json")
+    return own | {name: value for name, value in whole.items() if again[name] != value}

@@ -1,37 +1,33 @@
-"""The stages, one function each, and `run_cases` for all of them: simulate, map, score.
-
-Each imports what it needs itself, so that the first picture waits for nothing of the mapper, and
-the first vote for nothing of the simulator.
-"""
+"""Runs cases from a scene to a report, scores folders, and maps recordings."""
 
 from __future__ import annotations
 
-import gc
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.outputs import atomic_dir, check_files, files_together, output_folder
 from eventsweep.eval.config import EvalConfig, Settings
-from eventsweep.eval.progress import Display, MapBars, Silent
+from eventsweep.eval.progress import SILENT, Display, MapBars
 from eventsweep.scenes import case_name
-from eventsweep.sim.config import SimConfig
 
 if TYPE_CHECKING:
-    import pandas as pd
+    from contextlib import AbstractContextManager
 
     from eventsweep.emvs.data.recording import Recording
     from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
+    from eventsweep.emvs.utils.cache import Cache
     from eventsweep.emvs.utils.runtime import Progress
+    from eventsweep.eval.jobs.job import Job
+    from eventsweep.eval.jobs.scheduler import Open
+    from eventsweep.eval.results.results import Results
     from eventsweep.eval.scoring import run_folder
     from eventsweep.eval.scoring.pairing import Estimate
     from eventsweep.eval.scoring.predictions import NamedFolder
-    from eventsweep.eval.scoring.results import Results
 
-_SILENT = Silent()
 _RESULTS = ("results.json", "results.csv")
 _BEFORE_MAPPING = ("count", "hot pixels")  # stages after which a map may still be refused
 
@@ -42,43 +38,102 @@ def _add_nothing(folder: Path) -> None:
 
 def run_cases(
     cases: Sequence[str], out: Path, settings: Settings, rig: str | None, seed: int, *,
-    force: bool = False, workers: int = 1, finish: Callable[[Path], None] = _add_nothing,
-    track: Callable[[Path, Path], None] | None = None, progress: Display = _SILENT,
+    force: bool = False, renderers: int = 1, finish: Callable[[Path], None] = _add_nothing,
+    tracker: str | None = None, cache: Path | None = None, crew: Open | None = None,
+    progress: Display = SILENT,
 ) -> Results:  # fmt: skip
     """Simulates, maps and scores every case; `out` appears when all is done.
 
+    Its jobs are those of a suite: what is finished is in the cache, so a run that was interrupted
+    goes on there, and one with other methods does not simulate again.
+
     Args:
-        cases: names of scenes.
+        cases: names of scenes, or model files.
         out: folder to write.
         settings: every parameter.
         rig: name of the rig to use instead of each scene's own.
         seed: seed of the head motion.
         force: whether a run that is in the place of `out` is replaced.
-        workers: rendering processes.
+        renderers: rendering processes.
         finish: adds, such as a report, to the folder of results before it takes its place.
-        track: finds the poses of a recording, its first argument, from its events, and writes them
-            into a folder, its second; they, and maps on them, are then scored, too.
+        tracker: finds poses from the events, too; they, and maps on them, are then scored.
+        cache: where jobs' results are kept; by default that of suites.
+        crew: opens workers that do the jobs; by default they are done here, one after another.
         progress: shows how far the run is.
     """
+    from eventsweep.emvs.utils.cache import Cache, default_cache
+    from eventsweep.eval.jobs.job import RESULT, Runtime, entry
+    from eventsweep.eval.results.results import joined, results_from, write_results
     from eventsweep.eval.scoring import run_folder
 
-    _check_run(cases, settings, rig, track=track is not None)
+    jobs = _planned(cases, settings, rig, seed, tracker)
+    store, runtime = Cache(cache or default_cache()), Runtime(renderers, True, progress)
     with atomic_dir(out, force=force, inputs=_inputs(cases, settings)) as folder:
         (folder / run_folder.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
-        for case in cases:
-            of_case = folder / case_name(case)
-            sequence = of_case / run_folder.SEQUENCE_FOLDER
+        if crew is not None:
+            _done_by(crew, jobs.values(), progress)
+        parts = []
+        for case, job in jobs.items():
             with _kernels_beside(case, settings, rig, progress):
-                simulate_scene(
-                    case, sequence, settings, rig, seed, workers=workers, progress=progress
-                )
-            map_recording(sequence, of_case / run_folder.MAP_FOLDER, settings, progress=progress)
-            if track is not None:
-                track(sequence, of_case / run_folder.TRACK_FOLDER)
-                _map_on_own_poses(of_case, settings.map, progress)
-        results = score_folder(folder, settings.score)
+                entry(job.needs[0], store, runtime)
+            made = entry(job, store, runtime)
+            _place(job, store, folder / case_name(case))
+            text = (made.path / RESULT).read_text(encoding="utf-8")
+            parts.append(results_from(json.loads(text)))
+        scored = {"score": settings.score.model_dump(mode="json")}
+        results = joined(parts, configuration=scored)
+        write_results(folder, results)
         finish(folder)
     return results
+
+
+def _planned(
+    cases: Sequence[str], settings: Settings, rig: str | None, seed: int, tracker: str | None
+) -> dict[str, Job]:
+    """The jobs, by case; what would fail after the last frame is refused before the first."""
+    from eventsweep.eval.suite.plan import check_case, run_job
+    from eventsweep.eval.trackers import tracker as load_tracker
+
+    if len(set(map(case_name, cases))) != len(cases) or not cases:
+        raise InputError(
+            f"cases {', '.join(cases) or '(none)'}: name at least one, without repeats"
+        )
+    if tracker is not None:
+        load_tracker(tracker)
+    for case in cases:
+        check_case(case, rig, settings.map, settings.sim, track=tracker is not None)
+    return {case: run_job(case, settings, rig, seed, tracker) for case in cases}
+
+
+def _done_by(crew: Open, jobs: Iterable[Job], progress: Display) -> None:
+    from eventsweep.eval.jobs.job import Failed
+    from eventsweep.eval.jobs.scheduler import run_jobs
+
+    outcomes = run_jobs(jobs, crew, progress)
+    failed = [outcome for outcome in outcomes.values() if isinstance(outcome, Failed)]
+    if failed:
+        raise InputError(f"{failed[0].name}: {failed[0].reason}")
+
+
+def _place(job: Job, store: Cache, folder: Path) -> None:
+    """Puts what the jobs of a case made where people look for it."""
+    from eventsweep.emvs.utils.files import link_tree
+    from eventsweep.eval.jobs.job import SEQUENCE, entry
+    from eventsweep.eval.results.results import DEFAULT_MAPPER
+    from eventsweep.eval.scoring import run_folder
+    from eventsweep.eval.stages import track
+    from eventsweep.eval.stages.map import MAP
+
+    sequence, mapped, *tracked = (entry(need, store).path for need in job.needs)
+    places = {
+        run_folder.SEQUENCE_FOLDER: sequence / SEQUENCE,
+        run_folder.MAP_FOLDER: mapped / MAP,
+    }
+    for made in tracked:
+        places[run_folder.TRACK_FOLDER] = made / track.TRACK
+        places[run_folder.TRACKED_MAP_FOLDER] = made / track.MAPS / DEFAULT_MAPPER
+    for name, source in places.items():
+        link_tree(source, folder / name)
 
 
 def _kernels_beside(
@@ -92,71 +147,10 @@ def _kernels_beside(
     return compiled_beside(settings.map, cameras, progress.say)
 
 
-def _map_on_own_poses(of_case: Path, config: MapperConfig, progress: Display) -> None:
-    """Maps the windows of a case again, on the poses that were found."""
-    from eventsweep.emvs.datasets import open_recording
-    from eventsweep.emvs.maps.folder import read_map
-    from eventsweep.emvs.windows import Window
-    from eventsweep.eval.found_poses import found_poses
-    from eventsweep.eval.own_poses import map_on_poses
-    from eventsweep.eval.scoring import run_folder
-
-    info = read_map(of_case / run_folder.MAP_FOLDER).info
-    lost = (0,) * len(info.windows[0].counts)
-    windows = {w.name: Window(w.t0_us, w.t1_us, w.t_ref_us, lost) for w in info.windows}
-    with progress.stage(f"map {info.recording.name} on its own poses", 1) as update:
-        map_on_poses(
-            open_recording(of_case / run_folder.SEQUENCE_FOLDER),
-            found_poses(of_case / run_folder.TRACK_FOLDER), windows, config,
-            of_case / run_folder.TRACKED_MAP_FOLDER, info.recording,
-        )  # fmt: skip
-        update(1, "")
-
-
-def simulate_scene(
-    scene: str, out: Path, settings: Settings, rig: str | None, seed: int, *, force: bool = False,
-    workers: int = 1, fresh: bool = False, progress: Display = _SILENT,
-) -> None:  # fmt: skip
-    """Simulates one scene, with its own rig or another one, and writes the sequence.
-
-    Unfinished work of the same arguments is taken up, unless `fresh` says to discard it.
-    """
-    with (
-        progress.stage(f"simulate {case_name(scene)}", 1) as update,
-        _collection_paused() as resume,
-    ):
-        from eventsweep import scenes
-        from eventsweep.sim.simulate import simulate
-
-        def show(done_us: int, total_us: int, events: int) -> None:
-            resume()  # the first picture is there: nothing is imported any more
-            update(done_us / total_us, f"{done_us / 1e3:.0f} ms, {events:,} events")
-
-        simulate(
-            *scenes.prepared(scene, rig, settings.sim, seed, progress.say),
-            seed,
-            out,
-            force=force,
-            workers=workers,
-            resume=not fresh,
-            notice=progress.say,
-            progress=show,
-        )
-
-
-@contextmanager
-def _collection_paused() -> Iterator[Callable[[], None]]:
-    """Keeps Python's collector of cycles from looking through what imports make, which stays.
-
-    It would look through all of it each time that it has grown by a quarter. Yields a function that
-    lets it work again; the end does so in any case.
-    """
-    resume = gc.enable if gc.isenabled() else gc.disable
-    gc.disable()
-    try:
-        yield resume
-    finally:
-        resume()
+def _inputs(cases: Sequence[str], settings: Settings) -> list[Path]:
+    models = [Path(case) for case in cases if Path(case).is_file()]
+    recorded = settings.sim.replay.trajectory
+    return models if recorded is None else [*models, recorded]
 
 
 def score_folder(
@@ -172,9 +166,9 @@ def score_folder(
         InputError: no map there, a recording without ground truth, damaged files, or a prediction
             that is not complete.
     """
+    from eventsweep.eval.results.results import write_results
     from eventsweep.eval.scoring import run_folder
     from eventsweep.eval.scoring.predictions import NamedFolder
-    from eventsweep.eval.scoring.results import write_results
 
     given = tuple(map(NamedFolder.of, predictions))
     names = (*_RESULTS, run_folder.KEPT_FOLDER) if predictions else _RESULTS
@@ -212,111 +206,25 @@ def _scored(
     folder: Path, maps: Mapping[str, StoredMap], config: EvalConfig,
     folders: Sequence[NamedFolder], kept: Path,
 ) -> Results:  # fmt: skip
-    from eventsweep.emvs.data.sequence import Sequence as EventSequence
+    from eventsweep.eval.results.results import DEFAULT_MAPPER, joined
     from eventsweep.eval.scoring import run_folder
-    from eventsweep.eval.scoring.metric_versions import metric_versions
-    from eventsweep.eval.scoring.pairing import REFERENCE
-    from eventsweep.eval.scoring.results import Results, together
-    from eventsweep.eval.scoring.score import rig_rows, score_windows
-    from eventsweep.eval.scoring.trajectories.own_poses import pose_rows
-    from eventsweep.eval.scoring.trajectories.score import metric_versions as trajectory_versions
+    from eventsweep.eval.scoring.case import CaseMaps, score_case
 
-    tables: list[pd.DataFrame] = []
-    sequences, versions = {}, metric_versions()
-    configuration: dict[str, Any] = {"score": config.model_dump(mode="json")}
-    for case, stored in maps.items():
-        sequence = run_folder.sequence_of(stored)
-        windows = run_folder.with_truth(stored, sequence, config)
+    parts = []
+    for name, stored in maps.items():
+        recording = run_folder.sequence_of(stored)
+        case = CaseMaps.of_map(name, recording, stored, run_folder.tracked(folder, name))
+        windows = case.with_truth(config).windows[DEFAULT_MAPPER]
         # Without predictions nothing is read to check them against.
-        others = (case, sequence, windows, config, folders, kept)
-        estimates = _estimates(*others) if folders else None
-        own = run_folder.tracked(folder, case)
-        if own is not None:
-            estimates = _with_own(own.map, windows, estimates)
-        tables += [
-            score_windows(case, sequence, windows, config, estimates, REFERENCE),
-            rig_rows(case, sequence, [window.info for window in windows]),
-        ]
-        if isinstance(sequence, EventSequence):
-            sequences[case] = sequence.manifest
-        configuration[case] = {
-            **run_folder.provenance(sequence),
-            "map": stored.info.config.model_dump(mode="json"),
-        }
-        if own is not None:
-            rows, notes = pose_rows(case, sequence.trajectory, own.poses)
-            tables.append(rows)
-            maps_on = {"windows": len(own.map.windows), "skipped": len(own.map.info.skipped)}
-            configuration[case]["track"] = {**maps_on, "notes": list(notes)}
-            versions |= trajectory_versions()
-        if len(windows) < len(stored.windows):
-            counts = {"scored": len(windows), "without_truth": len(stored.windows) - len(windows)}
-            configuration[case]["windows"] = counts
-    seeds = {manifest.seed for manifest in sequences.values()}
-    return Results(
-        together(tables),
-        configuration,
-        seeds.pop() if len(seeds) == 1 else None,
-        {case: manifest.digest() for case, manifest in sequences.items()},
-        metrics=versions,
-    )
-
-
-def _with_own(
-    own: StoredMap, windows: Sequence[StoredWindow],
-    others: Iterator[Mapping[str, Estimate]] | None,
-) -> Iterator[Mapping[str, Estimate]]:  # fmt: skip
-    """Depth maps on poses that were found, beside those of others, for each window."""
-    from eventsweep.eval.scoring.trajectories.own_poses import own_estimates
-
-    mapped = own_estimates(own, windows)
-    return mapped if others is None else ({**a, **b} for a, b in zip(others, mapped, strict=True))
-
-
-def _check_run(cases: Sequence[str], settings: Settings, rig: str | None, *, track: bool) -> None:
-    """Refuses before the first frame what would fail after the last."""
-    if len(set(map(case_name, cases))) != len(cases) or not cases:
-        raise InputError(
-            f"cases {', '.join(cases) or '(none)'}: name at least one, without repeats"
-        )
-    for case in cases:
-        check_case(case, rig, settings.map, settings.sim, track=track)
-
-
-def _inputs(cases: Sequence[str], settings: Settings) -> list[Path]:
-    models = [Path(case) for case in cases if Path(case).is_file()]
-    recorded = settings.sim.replay.trajectory
-    return models if recorded is None else [*models, recorded]
-
-
-def check_case(
-    scene: str, rig: str | None, config: MapperConfig, sim: SimConfig | None = None, *,
-    track: bool = False,
-) -> None:  # fmt: skip
-    """Refuses, before a scene is simulated, what could not be simulated, mapped or tracked."""
-    from eventsweep import scenes
-    from eventsweep.emvs import methods
-    from eventsweep.emvs.dsi.device import check_device
-    from eventsweep.emvs.utils.runtime import check_openmp
-    from eventsweep.sim.mjcf import is_model_file
-
-    check_openmp()
-    configured = sim or SimConfig()
-    if not is_model_file(scene):
-        scenes.load(scene).configured(configured)
-    chosen = scenes.rig_for(scene, rig, configured)
-    methods.methods_by_name(config.methods, len(chosen), mcemvs=config.is_mcemvs)
-    if track and len(chosen) < 2:
-        raise InputError(
-            f"{scene}: one camera cannot determine the scale of its poses: choose a stereo rig"
-        )
-    check_device(config.device)
+        others = _estimates(name, recording, windows, config, folders, kept) if folders else None
+        parts.append(score_case(case, config, others))
+    return joined(parts, configuration={"score": config.model_dump(mode="json")})
 
 
 def map_recording(
     path: Path, out: Path, settings: Settings, *, force: bool = False,
     finish: Callable[[Path], None] = _add_nothing, warn: Callable[[str], None] | None = None,
-    progress: Display = _SILENT,
+    progress: Display = SILENT,
 ) -> StoredMap:  # fmt: skip
     """Maps one window of a recording and writes the map folder.
 

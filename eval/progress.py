@@ -41,6 +41,9 @@ class Silent:
         """Says nothing."""
 
 
+SILENT = Silent()
+
+
 class Bars:
     """A bar per stage while it runs, on a terminal, and one line when it is done.
 

@@ -8,29 +8,30 @@ A plug-in offers one under the name that `--poses` chooses it by:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
 from eventsweep.emvs.utils.plugins import TRACKERS, offered, points
 
 if TYPE_CHECKING:
-    from eventsweep.eval.progress import Display
+    from eventsweep.emvs.data.recording import Recording
+    from eventsweep.eval.jobs.job import Runtime
 
 TRUE = "true"
 """What `--poses` says for the recording's own."""
 
 
 class Tracker(Protocol):
-    """A module or an object with these names."""
+    """A module or an object with this name."""
 
-    STAGE: str
-    """The module of its stage of jobs, which does what `eval.suite.stages` says of `track`."""
+    def track(self, recording: Recording, out: Path, runtime: Runtime, in_full: bool, /) -> None:
+        """Finds the poses of a recording, whose own are not used, and writes them into `out`.
 
-    def track_stage(self, progress: Display, /) -> Callable[[Path, Path], None]:
-        """Tracks a recording, its first argument, into a folder, its second.
-
-        The folder holds poses as `eval.found_poses` reads them, or why there are none.
+        Args:
+            recording: events and calibration.
+            out: a new folder for poses as `eval.found_poses` reads them, or why there are none.
+            runtime: threads, and what shows how far it is.
+            in_full: whether everything that the tracker can tell is written, too, for people.
         """
 
 

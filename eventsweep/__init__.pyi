@@ -32,11 +32,11 @@ from .emvs.methods.method import Method as Method
 from .emvs.window_result import WindowResult as WindowResult
 from .eval.config import EvalConfig as EvalConfig
 from .eval.config import TrajectoryConfig as TrajectoryConfig
+from .eval.results.results import Results as Results
+from .eval.results.results import read_results as read_results
+from .eval.results.results import write_results as write_results
 from .eval.scoring.predictions import Prediction as Prediction
 from .eval.scoring.predictions import TargetView as TargetView
-from .eval.scoring.results import Results as Results
-from .eval.scoring.results import read_results as read_results
-from .eval.scoring.results import write_results as write_results
 from .eval.scoring.score import score_depth as score_depth
 from .eval.scoring.trajectories.score import TrajectoryScore as TrajectoryScore
 from .mapping import map_window as map_window

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import opened
 from eventsweep.emvs.errors import InputError, check_type, located, shown
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -13,10 +12,12 @@ from eventsweep.emvs.maps.folder import StoredMap
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.eval import pipeline
 from eventsweep.eval.config import EvalConfig, TrajectoryConfig
+from eventsweep.eval.results.results import Results
+from eventsweep.eval.results.table import together
 from eventsweep.eval.scoring import run_folder
+from eventsweep.eval.scoring.case import CaseMaps, sample_of
 from eventsweep.eval.scoring.metric_versions import metric_versions
 from eventsweep.eval.scoring.pairing import REFERENCE
-from eventsweep.eval.scoring.results import Results, together
 from eventsweep.eval.scoring.score import case_rows, pairs_of_maps, rig_rows
 from eventsweep.eval.scoring.significance import interval as confidence_interval
 from eventsweep.eval.scoring.trajectories.metrics import KNOWN_METRICS as METRICS
@@ -104,23 +105,17 @@ def score_trajectory(
 def _score_window(result: WindowResult, recording: Recording, config: EvalConfig) -> Results:
     run_folder.check_view(result.config, recording.name)
     scored = run_folder.with_ground_truth(recording)
-    manifest = scored.manifest if isinstance(scored, Sequence) else None
     pairs = pairs_of_maps(scored, result.window, result.depth_maps, config, reference=REFERENCE)
+    rows = [
+        case_rows(scored.name, {_WINDOW: pairs}),
+        rig_rows(scored.name, scored, [result.window]),
+    ]
+    settings = {
+        **run_folder.provenance(scored),
+        "map": result.config.model_dump(mode="json"),
+    }
     return Results(
-        together(
-            [
-                case_rows(scored.name, {_WINDOW: pairs}),
-                rig_rows(scored.name, scored, [result.window]),
-            ]
-        ),
-        {
-            "score": config.model_dump(mode="json"),
-            scored.name: {
-                **run_folder.provenance(scored),
-                "map": result.config.model_dump(mode="json"),
-            },
-        },
-        None if manifest is None else manifest.seed,
-        {} if manifest is None else {scored.name: manifest.digest()},
-        metrics=metric_versions(),
+        together(rows),
+        {"score": config.model_dump(mode="json"), scored.name: settings},
+        (sample_of(CaseMaps(scored.name, scored, {}), metric_versions()),),
     )

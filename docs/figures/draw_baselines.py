@@ -20,7 +20,7 @@ from PIL import Image
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.maps.folder import read_map
 from eventsweep.eval.figures.colormaps import depth_scale
-from eventsweep.eval.scoring.results import read_results
+from eventsweep.eval.results.results import read_results
 
 DOCS = Path(__file__).parents[1]
 # metric -> title, factor from its unit to the title's, digits

@@ -14,7 +14,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +76,7 @@ class Cache:
 
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder).absolute()
+        self._whole: dict[str, tuple[list[Any], CacheEntry]] = {}
         if not self.folder.is_dir():
             check_parent(self.folder)
 
@@ -139,10 +140,25 @@ class Cache:
             }
             content = {"facts": facts, "files": files, **took}
             (folder / _ENTRY).write_text(json.dumps(content, indent=1), encoding="utf-8")
-        return self._entry(key, files, found=False, **took)
+        made = self._entry(key, files, found=False, **took)
+        self._whole[key] = _state(self.path_of(key)), replace(made, found=True)
+        return made
 
     def _read(self, key: str) -> CacheEntry | None:
-        """The entry, if it is there and whole; a damaged one is as good as none."""
+        """The entry, if it is there and whole; a damaged one is as good as none.
+
+        Its hashes are compared once in a process, and again if a file's size or time changed.
+        """
+        state = _state(self.path_of(key))
+        if key not in self._whole or self._whole[key][0] != state:
+            self._whole.pop(key, None)
+            whole = self._verified(key)
+            if whole is not None:
+                self._whole[key] = _state(self.path_of(key)), whole
+            return whole
+        return self._whole[key][1]
+
+    def _verified(self, key: str) -> CacheEntry | None:
         path = self.path_of(key)
         try:
             content = _stored(path)
@@ -166,6 +182,14 @@ class Cache:
             with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
                 if key_of(_stored(index.parent)["facts"]) == index.parent.name:
                     yield index.parent
+
+
+def _state(entry: Path) -> list[Any]:
+    """What changes with any file of an entry."""
+    with suppress(OSError):
+        data = sorted((entry / _DATA).rglob("*"))
+        return [(path, path.stat().st_size, path.stat().st_mtime_ns) for path in data]
+    return []
 
 
 def _stored(entry: Path) -> Any:

@@ -231,3 +231,15 @@ def flush(path: Path) -> None:
             except OSError as error:
                 if _is_full(error):
                     raise
+
+
+def link_tree(source: Path, target: Path) -> None:
+    """Makes a copy of a folder that shares its files' bytes where the file system can do that."""
+    shutil.copytree(source, target, copy_function=_link)
+
+
+def _link(source: str, target: str) -> None:
+    try:
+        os.link(source, target)
+    except OSError:  # another file system, or one without links
+        shutil.copy2(source, target)

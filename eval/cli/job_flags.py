@@ -17,9 +17,9 @@ from eventsweep.eval.cli.help import RARE
 if TYPE_CHECKING:
     from eventsweep.eval.jobs.scheduler import Workers
     from eventsweep.eval.progress import Display
+    from eventsweep.eval.results.results import Results
     from eventsweep.eval.scoring.predictions import NamedFolder
     from eventsweep.eval.suite.definition import Suite
-    from eventsweep.eval.suite.results import SuiteResult
     from eventsweep.eval.suite.source import SequenceSource
 
 _JobFlag = Parameter(group=JOBS)
@@ -28,11 +28,8 @@ _JobSwitch = Parameter(group=JOBS, negative=())
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class JobFlags:
-    """Where the jobs of a suite run."""
-
-    workers: Annotated[int | None, _JobFlag] = None
-    "Worker processes; by default one per processor."
+class CacheFlags:
+    """Where jobs keep what they made, and which cluster does them, if one does."""
 
     cache: Annotated[Path | None, _JobFlag] = None
     "Folder where results of jobs are kept; by default $EVENTSWEEP_CACHE or your cache folder."
@@ -53,15 +50,11 @@ class JobFlags:
     "Key of that certificate."
 
     def check(self) -> None:
-        """Refuses flags of a cluster without one, and of this machine where there is one."""
-        if self.scheduler is not None and self.workers is not None:
-            raise InputError("--workers with --scheduler: the cluster has its own; leave it out")
+        """Refuses flags of a cluster without one."""
         if self.scheduler is None and (self.remote or self.tls_ca or self.tls_cert or self.tls_key):
             raise InputError(
                 "--remote and --tls-... without --scheduler: they say how to reach one; add it"
             )
-        if self.workers is not None and self.workers < 1:
-            raise InputError(f"--workers {self.workers}: must be 1 or greater")
 
     def cache_folder(self) -> Path:
         """The cache's folder, absolute."""
@@ -69,23 +62,45 @@ class JobFlags:
 
         return (self.cache or default_cache()).absolute()
 
+    def cluster(self) -> AbstractContextManager[Workers]:
+        """Connects to the workers of the scheduler."""
+        from eventsweep.emvs.utils.cache import Cache
+        from eventsweep.eval.jobs.dask import Cluster, dask_workers
+
+        files = (self.tls_ca, self.tls_cert, self.tls_key)
+        folder = Cache(self.cache_folder()).folder
+        return dask_workers(Cluster(str(self.scheduler), self.remote, *files), folder)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class JobFlags(CacheFlags):
+    """Where the jobs of a suite run."""
+
+    workers: Annotated[int | None, _JobFlag] = None
+    "Worker processes; by default one per processor."
+
+    def check(self) -> None:
+        """Refuses flags of a cluster without one, and of this machine where there is one."""
+        super().check()
+        if self.scheduler is not None and self.workers is not None:
+            raise InputError("--workers with --scheduler: the cluster has its own; leave it out")
+        if self.workers is not None and self.workers < 1:
+            raise InputError(f"--workers {self.workers}: must be 1 or greater")
+
     def open(self) -> AbstractContextManager[Workers]:
         """Starts workers, or connects to those of a cluster."""
         from eventsweep.emvs.utils.cache import Cache
-
-        self.check()
-        folder = self.cache_folder()
-        if self.scheduler is not None:
-            from eventsweep.eval.jobs.dask import Cluster, dask_workers
-
-            files = (self.tls_ca, self.tls_cert, self.tls_key)
-            return dask_workers(Cluster(self.scheduler, self.remote, *files), folder)
         from eventsweep.eval.jobs.local import default_workers, local_workers
 
+        self.check()
+        if self.scheduler is not None:
+            return self.cluster()
         count = default_workers() if self.workers is None else self.workers
-        return local_workers(count, Cache(folder).folder)
+        return local_workers(count, Cache(self.cache_folder()).folder)
 
 
+CACHE_FLAGS = CacheFlags()
 JOB_FLAGS = JobFlags()
 
 
@@ -108,9 +123,10 @@ def run_with_flags(
     suite: Suite, subset: str, flags: JobFlags, progress: Display, *,
     seeds: tuple[int, ...] | None = None, cases: tuple[str, ...] = (), speed: bool = True,
     predictions: Sequence[NamedFolder] = (), archive: SequenceSource | None = None,
-) -> SuiteResult:  # fmt: skip
+) -> Results:  # fmt: skip
     """Runs a suite's subset; `speed` times the mapper on its first case, always on this machine."""
-    from eventsweep.eval.suite.run import run_suite, with_speed
+    from eventsweep.eval.suite.run import run_suite
+    from eventsweep.eval.suite.speed import with_speed
 
     result = run_suite(
         suite, subset, flags.open, progress,

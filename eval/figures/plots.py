@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from eventsweep.eval.figures.colormaps import INK, line_style, nice_between, spaced
 from eventsweep.eval.figures.laid_out import LaidOutFigure
+from eventsweep.eval.results.table import each
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.method_scores import CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
-from eventsweep.eval.scoring.results import each
 
 STYLE: Any = {
     "svg.fonttype": "none",

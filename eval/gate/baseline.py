@@ -13,8 +13,8 @@ from pydantic import Field
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.files import write_text
-from eventsweep.eval.scoring.results import json_text, read_json
-from eventsweep.eval.suite.series import SPEED_METRIC, Key, Measured, Series
+from eventsweep.eval.results.files import json_text, read_json
+from eventsweep.eval.results.series import SPEED_METRIC, Key, Measured, Series
 
 SCHEMA_VERSION = 2
 _CURE = "write it again with `eventsweep gate --update --reason ...`"

@@ -17,11 +17,11 @@ import numpy as np
 from scipy import stats
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.eval.scoring.direction import change_of
+from eventsweep.eval.results.direction import change_of
+from eventsweep.eval.results.series import SPEED_METRIC, Key, Measured, Series
+from eventsweep.eval.results.table import EVENTS
 from eventsweep.eval.scoring.metrics import PRIMARY
 from eventsweep.eval.scoring.trajectories.metrics import PRIMARY_OF_TRAJECTORIES
-from eventsweep.eval.suite.results import EVENTS
-from eventsweep.eval.suite.series import SPEED_METRIC, Key, Measured, Series
 
 Status = Literal["changed", "worse", "failed", "gone", "not comparable", "better", "new", "same"]
 LOST: tuple[Status, ...] = ("failed", "gone", "not comparable")

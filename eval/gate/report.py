@@ -14,7 +14,7 @@ from eventsweep.emvs.errors import significant
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.gate.compare import COMPARED, INPUT, Judgement, is_red
 from eventsweep.eval.numbers import display_unit, in_display_unit
-from eventsweep.eval.suite.results import EVENTS
+from eventsweep.eval.results.table import EVENTS
 
 HEADINGS = ("verdict", "case", "method", "metric", "baseline", "now", "change", "allowed", "why")
 CAPTION = "everything that changed; numbers in brackets are shown but do not decide"

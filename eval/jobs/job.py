@@ -18,10 +18,34 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.cache import Cache, CacheEntry, key_of
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.jobs.code_version import code_version
+from eventsweep.eval.progress import SILENT, Display
 
 SEQUENCE = "sequence"
 RESULT = "result.json"
 """A file whose text travels back with the job's outcome."""
+
+
+@dataclass(frozen=True)
+class Runtime:
+    """With what a stage does its work; decides nothing of the outcome.
+
+    Attributes:
+        renderers: processes that draw.
+        all_threads: whether the mapper uses as many threads as its settings say, or one.
+        display: shows how far it is.
+    """
+
+    renderers: int = 1
+    all_threads: bool = False
+    display: Display = SILENT
+
+    def threads(self) -> dict[str, int]:
+        """The mapper's setting."""
+        return {} if self.all_threads else {"threads": 1}
+
+
+ONE_OF_MANY = Runtime()
+"""Of a worker beside others: one thread, silent."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +54,9 @@ class Job:
 
     Attributes:
         name: unique in its graph, such as `map/desk/seed0/w000`.
-        stage: module of the stage. Its `run(parameters, inputs, out)` writes the job's files into
-            `out`, an empty folder; inputs are the folders of `needs`, then `sources`. Its
-            `code(parameters)`, where it has one, names the modules and files that it reaches by
+        stage: module of the stage. Its `run(parameters, inputs, out, runtime)` writes the job's
+            files into `out`, an empty folder; inputs are the folders of `needs`, then `sources`.
+            Its `code(parameters)`, where it has one, names the modules and files that it reaches by
             computed names.
         parameters: plain JSON values; with the code and the inputs, all that decides the outcome.
         needs: jobs whose files this one reads.
@@ -114,12 +138,14 @@ def stored(job: Job, cache: Cache) -> CacheEntry | None:
     return None if None in inputs else cache.find(key_of(_facts(job, digests)))
 
 
-def entry(job: Job, cache: Cache) -> CacheEntry:
+def entry(job: Job, cache: Cache, runtime: Runtime = ONE_OF_MANY) -> CacheEntry:
     """Finds or makes what a job makes, and all that it needs; errors pass through."""
-    inputs = [entry(need, cache) for need in job.needs]
+    inputs = [entry(need, cache, runtime) for need in job.needs]
     facts, stage = _facts(job, [made.digest for made in inputs]), _stage(job)
     paths = [*(made.path for made in inputs), *map(Path, job.sources)]
-    return cache.get(key_of(facts), facts, lambda out: stage.run(job.parameters, paths, out))
+    return cache.get(
+        key_of(facts), facts, lambda out: stage.run(job.parameters, paths, out, runtime)
+    )
 
 
 def _facts(job: Job, inputs: Sequence[str]) -> dict[str, Any]:

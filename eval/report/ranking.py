@@ -15,13 +15,13 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.eval.found_poses import TRACK, is_on_own_poses, method_on_own_poses
 from eventsweep.eval.numbers import display_unit, displayed
 from eventsweep.eval.report.html import GridCell, Head
-from eventsweep.eval.scoring.direction import Direction, badness, best
+from eventsweep.eval.results.direction import Direction, badness, best
+from eventsweep.eval.results.table import RIG, each, tidy
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import COMPARED, HARMONIC, REFERENCE, SHARED
 from eventsweep.eval.scoring.predictions import FAMILY
 from eventsweep.eval.scoring.regions import REGIONS
-from eventsweep.eval.scoring.results import RIG, each, tidy
 from eventsweep.eval.scoring.score import BASELINE, TRAVEL
 from eventsweep.eval.scoring.trajectories.metrics import PRIMARY_OF_TRAJECTORIES, metric_named
 

@@ -24,9 +24,10 @@ from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.figures.plots import DsiSlice
 from eventsweep.eval.numbers import shown_zero_us, thousands
 from eventsweep.eval.report.ranking import ranked_methods
+from eventsweep.eval.results.results import JSON_NAME, Results, read_results
+from eventsweep.eval.results.table import POOLED, tidy
 from eventsweep.eval.scoring.pairing import REFERENCE, Truth, bad_pixels
 from eventsweep.eval.scoring.regions import region_masks
-from eventsweep.eval.scoring.results import JSON_NAME, POOLED, Results, read_results, tidy
 from eventsweep.eval.scoring.run_folder import (
     CONFIG_FILE,
     Scored,

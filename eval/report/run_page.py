@@ -71,11 +71,11 @@ from eventsweep.eval.report.run_data import (
     load_run,
 )
 from eventsweep.eval.report.viewer import window_json
+from eventsweep.eval.results.table import POOLED, RIG, each
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.metrics import NAN
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import Truth
-from eventsweep.eval.scoring.results import POOLED, RIG, each
 from eventsweep.eval.scoring.run_folder import TRACK_FOLDER
 
 _CAPTION = ("points", "completeness", "mean_error", "median_error", "bad_published")

@@ -6,10 +6,8 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict
-
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.inputs import TABLE_BYTES, inside, parse_json, read_text
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, inside, read_text
 from eventsweep.emvs.utils.outputs import check_files
 from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.figures.images import data_uri
@@ -29,66 +27,12 @@ from eventsweep.eval.report.html import (
     write_page,
 )
 from eventsweep.eval.report.ranking import column, definition
-from eventsweep.eval.scoring.results import Value, read_json
-from eventsweep.eval.studies.curves import BREAKS_AT, METRICS
+from eventsweep.eval.studies.curves import BREAKS_AT, METRICS, RobustnessCurve
+from eventsweep.eval.studies.run import StudyResult
+from eventsweep.eval.studies.stored import find_studies, read_study
 
 # The first patch is the ground of a study's figure.
 _GROUND = f"<style>#patch_1 path {{ fill: none !important }}</style>{INK_STYLE}"
-
-
-class StudyCurve(BaseModel):
-    """One metric of one method over the amounts, as `eventsweep study` wrote it."""
-
-    model_config = ConfigDict(frozen=True)
-
-    method: str
-    metric: str
-    unit: str
-    mean: tuple[Value, ...]
-    low: tuple[Value, ...]
-    high: tuple[Value, ...]
-
-
-class StoredStudy(BaseModel):
-    """A study's JSON file; what the page does not show is not looked at."""
-
-    model_config = ConfigDict(frozen=True)
-
-    study: str
-    axis: str
-    unit: str
-    cases: tuple[str, ...]
-    seeds: tuple[int, ...]
-    amounts: tuple[float, ...]
-    breaks_at: dict[str, float | None]
-    curves: tuple[StudyCurve, ...]
-    failures: dict[str, str]
-    versions: dict[str, str]
-
-
-def find_studies(folder: Path) -> list[Path]:
-    """The studies' JSON files in a folder."""
-    return [path for path in sorted(folder.glob("*.json")) if _is_study(path)]
-
-
-def _is_study(path: Path) -> bool:
-    try:
-        content = parse_json(read_text(path, TABLE_BYTES))
-    except (OSError, ValueError):
-        return False
-    return isinstance(content, dict) and {"study", "breaks_at"} <= content.keys()
-
-
-def read_study(path: Path) -> StoredStudy:
-    """Reads a study's JSON file."""
-    study = read_json(path, StoredStudy.model_validate, (), "run the study again")
-    wrong = next((c for c in study.curves if len(c.mean) != len(study.amounts)), None)
-    if wrong is not None:
-        raise InputError(
-            f"{path}: {wrong.method} {wrong.metric} has {len(wrong.mean)} values for "
-            f"{len(study.amounts)} amounts; run the study again"
-        )
-    return study
 
 
 def write_study_report(folder: Path) -> Path:
@@ -107,24 +51,24 @@ def write_study_report(folder: Path) -> Path:
     return write_page(folder, page)
 
 
-def study_page(studies: list[StoredStudy], figures: list[str], files: tuple[str, ...]) -> Page:
+def study_page(studies: list[StudyResult], figures: list[str], files: tuple[str, ...]) -> Page:
     """What the page shows."""
-    names = [study.study for study in studies]
+    names = [study.about.name for study in studies]
     return Page(
         title=names[0] if len(names) == 1 else f"{len(names)} studies",
         subtitle="One property is perturbed by growing amounts: how each method's error grows.",
         sections=tuple(
             _section(*shown, k) for k, shown in enumerate(zip(studies, figures, strict=True))
         ),
-        provenance=versions_grid(names, [study.versions for study in studies]),
+        provenance=versions_grid(names, [study.results.versions for study in studies]),
         overview=_overview(studies),
         findings=tuple(_findings(studies)),
-        version=studies[0].versions.get("eventsweep", ""),
+        version=studies[0].results.versions.get("eventsweep", ""),
         files=files,
     )
 
 
-def _findings(studies: list[StoredStudy]) -> Iterator[str]:
+def _findings(studies: list[StudyResult]) -> Iterator[str]:
     """Per study, who has the smallest error without and with the largest perturbation."""
     for study in studies:
         curves = {c.method: c.mean for c in study.curves if c.metric == METRICS[0]}
@@ -132,14 +76,15 @@ def _findings(studies: list[StoredStudy]) -> Iterator[str]:
         if not all(ends):
             continue
         least, most = (
-            f"{amount:g} {study.unit}" for amount in (study.amounts[0], study.amounts[-1])
+            f"{amount:g} {study.about.unit}"
+            for amount in (study.about.amounts[0], study.about.amounts[-1])
         )
         who = (
             f"{ends[0]} at {least} and at {most}"
             if ends[0] == ends[1]
             else (f"{ends[0]} at {least}, {ends[1]} at {most}")
         )
-        yield f"{study.study}: smallest mean error: {who}."
+        yield f"{study.about.name}: smallest mean error: {who}."
 
 
 def _smallest(values: dict[str, float]) -> str:
@@ -167,13 +112,13 @@ def as_page(drawing: str) -> str:
     return f"{head}{tag}{opening}>{_GROUND}{rest.replace(INK, 'currentColor')}"
 
 
-def _overview(studies: list[StoredStudy]) -> Grid:
-    methods = list(dict.fromkeys(method for study in studies for method in study.breaks_at))
+def _overview(studies: list[StudyResult]) -> Grid:
+    methods = list(dict.fromkeys(method for study in studies for method in study.breaking()))
     heads = (Head("study"), Head("unit"), *(Head(method) for method in methods))
     lines = []
     for study in studies:
         cells = (_breaking(study, method) for method in methods)
-        lines.append((GridCell(study.study), GridCell(study.unit), *cells))
+        lines.append((GridCell(study.about.name), GridCell(study.about.unit), *cells))
     about = (
         "Where each method breaks: the amount, in the unit of its row, at which its mean error "
         f"reaches {BREAKS_AT:g} times the unperturbed one. “never” means not within the amounts "
@@ -182,38 +127,42 @@ def _overview(studies: list[StoredStudy]) -> Grid:
     return Grid(heads, tuple(lines), about)
 
 
-def _breaking(study: StoredStudy, method: str) -> GridCell:
-    if method not in study.breaks_at:
+def _breaking(study: StudyResult, method: str) -> GridCell:
+    if method not in study.breaking():
         return GridCell("–")
-    amount = study.breaks_at[method]
+    amount = study.breaking()[method]
     return GridCell("never", kind="other") if amount is None else GridCell(f"{amount:.3g}", amount)
 
 
-def _section(study: StoredStudy, figure: str, position: int) -> Section:
+def _section(study: StudyResult, figure: str, position: int) -> Section:
     metrics = list(dict.fromkeys(curve.metric for curve in study.curves))
-    seeds = plural(len(study.seeds), "seed")
+    axis = study.about.axis
+    seeds = plural(len(study.results.seeds), "seed")
     return Section(
         id=f"study{position}",
-        title=study.study,
+        title=study.about.name,
         names=tuple(column(metric).title for metric in metrics),
         tables=tuple(_grid(study, metric) for metric in metrics),
-        text=f"{study.axis[:1].upper()}{study.axis[1:]}, in {study.unit}. Means over "
-        f"{', '.join(study.cases)} and {seeds}; ± is half of the 95 % band, which needs several "
-        "seeds.",
+        text=f"{axis[:1].upper()}{axis[1:]}, in {study.about.unit}. Means over "
+        f"{', '.join(study.about.cases)} and {seeds}; ± is half of the 95 % band, which needs "
+        "several seeds.",
         figure=figure,
         failures=tuple(study.failures.items()),
     )
 
 
-def _grid(study: StoredStudy, metric: str) -> Grid:
+def _grid(study: StudyResult, metric: str) -> Grid:
     measured = column(metric)
-    heads = (Head("method"), *(measured.head(f"{a:g} {study.unit}") for a in study.amounts))
+    heads = (
+        Head("method"),
+        *(measured.head(f"{a:g} {study.about.unit}") for a in study.about.amounts),
+    )
     curves = [curve for curve in study.curves if curve.metric == metric]
     about = f"{definition(metric)} One column per amount."
     return Grid(heads, tuple(_line(curve) for curve in curves), about)
 
 
-def _line(curve: StudyCurve) -> tuple[GridCell, ...]:
+def _line(curve: RobustnessCurve) -> tuple[GridCell, ...]:
     cells = [GridCell(curve.method, colour=line_style(curve.method).css)]
     for mean, low, high in zip(curve.mean, curve.low, curve.high, strict=True):
         half = (high - low) / 2

@@ -38,14 +38,14 @@ from eventsweep.eval.report.ranking import (
     mean_over_cases,
     table,
 )
-from eventsweep.eval.suite.results import (
-    CSV_NAME,
-    FILE_NAME,
+from eventsweep.eval.results.results import (
     PICTURES_FOLDER,
-    SuiteResult,
-    read_suite,
+    SUITE_CSV,
+    SUITE_NAME,
+    Results,
+    read_results,
 )
-from eventsweep.eval.suite.series import Series, means_over_seeds, of_suite
+from eventsweep.eval.results.series import Series, means_over_seeds, measured_of
 
 _ABOUT = (
     "Of each case: means over the seeds ± their standard deviation, where there is more than one; "
@@ -60,28 +60,28 @@ _OVER_CASES = (
 
 def is_suite_folder(folder: Path) -> bool:
     """Whether a suite's run lies in a folder."""
-    return (folder / FILE_NAME).is_file()
+    return (folder / SUITE_NAME).is_file()
 
 
 def write_suite_report(folder: Path) -> Path:
     """Writes `report.html` for the suite's run in a folder and returns its path."""
     check_files(folder, (REPORT_NAME,), force=True)
-    return write_page(folder, read_suite(folder, lambda result: _page_text(folder, result)))
+    return write_page(folder, read_results(folder, lambda result: _page_text(folder, result)))
 
 
-def _page_text(folder: Path, result: SuiteResult) -> str:
+def _page_text(folder: Path, result: Results) -> str:
     pictures = {case: inside(folder, f"{PICTURES_FOLDER}/{case}.png") for case in result.cases}
     shown = {
         case: data_uri("image/png", path.read_bytes())
         for case, path in pictures.items()
         if path.is_file()
     }
-    return page_text(suite_page(result, files_in(folder, (FILE_NAME, CSV_NAME)), shown))
+    return page_text(suite_page(result, files_in(folder, (SUITE_NAME, SUITE_CSV)), shown))
 
 
-def suite_page(result: SuiteResult, files: Sequence[str], pictures: Mapping[str, str]) -> Page:
+def suite_page(result: Results, files: Sequence[str], pictures: Mapping[str, str]) -> Page:
     """What the page shows; `pictures` are addresses that hold one, by case."""
-    series = of_suite(result).series
+    series = measured_of(result).series
     metric = _ordering_metric(result, {numbers.metric for numbers in series.values()})
     shown = [numbers for numbers in series.values() if numbers.metric in RANKING_COLUMNS]
     by_case = {
@@ -117,13 +117,13 @@ def _lead(by_case: Mapping[str, Sequence[Series]], metric: str) -> str:
     return best_words(mean_over_cases(rows, "mean"), metric) if by_case else ""
 
 
-def _provenance(result: SuiteResult) -> Grid:
+def _provenance(result: Results) -> Grid:
     grid = versions_grid([result.platform or "here"], [result.versions])
     given = [(GridCell(name), GridCell(digest)) for name, digest in result.predictions.items()]
     return replace(grid, lines=(*grid.lines, *given))
 
 
-def _ordering_metric(result: SuiteResult, measured: Set[str]) -> str:
+def _ordering_metric(result: Results, measured: Set[str]) -> str:
     """The suite's ranking metric, or the first that it measures: it need not measure all."""
     chosen = EvalConfig.model_validate(result.definition.get("score", {})).ranking_metric
     others = (*get_args(RankingMetric), *RANKING_COLUMNS)

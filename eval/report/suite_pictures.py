@@ -31,21 +31,21 @@ from eventsweep.eval.jobs.job import SEQUENCE, Job, stored
 from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import ranked_methods
 from eventsweep.eval.report.run_data import CaseData, MethodData, WindowData, window_data
-from eventsweep.eval.scoring.predictions import FAMILY, NamedFolder, Prediction, TargetView, plain
-from eventsweep.eval.scoring.results import POOLED, each
-from eventsweep.eval.suite.definition import Suite
-from eventsweep.eval.suite.predictions import assignment, open_predictions
-from eventsweep.eval.suite.results import (
+from eventsweep.eval.results.results import (
     PICTURES_FOLDER,
+    Results,
     Sample,
-    SuiteResult,
     mapper_method,
     shown_name,
 )
-from eventsweep.eval.suite.run import suite_jobs
+from eventsweep.eval.results.table import POOLED, each
+from eventsweep.eval.scoring.predictions import FAMILY, NamedFolder, Prediction, TargetView, plain
+from eventsweep.eval.stages.map import mapped_window
+from eventsweep.eval.stages.predict import opened
+from eventsweep.eval.suite.definition import Suite
+from eventsweep.eval.suite.plan import suite_jobs
+from eventsweep.eval.suite.predictions import assignment, open_predictions
 from eventsweep.eval.suite.source import SequenceSource
-from eventsweep.eval.suite.stages.predict import opened
-from eventsweep.eval.suite.stages.score import mapped_window
 
 METHODS_NAME = "methods.json"
 """Which case each method's pictures show."""
@@ -54,7 +54,7 @@ _PANEL_PX, _GAP_PX, _QUALITY = 346, 4, 60
 
 
 def write_pictures(
-    folder: Path, suite: Suite, result: SuiteResult, predictions: Sequence[NamedFolder],
+    folder: Path, suite: Suite, result: Results, predictions: Sequence[NamedFolder],
     cache: Path, archive: SequenceSource | None = None,
 ) -> None:  # fmt: skip
     """Writes `pictures/CASE.png`, and of each method its best and worst case for a ranking.
@@ -88,6 +88,7 @@ class CaseViews:
 
     def score_job(self, sample: Sample) -> Job:
         """The job that made a sample."""
+        assert sample.seed is not None  # a suite's sequences are simulated
         return suite_jobs(self.suite, [sample.case], [sample.seed], self.archive)[0]
 
     def first_window(self, score: Job, at: int = 0) -> WindowData | None:
@@ -125,14 +126,14 @@ class CaseViews:
         return first, found
 
 
-def _firsts(result: SuiteResult) -> dict[str, Sample]:
+def _firsts(result: Results) -> dict[str, Sample]:
     first: dict[str, Sample] = {}
     for sample in result.samples:
         first.setdefault(sample.case, sample)
     return first
 
 
-def _pictures(views: CaseViews, result: SuiteResult) -> Iterator[tuple[str, bytes]]:
+def _pictures(views: CaseViews, result: Results) -> Iterator[tuple[str, bytes]]:
     for case, sample in _firsts(result).items():
         score = views.score_job(sample)
         window = views.first_window(score)
@@ -149,7 +150,7 @@ def _method(prediction: Prediction, view: TargetView) -> MethodData:
     return MethodData(prediction.name, depth_m, mask, np.full(mask.shape, np.nan))
 
 
-def method_pictures(views: CaseViews, result: SuiteResult) -> dict[str, bytes]:
+def method_pictures(views: CaseViews, result: Results) -> dict[str, bytes]:
     """Of each method its best and worst case: depth, true depth and error, and an index of them.
 
     Best and worst are those of the least and largest mean relative error; cases whose view is not
@@ -204,7 +205,7 @@ def _strip(window: WindowData, method: MethodData) -> tuple[bytes, float]:
     return stream.getvalue(), cap_cm
 
 
-def _pooled(result: SuiteResult, sample: Sample) -> pd.DataFrame:
+def _pooled(result: Results, sample: Sample) -> pd.DataFrame:
     rows = result.rows[result.rows["window"] == POOLED]
     return rows[(rows["case"] == sample.case) & (rows["seed"] == sample.seed)]
 

@@ -25,7 +25,7 @@ from eventsweep.eval.report.html import Grid, GridCell, Head
 from eventsweep.eval.report.ranking import RankingTable, column, mean_over_cases, table
 from eventsweep.eval.report.run_data import CaseData, RunData, load_run
 from eventsweep.eval.report.run_page import curves_of, with_predictions
-from eventsweep.eval.scoring.results import POOLED, together
+from eventsweep.eval.results.table import POOLED, together
 
 FORMATS = ("csv", "tex", "md")
 _TEX = {

@@ -33,8 +33,8 @@ from eventsweep.eval.report.html import (
     versions_grid,
 )
 from eventsweep.eval.report.ranking import column, value_cell
-from eventsweep.eval.scoring.direction import best
-from eventsweep.eval.scoring.results import Results, write_results
+from eventsweep.eval.results.direction import best
+from eventsweep.eval.results.results import Results, write_results
 from eventsweep.eval.scoring.trajectories.score import TrajectoryScore, results_of
 from eventsweep.eval.scoring.trajectories.sources import (
     read_estimate,

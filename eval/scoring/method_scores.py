@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from eventsweep.emvs.errors import ByName
+from eventsweep.eval.results.direction import Direction
 from eventsweep.eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS
-from eventsweep.eval.scoring.direction import Direction
 from eventsweep.eval.scoring.metrics import CELL_METRICS, METRICS, Metric, Pairs
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import ALL, COMMON, HARMONIC, SHARED, MethodPairs

@@ -7,11 +7,11 @@ import hashlib
 import numpy as np
 
 from eventsweep.eval.jobs.code_version import source_digest
+from eventsweep.eval.results.table import POOLED, each
 from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
 from eventsweep.eval.scoring.regions import DRAWN
-from eventsweep.eval.scoring.results import POOLED, each
 from eventsweep.eval.scoring.score import case_rows
 
 CAUSE_MODULES = ("eventsweep.eval.scoring.outlier_causes", "eventsweep.eval.scoring.regions")

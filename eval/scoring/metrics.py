@@ -16,7 +16,7 @@ from typing import Literal, SupportsFloat
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.eval.scoring.direction import Direction
+from eventsweep.eval.results.direction import Direction
 
 Pooling = Literal["sum", "pairs", "squares", "truth", "either", "variance", "order"]
 FloatArray = NDArray[np.float64]

@@ -131,14 +131,13 @@ def provenance(recording: Scored) -> dict[str, Any]:
 
 
 def with_truth(
-    stored: StoredMap, sequence: Scored, config: EvalConfig | None = None
+    windows: Sequence[StoredWindow], sequence: Scored, config: EvalConfig
 ) -> tuple[StoredWindow, ...]:
     """The windows whose reference time has ground truth; at least one must."""
-    config = config or EvalConfig()
-    found = tuple(w for w in stored.windows if has_truth(sequence, w.info.t_ref_us, config))
-    if not found:
-        truth_of(sequence, stored.windows[0].info.t_ref_us, config)
-    return found
+    known = tuple(w for w in windows if has_truth(sequence, w.info.t_ref_us, config))
+    if not known:
+        truth_of(sequence, windows[0].info.t_ref_us, config)
+    return known
 
 
 def has_truth(recording: Recording | None, t_ref_us: int, config: EvalConfig) -> bool:

@@ -22,6 +22,7 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.maps.folder import StoredWindow, WindowInfo
 from eventsweep.emvs.windows import Window
 from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.results.table import MEAN, POOLED, RIG, tidy
 from eventsweep.eval.scoring.method_scores import Score, score_method, score_pairs
 from eventsweep.eval.scoring.outlier_causes import OutlierClassifier, count_events
 from eventsweep.eval.scoring.pairing import (
@@ -37,7 +38,6 @@ from eventsweep.eval.scoring.pairing import (
 from eventsweep.eval.scoring.pooling import CasePool, NumberStore
 from eventsweep.eval.scoring.predictions import UNIT_FACTOR
 from eventsweep.eval.scoring.regions import region_masks
-from eventsweep.eval.scoring.results import MEAN, POOLED, RIG, tidy
 from eventsweep.eval.scoring.run_folder import Scored, truth_of
 
 if TYPE_CHECKING:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
@@ -24,6 +25,9 @@ from eventsweep.eval.numbers import display_unit, in_display_unit
 from eventsweep.eval.scoring.significance import stratified_interval
 from eventsweep.eval.studies.definitions import Study
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 METRICS = ("mean_error", "bad_published", "points")
 POSE_METRICS = ("ate_share", "time_covered")
 """Of poses that are found from events, where a study asks for them."""
@@ -32,19 +36,6 @@ BREAKS_AT = 2.0
 _ROOM = 1.25  # above the highest mean; bands of few seeds reach far beyond
 _TITLES = {"mean_error": "mean error", "bad_published": "bad pixels", "points": "points",
            "ate_share": "ATE of path", "time_covered": "time covered"}  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class StudyValue:
-    """One number of a study."""
-
-    case: str
-    seed: int
-    amount: float
-    method: str
-    metric: str
-    value: float
-    unit: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,37 +76,40 @@ class RobustnessCurve:
 
 
 def curves(
-    values: Iterable[StudyValue],
-    amounts: Sequence[float],
-    methods: Sequence[str],
-    cases: Sequence[str],
+    rows: pd.DataFrame, amounts: Sequence[float], methods: Sequence[str], cases: Sequence[str]
 ) -> list[RobustnessCurve]:
-    """One curve per metric and method, of means over cases; poses that were found come last."""
-    found: dict[tuple[str, str, float, str], list[float]] = {}
-    units: dict[str, str] = {}
-    for one in values:
-        found.setdefault((one.method, one.metric, one.amount, one.case), []).append(one.value)
-        units[one.metric] = one.unit
+    """One curve per metric and method, of means over cases; poses that were found come last.
+
+    Args:
+        rows: `case`, `amount`, `method`, `metric`, `value`, `unit`; a row per seed.
+        amounts: in the study's order.
+        methods: in the order of the curves.
+        cases: each weighs the same.
+    """
+    keys = ["method", "metric", "amount", "case"]
+    samples = {key: part["value"].to_numpy() for key, part in rows.groupby(keys, sort=False)}
+    units = rows.groupby("metric")["unit"].first()
     wanted = [(metric, method) for metric in METRICS for method in methods]
-    if any(method == TRACK for method, *_ in found):
+    if (rows["method"] == TRACK).any():
         wanted += [(metric, TRACK) for metric in POSE_METRICS]
+    none = np.array([math.nan])
     return [
-        _curve(found, method, metric, units.get(metric, ""), amounts, cases)
+        _curve(
+            method, metric, str(units.get(metric, "")), amounts,
+            [[samples.get((method, metric, a, case), none) for case in cases] for a in amounts],
+        )
         for metric, method in wanted
-    ]
+    ]  # fmt: skip
 
 
 def _curve(
-    found: Mapping[tuple[str, str, float, str], list[float]],
-    method: str, metric: str, unit: str, amounts: Sequence[float], cases: Sequence[str],
+    method: str, metric: str, unit: str, amounts: Sequence[float],
+    groups: Sequence[Sequence[NDArray[np.float64]]],
 ) -> RobustnessCurve:  # fmt: skip
-    groups = [
-        [np.array(found.get((method, metric, amount, case), [math.nan])) for case in cases]
-        for amount in amounts
-    ]
-    mean = np.array([np.mean([group.mean() for group in one]) for one in groups])
-    bands = np.array([stratified_interval(one) for one in groups])
-    samples = np.array([sum(np.isfinite(group).sum() for group in one) for one in groups])
+    """Of each amount the seeds of every case."""
+    mean = np.array([np.mean([seeds.mean() for seeds in cases]) for cases in groups])
+    bands = np.array([stratified_interval(cases) for cases in groups])
+    samples = np.array([sum(np.isfinite(seeds).sum() for seeds in cases) for cases in groups])
     return RobustnessCurve(
         method, metric, unit, tuple(amounts), mean, bands[:, 0], bands[:, 1], samples
     )

@@ -1,59 +1,85 @@
-"""Runs a study's jobs and leaves its numbers, its figure and where each method breaks."""
+"""Runs a study as a suite with one more axis, and leaves its numbers, its figure and its curves."""
 
 from __future__ import annotations
 
-import csv
-import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, fields
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.outputs import check_files, files_together
-from eventsweep.emvs.utils.runtime import versions
-from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.found_poses import method_on_own_poses
-from eventsweep.eval.jobs.job import Done, Failed, Job, Outcome
-from eventsweep.eval.jobs.scheduler import Open, run_jobs
-from eventsweep.eval.pipeline import check_case
+from eventsweep.eval.jobs.scheduler import Open
 from eventsweep.eval.progress import Display
-from eventsweep.eval.scoring.results import POOLED, each
+from eventsweep.eval.results.results import Results, to_json
+from eventsweep.eval.results.table import EVENTS, POOLED, write_csv
 from eventsweep.eval.studies.curves import (
     METRICS,
     POSE_METRICS,
     RobustnessCurve,
-    StudyValue,
     curves,
     draw,
     sample_words,
 )
-from eventsweep.eval.studies.definitions import MARGIN_S, SECONDS, Change, Study
-from eventsweep.eval.suite.results import DEFAULT_MAPPER, EVENTS, sample_from
-from eventsweep.eval.suite.run import track_job
-from eventsweep.eval.suite.stages.simulate import scene_digest, sequence_parameters
+from eventsweep.eval.studies.definitions import MARGIN_S, SECONDS, Change, Study, study_named
+from eventsweep.eval.suite.definition import ALL, CaseSpec, Suite, WindowSpec
+from eventsweep.eval.suite.run import run_suite
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_CSV_COLUMNS = ["case", "seed", "amount", "method", "metric", "value", "unit"]
 
 
 @dataclass(frozen=True)
+class StudyFacts:
+    """What a study was of: its axis, the scenes, and the methods."""
+
+    name: str
+    axis: str
+    unit: str
+    amounts: Sequence[float]
+    cases: Sequence[str]
+    methods: Sequence[str]
+    track: bool = False
+    seconds: float = SECONDS
+
+
+@dataclass(frozen=True, eq=False)
 class StudyResult:
     """What a study found; an amount whose job failed has no value.
 
     Attributes:
-        seconds: length of every sequence, s.
-        cpu_s: time of processors that all jobs took, whenever they were done, s.
+        results: of the suite that it is; `configuration["study"]` holds `StudyFacts`.
+        curves: one per metric and method, of means over the cases.
     """
 
-    study: Study
+    results: Results
     curves: tuple[RobustnessCurve, ...]
-    values: tuple[StudyValue, ...]
-    failures: Mapping[str, str]
-    cases: tuple[str, ...]
-    seeds: tuple[int, ...]
-    seconds: float = SECONDS
-    cpu_s: float = 0.0
+
+    @classmethod
+    def of(cls, results: Results) -> StudyResult:
+        """The curves of a study's results."""
+        about = facts_of(results)
+        methods = [*about.methods, *map(method_on_own_poses, about.methods if about.track else ())]
+        made = curves(values(results), about.amounts, methods, about.cases)
+        return cls(results, tuple(made))
+
+    @property
+    def about(self) -> StudyFacts:
+        """What it was of."""
+        return facts_of(self.results)
+
+    @property
+    def failures(self) -> dict[str, str]:
+        """The jobs that failed, with the reason."""
+        return {job.name: job.failure for job in self.results.failures}
+
+    @property
+    def cpu_s(self) -> float:
+        """Time of processors that all jobs took, whenever they were done, s."""
+        return sum(job.cpu_seconds for job in self.results.jobs)
 
     def breaking(self) -> dict[str, float | None]:
         """Per method the amount at which it breaks."""
@@ -64,170 +90,106 @@ class StudyResult:
         }
 
 
+def facts_of(results: Results) -> StudyFacts:
+    """What a study's results say of it."""
+    return StudyFacts(**results.configuration["study"])
+
+
 def run_study(
     study: Study, methods: Sequence[str], cases: Sequence[str], seeds: Sequence[int], workers: Open,
     progress: Display, seconds: float = SECONDS, *, track: str | None = None,
 ) -> StudyResult:  # fmt: skip
     """Maps and scores every case, seed and amount, in sequences of so many seconds.
 
-    With `track`, a tracker's name, poses are found from the events, too; they, and maps on them,
-    are scored.
+    Seeds are of the head motion, the sensor's noise and the perturbation. With `track`, a tracker's
+    name, poses are found from the events, too; they, and maps on them, are scored.
     """
-    jobs = study_jobs(study, methods, cases, seeds, seconds, track=track)
-    methods = (*methods, *(method_on_own_poses(name) for name in methods if track))
-    outcomes = run_jobs(jobs.values(), workers, progress)
-    values = tuple(_values(jobs, outcomes))
-    return StudyResult(
-        study,
-        tuple(curves(values, study.amounts, methods, cases)),
-        values,
-        {one.name: one.reason for one in outcomes.values() if isinstance(one, Failed)},
-        tuple(cases),
-        tuple(seeds),
-        seconds,
-        sum(one.cpu_seconds for one in outcomes.values() if isinstance(one, Done)),
-    )
+    suite = study_suite(study, methods, cases, seeds, seconds, track=track)
+    results = run_suite(suite, ALL, workers, progress)
+    about = StudyFacts(
+        study.name, study.axis, study.unit, list(study.amounts), list(cases), list(methods),
+        bool(track), seconds,
+    )  # fmt: skip
+    results.configuration["study"] = asdict(about)
+    return StudyResult.of(results)
+
+
+def study_suite(
+    study: Study, methods: Sequence[str], cases: Sequence[str], seeds: Sequence[int],
+    seconds: float = SECONDS, *, track: str | None = None,
+) -> Suite:  # fmt: skip
+    """The suite: a case for each scene and amount, with a window about the middle, where truth is.
+
+    Raises:
+        InputError: sequences too short for the windows.
+    """
+    if not seconds > 3 * MARGIN_S:
+        raise InputError(f"seconds is {seconds:g}: a study needs more than {3 * MARGIN_S:g}")
+    specs, mappers = {}, {}
+    for amount in study.amounts:
+        change = study.change(amount)
+        window, mapper = window_of(change, seconds)
+        mappers[f"at-{amount:g}"] = {"methods": list(methods), **mapper}
+        for case in cases:
+            specs[case_at(case, amount)] = CaseSpec(
+                scene=case, seconds=seconds, windows=(window,), mappers=(f"at-{amount:g}",),
+                sim=dict(change.sim), change=dict(change.scene),
+                imperfection=dict(change.perturb) or None, track=track or False,
+            )  # fmt: skip
+    return Suite(
+        name=study.name, summary=study.axis, seeds=tuple(seeds), spread_seeds=tuple(seeds),
+        metrics=(*METRICS, *POSE_METRICS), mappers=mappers, cases=specs,
+    )  # fmt: skip
+
+
+def case_at(case: str, amount: float) -> str:
+    """What the suite of a study calls a case at an amount."""
+    return f"{case}.{amount:g}"
+
+
+def window_of(change: Change, seconds: float) -> tuple[WindowSpec, dict[str, Any]]:
+    """The window at an amount, about the middle of the sequence, and the mapper's settings."""
+    mapper = dict(change.map)
+    duration_s = round(mapper.pop("duration_s", seconds - 2 * MARGIN_S), 6)
+    if duration_s > seconds:
+        raise InputError(
+            f"a window of {duration_s:g} s in sequences of {seconds:g} s: "
+            "make them longer with --seconds"
+        )
+    start_s = round((seconds - duration_s) / 2, 6)
+    return WindowSpec(start_s=start_s, duration_s=duration_s), mapper
+
+
+def values(results: Results) -> pd.DataFrame:
+    """The pooled numbers that are drawn, by scene and `amount` instead of the suite's cases."""
+    about, rows = results.configuration["study"], results.rows
+    points = {case_at(c, amount): (c, amount) for c in about.cases for amount in about["amounts"]}
+    drawn = rows["metric"].isin((*METRICS, *POSE_METRICS)) & (rows["method"] != EVENTS)
+    rows = rows[(rows["window"] == POOLED) & drawn]
+    places = rows["case"].map(points)
+    return rows.assign(
+        case=places.str[0], amount=places.str[1].astype(float),
+        method=rows["method"].str.replace(r" at-\S+$", "", regex=True),
+    )  # fmt: skip
 
 
 def write_study(folder: Path, result: StudyResult) -> list[Path]:
-    """Writes NAME.png, NAME.svg, NAME.csv (every number) and NAME.json (curves and provenance).
+    """Writes NAME.png, NAME.svg, NAME.csv (every number drawn) and NAME.json (results).
 
     A kill leaves the study whole or without its NAME.json, which the next run replaces.
     """
-    names = file_names(result.study)
+    about = result.about
+    names = file_names(study := study_named(about.name))
     check_files(folder, names, force=True)
     with files_together(folder, names, index=names[-1]) as staged:
-        picture, drawing, numbers, facts = (staged / name for name in names)
+        picture, drawing, numbers, whole = (staged / name for name in names)
         for path in (picture, drawing):
-            draw(result.study, result.curves, path, sample_words(result.cases, result.seeds))
-        with numbers.open("w", encoding="utf-8", newline="") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(column.name for column in fields(StudyValue))
-            table.writerows(astuple(value) for value in result.values)
-        facts.write_text(json.dumps(_facts(result), indent=1) + "\n", encoding="utf-8")
+            draw(study, result.curves, path, sample_words(about.cases, result.results.seeds))
+        write_csv(numbers, values(result.results)[_CSV_COLUMNS])
+        whole.write_text(to_json(result.results), encoding="utf-8")
     return [folder / name for name in names]
 
 
 def file_names(study: Study) -> tuple[str, ...]:
-    """What a study writes: picture, drawing, numbers, and curves with provenance."""
+    """What a study writes: picture, drawing, numbers, and results."""
     return tuple(f"{study.name}{suffix}" for suffix in (".png", ".svg", ".csv", ".json"))
-
-
-def _values(
-    jobs: Mapping[tuple[str, int, float], Job], outcomes: Mapping[str, Outcome]
-) -> Iterator[StudyValue]:
-    for (case, seed, amount), job in jobs.items():
-        outcome = outcomes[job.name]
-        if not isinstance(outcome, Done) or outcome.text is None:
-            continue
-        _, rows = sample_from(outcome.text)
-        drawn = rows["metric"].isin((*METRICS, *POSE_METRICS))
-        pooled = rows[(rows["window"] == POOLED) & drawn]
-        for row in each(pooled[pooled["method"] != EVENTS]):
-            yield StudyValue(case, seed, amount, row.method, row.metric, row.value, row.unit)
-
-
-def _facts(result: StudyResult) -> dict[str, Any]:
-    study = result.study
-    return {
-        "study": study.name,
-        "axis": study.axis,
-        "unit": study.unit,
-        "cases": result.cases,
-        "seeds": result.seeds,
-        "seconds": result.seconds,
-        "cpu_s": round(result.cpu_s, 1),
-        "amounts": study.amounts,
-        "changes": {f"{amount:g}": vars(study.change(amount)) for amount in study.amounts},
-        "breaks_at": result.breaking(),
-        "curves": [
-            {
-                "method": curve.method, "metric": curve.metric, "unit": curve.unit,
-                "mean": _numbers(curve.mean), "low": _numbers(curve.low),
-                "high": _numbers(curve.high), "samples": curve.samples.tolist(),
-            }
-            for curve in result.curves
-        ],
-        "failures": dict(result.failures),
-        "versions": versions(),
-    }  # fmt: skip
-
-
-def _numbers(values: Any) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
-
-
-def study_jobs(
-    study: Study, methods: Sequence[str], cases: Sequence[str], seeds: Sequence[int],
-    seconds: float = SECONDS, *, track: str | None = None,
-) -> dict[tuple[str, int, float], Job]:  # fmt: skip
-    """The scoring job of every case, seed and amount, with all that it needs.
-
-    Seeds are of the head motion, the sensor's noise and the perturbation.
-    """
-    if not seconds > 3 * MARGIN_S:
-        raise InputError(f"seconds is {seconds:g}: a study needs more than {3 * MARGIN_S:g}")
-    for case in cases:
-        check_case(case, None, MapperConfig(methods=tuple(methods)), track=track is not None)
-    return {
-        (case, seed, amount): _score_job(study, methods, case, seed, amount, seconds, track=track)
-        for case in cases
-        for seed in seeds
-        for amount in study.amounts
-    }
-
-
-def _score_job(
-    study: Study, methods: Sequence[str], case: str, seed: int, amount: float, seconds: float, *,
-    track: str | None,
-) -> Job:  # fmt: skip
-    change = study.change(amount)
-    length = {"duration_s": seconds, "truth_times_s": [seconds / 2]}
-    facts = sequence_parameters(case, None, seed, {**length, **change.sim})
-    simulated = f"{case}/seed{seed}"
-    place = f"{simulated}/{study.name}={amount:g}"
-    sequence = (
-        Job(
-            f"simulate/{place}",
-            "eventsweep.eval.studies.stages.simulate",
-            {**facts, "change": change.scene},
-        )
-        if change.scene or change.sim
-        else Job(f"simulate/{simulated}", "eventsweep.eval.suite.stages.simulate", facts)
-    )
-    mapping = {
-        "window": "w000",
-        "map": {"methods": list(methods), **window_of(change, seconds)},
-        "perturb": change.perturb,
-        "seed": seed,
-    }
-    mapped = Job(f"map/{place}", "eventsweep.eval.suite.stages.map", mapping, (sequence,))
-    scoring = {
-        "case": case,
-        "seed": seed,
-        "mappers": [DEFAULT_MAPPER],
-        "score": EvalConfig().model_dump(mode="json"),
-        "scene_digest": scene_digest(case),
-    }
-    needs: tuple[Job, ...] = (sequence, mapped)
-    if track:
-        wrong = {"perturb": change.perturb, "seed": seed}
-        needs = (*needs, track_job(place, sequence, [mapped], [DEFAULT_MAPPER], wrong, track))
-        scoring["track"] = True
-    return Job(f"score/{place}", "eventsweep.eval.suite.stages.score", scoring, needs)
-
-
-def window_of(change: Change, seconds: float) -> dict[str, Any]:
-    """The mapper's settings at an amount: a window about the middle, where the truth is."""
-    settings = {"duration_s": seconds - 2 * MARGIN_S, **change.map}
-    if settings["duration_s"] > seconds:
-        raise InputError(
-            f"a window of {settings['duration_s']:g} s in sequences of {seconds:g} s: "
-            "make them longer with --seconds"
-        )
-    start_s = (seconds - settings["duration_s"]) / 2
-    return {
-        **settings,
-        "start_s": round(start_s, 6),
-        "duration_s": round(settings["duration_s"], 6),
-    }

@@ -14,16 +14,16 @@ from typing import Any
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.eval.jobs.local import ONE_THREAD, environment
 from eventsweep.eval.progress import Display
+from eventsweep.eval.results.results import MeasuredCost, Results, mapper_method
 from eventsweep.eval.suite.definition import Suite
-from eventsweep.eval.suite.results import MeasuredCost, SuiteResult, mapper_method
-from eventsweep.eval.suite.run import speed_job
 from eventsweep.eval.suite.source import SequenceSource
+from eventsweep.eval.suite.speed import speed_job
 
 REPEATS = 3
 
 
 def measured_costs(
-    result: SuiteResult, suite: Suite, cache: Path, progress: Display,
+    result: Results, suite: Suite, cache: Path, progress: Display,
     archive: SequenceSource | None = None,
 ) -> dict[str, MeasuredCost]:  # fmt: skip
     """Maps the first window of the suite's speed case with each method alone.

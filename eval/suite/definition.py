@@ -38,7 +38,7 @@ ALL = "all"
 Condition = Literal["noise", "light", "motion", "occlusion", "geometry"]
 """What is hard about a case: noise of the sensor, light, moving things or fast motion, things in
 front of each other, and imperfect geometry."""
-_LATER = ("imperfection", "conditions", "track")
+_LATER = ("imperfection", "conditions", "track", "change")
 _Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
 _Seeds = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
 
@@ -61,8 +61,10 @@ class CaseSpec(FrozenModel):
 
     `imperfection` is what is wrong with the calibration, the poses and the clocks that the mapper
     is given: the name of a preset, kept as what that stands for, or amounts of a `Perturbation`.
-    `conditions` say what is hard about it, for tables; they decide no number. With `track` its
-    poses are found from its events, too, and scored, as are maps on them, see `eval.own_poses`.
+    `conditions` say what is hard about it, for tables; they decide no number. With `track`, a
+    tracker's name or true for `track`, its poses are found from its events, too, and scored, as are
+    maps on them, see `eval.own_poses`. `change` is what a study makes of the scene, see
+    `eval.stages.changes`.
     """
 
     scene: str
@@ -73,7 +75,8 @@ class CaseSpec(FrozenModel):
     sim: dict[str, Any] = Field(default_factory=dict)
     imperfection: Annotated[dict[str, float] | None, BeforeValidator(amounts)] = None
     conditions: tuple[Condition, ...] = ()
-    track: bool = False
+    track: bool | str = False
+    change: dict[str, float] = Field(default_factory=dict)
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, given: SerializerFunctionWrapHandler) -> dict[str, Any]:

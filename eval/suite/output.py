@@ -10,17 +10,17 @@ from typing import Any
 from eventsweep.emvs.utils.cache import Cache
 from eventsweep.emvs.utils.outputs import check_files, files_together, output_folder
 from eventsweep.eval.jobs.job import SEQUENCE, stored
-from eventsweep.eval.scoring.results import write_csv
-from eventsweep.eval.suite.definition import Suite
-from eventsweep.eval.suite.predictions import assignment
-from eventsweep.eval.suite.results import (
-    CSV_NAME,
-    FILE_NAME,
+from eventsweep.eval.results.results import (
     PICTURES_FOLDER,
-    SuiteResult,
-    write_suite,
+    SUITE_CSV,
+    SUITE_NAME,
+    Results,
+    to_json,
 )
-from eventsweep.eval.suite.run import extent, suite_jobs
+from eventsweep.eval.results.table import write_csv
+from eventsweep.eval.suite.definition import Suite
+from eventsweep.eval.suite.plan import extent, suite_jobs
+from eventsweep.eval.suite.predictions import assignment
 from eventsweep.eval.suite.source import SequenceSource
 
 _CSV_COLUMNS = ("case", "seed", "window", "method", "metric", "value", "unit", "direction")
@@ -32,17 +32,17 @@ def prepare_folder(out: Path, *, force: bool, inputs: Iterable[Path] = ()) -> It
 
     `force` replaces the result of another run; `inputs` are read, and no result replaces them.
     """
-    names = (FILE_NAME, CSV_NAME, PICTURES_FOLDER)
+    names = (SUITE_NAME, SUITE_CSV, PICTURES_FOLDER)
     with output_folder(out, names, force=force, inputs=inputs) as folder:
         yield folder
 
 
-def write(folder: Path, result: SuiteResult, *, force: bool = False) -> None:
+def write(folder: Path, result: Results, *, force: bool = False) -> None:
     """Writes `suite.json`, with all that made the numbers, and `suite.csv` with the numbers."""
-    check_files(folder, (FILE_NAME, CSV_NAME), force=force)
-    with files_together(folder, (FILE_NAME, CSV_NAME)) as staged:
-        write_suite(staged, result)
-        write_csv(staged / CSV_NAME, result.rows[list(_CSV_COLUMNS)])
+    check_files(folder, (SUITE_NAME, SUITE_CSV), force=force)
+    with files_together(folder, (SUITE_NAME, SUITE_CSV)) as staged:
+        (staged / SUITE_NAME).write_text(to_json(result), encoding="utf-8")
+        write_csv(staged / SUITE_CSV, result.rows[list(_CSV_COLUMNS)])
 
 
 def assignments(

@@ -21,6 +21,8 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.utils.output_manifest import hashed
 from eventsweep.eval.jobs.job import Job
+from eventsweep.eval.results.results import DEFAULT_MAPPER
+from eventsweep.eval.results.table import POOLED, each
 from eventsweep.eval.scoring.predictions import (
     NamedFolder,
     Prediction,
@@ -31,7 +33,7 @@ from eventsweep.eval.scoring.predictions import (
     method_name,
     timed_files,
 )
-from eventsweep.eval.scoring.results import POOLED, each
+from eventsweep.eval.stages import predict
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.sim.rigs import rig as named_rig
 
@@ -147,13 +149,14 @@ class SuitePrediction:
         maps = [one for one, name in zip(mapped, mappers, strict=True) if name == mappers[0]]
         parameters = {
             **{name: score.parameters[name] for name in ("case", "seed", "score", "scene_digest")},
+            "mappers": [DEFAULT_MAPPER] * len(maps),
             "name": self.name,
             "description": self.description.model_dump(mode="json"),
             "files": {str(t_us): list(one) for t_us, one in self.files[place].items()},
         }
         return Job(
             f"predict/{place}/{self.name}",
-            "eventsweep.eval.suite.stages.predict",
+            predict.STAGE,
             parameters,
             (score.needs[0], *maps),
             (str(self.folder),),

@@ -9,16 +9,14 @@ A plug-in offers a function that takes the folder, and returns None where it hol
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from typing import Protocol
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.plugins import SEQUENCES, loaded, points
 from eventsweep.eval.jobs.job import Job
+from eventsweep.eval.results.results import ArchiveFacts
 from eventsweep.eval.suite.definition import Suite
-from eventsweep.eval.suite.results import ArchiveFacts
-from eventsweep.eval.suite.stages.simulate import scene_digest, sequence_parameters
 
 
 class SequenceSource(Protocol):
@@ -46,14 +44,3 @@ def open_source(folder: Path) -> SequenceSource:
         if source is not None:
             return source
     raise InputError(f"{folder}: no installed plug-in can read sequences from it")
-
-
-_scene_digest = cache(scene_digest)
-
-
-def simulated(suite: Suite, case: str, seed: int) -> tuple[Job, str]:
-    """The job that simulates the sequence of a case, and the hash of its scene."""
-    spec = suite.cases[case]
-    facts = sequence_parameters(spec.scene, spec.rig, seed, suite.sim_of(spec))
-    job = Job(f"simulate/{case}/seed{seed}", "eventsweep.eval.suite.stages.simulate", facts)
-    return job, _scene_digest(spec.scene)

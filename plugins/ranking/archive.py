@@ -26,12 +26,12 @@ from eventsweep.emvs.utils.outputs import atomic_dir, check_output
 from eventsweep.eval.jobs.job import SEQUENCE, Failed, Job, entry
 from eventsweep.eval.jobs.scheduler import Open, run_jobs
 from eventsweep.eval.progress import Display
+from eventsweep.eval.results.results import ArchiveFacts
+from eventsweep.eval.stages.map import as_perturbed
+from eventsweep.eval.stages.perturb import write_perturbed
+from eventsweep.eval.stages.simulate import scene_digest
 from eventsweep.eval.suite.definition import Suite
-from eventsweep.eval.suite.results import ArchiveFacts
-from eventsweep.eval.suite.source import simulated
-from eventsweep.eval.suite.stages.map import as_perturbed
-from eventsweep.eval.suite.stages.perturb import write_perturbed
-from eventsweep.eval.suite.stages.simulate import scene_digest
+from eventsweep.eval.suite.plan import simulated
 from eventsweep.plugins.ranking.archives import manifest as manifests
 from eventsweep.plugins.ranking.archives.manifest import (
     LICENCE,
@@ -128,7 +128,7 @@ class ArchivePlan:
         if self.truth:
             return sequence
         parameters = {"perturb": spec.imperfection, "seed": seed}
-        stage = "eventsweep.eval.suite.stages.perturb"
+        stage = "eventsweep.eval.stages.perturb"
         return Job(f"perturb/{case}/seed{seed}", stage, parameters, (sequence,))
 
 

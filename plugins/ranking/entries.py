@@ -20,22 +20,22 @@ from pydantic import Field, model_validator
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.inputs import file_in
-from eventsweep.eval.scoring.direction import Direction
-from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
-from eventsweep.eval.scoring.outlier_causes import CAUSES
-from eventsweep.eval.scoring.results import POOLED, Value, each, read_json, together
-from eventsweep.eval.suite.predictions import perfect_scores
-from eventsweep.eval.suite.results import (
+from eventsweep.eval.results.direction import Direction
+from eventsweep.eval.results.files import read_json
+from eventsweep.eval.results.results import (
     DEFAULT_MAPPER,
-    EVENTS,
-    FILE_NAME,
+    SUITE_NAME,
     ArchiveFacts,
     MeasuredCost,
-    SampleFacts,
-    SuiteResult,
-    read_suite,
+    Results,
+    Sample,
+    read_results,
     shown_name,
 )
+from eventsweep.eval.results.table import EVENTS, POOLED, Value, each, together
+from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
+from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.suite.predictions import perfect_scores
 from eventsweep.plugins.ranking.submission import SubmissionFacts
 
 if TYPE_CHECKING:
@@ -193,7 +193,7 @@ class RankingData(FrozenModel):
         return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
-def of_suite(result: SuiteResult, label: str) -> RankingEntry:
+def of_suite(result: Results, label: str) -> RankingEntry:
     """A suite's run in small."""
     mappers = result.definition["mappers"]
     rows = result.rows
@@ -249,9 +249,9 @@ def settings_of(method: str, mappers: Mapping[str, Mapping[str, Any]]) -> dict[s
     return {name: value for name, value in own.items() if name != "methods"}
 
 
-def _case(result: SuiteResult, case: str) -> RankedCase:
+def _case(result: Results, case: str) -> RankedCase:
     spec = result.definition["cases"][case]
-    facts = {s.seed: s.facts for s in result.samples if s.case == case}
+    facts = {s.seed: s for s in result.samples if s.case == case}
     return RankedCase(
         scene=spec["scene"],
         conditions=tuple(spec.get("conditions", ())),
@@ -261,14 +261,14 @@ def _case(result: SuiteResult, case: str) -> RankedCase:
     )
 
 
-def _rendered_from(facts: SampleFacts) -> str:
-    versions = {name: facts.versions.get(name, "") for name in _RENDERED_BY}
-    content = json.dumps([facts.scene, facts.sim, versions], sort_keys=True)
+def _rendered_from(sample: Sample) -> str:
+    versions = {name: sample.versions.get(name, "") for name in _RENDERED_BY}
+    content = json.dumps([sample.scene, sample.sim, versions], sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()[:12]
 
 
-def _metric_versions(result: SuiteResult) -> dict[str, str]:
-    known = result.samples[0].facts.metrics if result.samples else {}
+def _metric_versions(result: Results) -> dict[str, str]:
+    known = result.samples[0].metrics if result.samples else {}
     return {name: version for name, version in known.items() if name in (*METRICS, *POSE_METRICS)}
 
 
@@ -292,12 +292,12 @@ def read_source(asked: str) -> Source:
         if label:
             raise InputError(f"{asked}: a {DATA_NAME} has labels of its own; leave {label}= out")
         return Source(folder, read_data(path).entries)
-    if path.name != FILE_NAME and not (path / FILE_NAME).is_file():
+    if path.name != SUITE_NAME and not (path / SUITE_NAME).is_file():
         raise InputError(
-            f"{path}: not the result of a suite; needs {FILE_NAME} or {DATA_NAME} in it"
+            f"{path}: not the result of a suite; needs {SUITE_NAME} or {DATA_NAME} in it"
         )
     label = label or folder.resolve().name
-    return Source(folder, (read_suite(path, lambda result: of_suite(result, label)),))
+    return Source(folder, (read_results(path, lambda result: of_suite(result, label)),))
 
 
 def read_data(path: Path) -> RankingData:

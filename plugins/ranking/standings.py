@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from eventsweep.eval.scoring.direction import Direction
+from eventsweep.eval.results.direction import Direction
 from eventsweep.eval.scoring.significance import ALPHA, LEVEL, RESAMPLES, holm, stratified_p
 
 Floats = NDArray[np.float64]

@@ -9,7 +9,7 @@ from typing import get_args
 
 import numpy as np
 
-from eventsweep.eval.scoring.direction import Direction
+from eventsweep.eval.results.direction import Direction
 from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.suite.definition import Condition

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.data.poses import write_tum
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.depth.point_cloud import (
     PointCloud,
@@ -29,7 +28,6 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.files import made_parent, work_folder
 from eventsweep.emvs.utils.outputs import atomic_dir, check_output, inputs_of, real
 from eventsweep.emvs.utils.runtime import versions
-from eventsweep.eval.found_poses import write_failure
 from eventsweep.eval.jobs.code_version import code_version
 from eventsweep.eval.progress import Display
 from eventsweep.eval.report.html import REPORT_NAME
@@ -155,18 +153,6 @@ def _identity(
         for array in (first_map.depth_m, first_map.mask, first_map.T_world_rv):
             digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
-
-
-def track_stage(progress: Display) -> Callable[[Path, Path], None]:
-    """Tracks a recording into a folder as a stage of a run, in which a failure is a result."""
-
-    def stage(path: Path, out: Path) -> None:
-        try:
-            track_recording(open_recording(path), path, out, TrackConfig(), progress)
-        except InputError as error:
-            write_failure(out, error)
-
-    return stage
 
 
 def facts_of(tracked: Tracked) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from eventsweep.emvs.maps.folder import (
 from eventsweep.emvs.maps.merge import FusedInfo
 from eventsweep.emvs.utils import plugins
 from eventsweep.eval.config import EvalConfig, TrajectoryConfig
-from eventsweep.eval.scoring.results import Results, write_results
+from eventsweep.eval.results.results import Results, write_results
 from eventsweep.eval.suite.definition import load
 from eventsweep.eval.suite.run import extent, suite_jobs
 from places import HAS_PLUGINS, ROOT, TOOLS, needs_plugins

@@ -7,7 +7,7 @@ import pytest
 
 from eventsweep.emvs import methods
 from eventsweep.emvs.maps.folder import read_map
-from eventsweep.eval.suite.results import read_suite
+from eventsweep.eval.results.results import read_results
 from packages import documented, install, run_with
 from places import ROOT
 from refusals import command_refused
@@ -67,7 +67,7 @@ def test_it_runs_in_a_suite_and_an_edit_maps_again(site, tmp_path):
             module = site / "chance" / "eventsweep.py"
             module.write_text(module.read_text().replace("len(view.rho) // 2", "1"))
         done(site, tmp_path, "suite", *words, "--out", out)
-        result = read_suite(tmp_path / out)
+        result = read_results(tmp_path / out)
         assert set(result.rows["method"]) == {"Chance/middle", "events"}
         found.append({job.name.split("/")[0]: job.found for job in result.jobs})
     assert [one["simulate"] for one in found] == [False, True, True]

@@ -12,7 +12,7 @@ from eventsweep.emvs.hot_pixels import find_hot_pixels
 from eventsweep.emvs.maps.folder import read_map
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.progress import MapBars
-from eventsweep.eval.scoring.results import read_results
+from eventsweep.eval.results.results import read_results
 from refusals import command_refused, line_of
 
 pytestmark = pytest.mark.usefixtures("blank_figures")

@@ -8,7 +8,8 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.eval.figures.plots import DsiSlice
 from eventsweep.eval.report.run_data import CaseData, MethodData, RunData, WindowData
 from eventsweep.eval.scoring.pairing import Truth, pair_methods
-from eventsweep.eval.scoring.results import Results, together
+from eventsweep.eval.results.results import Results
+from eventsweep.eval.results.table import together
 from eventsweep.eval.scoring.score import case_rows
 
 SHAPE = (24, 32)

@@ -1,6 +1,6 @@
 """Rows of tables of scores, as tests write and read them."""
 
-from eventsweep.eval.scoring.results import COLUMNS, each, tidy
+from eventsweep.eval.results.table import COLUMNS, each, tidy
 
 NAMES = [name for name in COLUMNS if name != "seed"]
 

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from eventsweep.eval.cli.console import Part
     from eventsweep.eval.gate.compare import Choice, Judgement, Tolerances
     from eventsweep.eval.gate.report import VerdictLine
-    from eventsweep.eval.suite.results import SuiteResult
-    from eventsweep.eval.suite.series import Measured
+    from eventsweep.eval.results.results import Results
+    from eventsweep.eval.results.series import Measured
 
 GREEN, RED = 0, 1
 _SUITE = "quick"
@@ -165,9 +165,9 @@ def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = 
 
 
 def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured:
+    from eventsweep.eval.results.series import measured_of, read_measured
     from eventsweep.eval.suite import output
     from eventsweep.eval.suite.definition import load
-    from eventsweep.eval.suite.series import of_suite, read_measured
 
     if flags.result is not None:
         return read_measured(flags.result)
@@ -175,17 +175,17 @@ def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured
     # A baseline needs more seeds than a run: they are what the tolerances are made of.
     seeds = flags.seed_numbers() or (suite.spread_seeds if flags.update else None)
 
-    def run() -> SuiteResult:
+    def run() -> Results:
         return run_with_flags(
             suite, subset, job_flags, common.console().progress, seeds=seeds, cases=flags.case
         )
 
     if flags.out is None:
-        return of_suite(run())
+        return measured_of(run())
     with output.prepare_folder(flags.out, force=flags.force, inputs=flags.read()) as folder:
         result = run()
         output.write(folder, result, force=flags.force)
-    return of_suite(result)
+    return measured_of(result)
 
 
 def _report(

@@ -52,8 +52,9 @@ def report(folder: Path, /, *, flags: ReportFlags = _PAGE_ONLY, common: Quiet = 
     Args:
         folder: The folder; report.html in it is replaced.
     """
-    from eventsweep.eval.report.study_page import find_studies, write_study_report
+    from eventsweep.eval.report.study_page import write_study_report
     from eventsweep.eval.report.suite_page import is_suite_folder, write_suite_report
+    from eventsweep.eval.studies.stored import find_studies
 
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; `run`, `map`, `suite` and `study` write one")

@@ -26,6 +26,7 @@ from eventsweep.eval.cli.app import (
     with_values,
 )
 from eventsweep.eval.cli.help import RARE
+from eventsweep.eval.cli.job_flags import CACHE_FLAGS, CacheFlags
 
 
 @app.command
@@ -43,6 +44,7 @@ def run(
     device: DeviceName = None,
     allow_skipped: AllowSkipped = False,
     force: Force = False,
+    job_flags: CacheFlags = CACHE_FLAGS,
     common: Configured = CONFIGURED,
     sim: SimFlags = SIM,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
@@ -70,7 +72,7 @@ def run(
     from eventsweep.eval.cli.verbs.score import show_results
     from eventsweep.eval.pipeline import run_cases
     from eventsweep.eval.scoring.run_folder import MAP_FOLDER
-    from eventsweep.eval.trackers import TRUE, tracker
+    from eventsweep.eval.trackers import TRUE
     from eventsweep.scenes import case_name
 
     wanted = common.settings(
@@ -78,6 +80,7 @@ def run(
         map=with_values(map, methods=method or None, device=device),
         score=score,
     )
+    job_flags.check()
     check_skipping(wanted.map, allowed=allow_skipped)
     common.check(out, force=force)
     console = common.console()
@@ -88,9 +91,11 @@ def run(
         rig,
         seed,
         force=force,
-        workers=workers,
+        renderers=workers,
         finish=report_stage(console.progress),
-        track=None if poses == TRUE else tracker(poses).track_stage(console.progress),
+        tracker=None if poses == TRUE else poses,
+        cache=job_flags.cache_folder(),
+        crew=job_flags.cluster if job_flags.scheduler else None,
         progress=console.progress,
     )
     show_results(console, results, wanted.score.ranking_metric)

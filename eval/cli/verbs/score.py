@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from eventsweep.eval.cli.console import Console, Part
     from eventsweep.eval.report.trajectory_page import WrittenScores
-    from eventsweep.eval.scoring.results import Results
+    from eventsweep.eval.results.results import Results
 
 # As many as fit 80 characters; the report has them all.
 _COLUMNS = ("points", "mean_error", "common_mean_error", "median_error", "abs_rel", "bad_published")
@@ -100,7 +100,7 @@ def _score_trajectories(
     config: TrajectoryConfig, common: Configured, *, force: bool,
 ) -> None:  # fmt: skip
     from eventsweep.eval.report.trajectory_page import write_scores
-    from eventsweep.eval.scoring.results import to_json
+    from eventsweep.eval.results.results import to_json
 
     if out is None:
         raise InputError("scores of trajectories need a folder: add --out")
@@ -127,7 +127,7 @@ def _trajectories(written: WrittenScores) -> Iterator[Part]:
 
 def show_results(console: Console, results: Results, metric: str) -> None:
     """Prints the ranking of each case by a metric, and what it says in words."""
-    from eventsweep.eval.scoring.results import to_json
+    from eventsweep.eval.results.results import to_json
 
     console.result(to_json(results), _rankings(results, metric))
 
@@ -135,7 +135,7 @@ def show_results(console: Console, results: Results, metric: str) -> None:
 def _rankings(results: Results, metric: str) -> Iterator[Part]:
     from eventsweep.eval.cli.console import dim
     from eventsweep.eval.report import ranking
-    from eventsweep.eval.scoring.results import POOLED
+    from eventsweep.eval.results.table import POOLED
 
     pooled = results.rows[results.rows["window"] == POOLED]
     for case in pooled["case"].unique():

@@ -59,7 +59,7 @@ def simulate(
         workers: Processes that render.
         fresh: Discard the work of an interrupted run instead of continuing it.
     """
-    from eventsweep.eval.pipeline import simulate_scene
+    from eventsweep.eval.stages.simulate import simulate_scene
 
     if motion and Path(motion).suffix in _POSES:
         trajectory, motion = trajectory or Path(motion), None
@@ -72,7 +72,7 @@ def simulate(
     simulate_scene(
         scene,
         out,
-        wanted,
+        wanted.sim,
         rig,
         seed,
         force=force,

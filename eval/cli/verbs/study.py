@@ -17,6 +17,7 @@ from eventsweep.eval.studies.definitions import CASES, METHODS, SECONDS, SEEDS
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from eventsweep.eval.studies.definitions import Study
     from eventsweep.eval.studies.run import StudyResult
 
 _FAILED = 1
@@ -65,17 +66,20 @@ def study(
             )  # fmt: skip
             written = write_study(out, result)
             failed += len(result.failures)
-            console.result(json.dumps({result.study.name: result.breaking()}), [_table(result)])
+            console.result(
+                json.dumps({result.about.name: result.breaking()}),
+                [_table(chosen_study, result)],
+            )
             console.wrote(written[0])
     return _FAILED if failed else 0
 
 
-def _table(result: StudyResult) -> Table:
+def _table(perturbed: Study, result: StudyResult) -> Table:
     from eventsweep.eval.cli.console import table
     from eventsweep.eval.numbers import display_unit, displayed
     from eventsweep.eval.studies.curves import BREAKS_AT, METRICS
 
-    perturbed, breaking = result.study, result.breaking()
+    breaking = result.breaking()
     mean_errors = [curve for curve in result.curves if curve.metric == METRICS[0]]
     unit = display_unit(mean_errors[0].unit)
     title = f"{perturbed.name}: mean error [{unit}] against {perturbed.axis} [{perturbed.unit}]"

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from eventsweep.eval.cli.console import Part
+    from eventsweep.eval.results.results import Results
+    from eventsweep.eval.results.series import Series
     from eventsweep.eval.suite.definition import Suite
     from eventsweep.eval.suite.packages import Wanted
-    from eventsweep.eval.suite.results import SuiteResult
-    from eventsweep.eval.suite.series import Series
     from eventsweep.eval.suite.source import SequenceSource
 
 _FAILED = 1
@@ -89,7 +89,7 @@ class Parts(NamedTuple):
     def wanted(self) -> Wanted:
         """What a prediction must hold."""
         from eventsweep.eval.suite.packages import Wanted
-        from eventsweep.eval.suite.run import extent
+        from eventsweep.eval.suite.plan import extent
 
         version = self.archive.facts.version if self.archive else ""
         return Wanted(self.suite, *extent(*self), version)
@@ -140,7 +140,7 @@ def _run(
     return _FAILED if result.failures else 0
 
 
-def _facts(result: SuiteResult) -> dict[str, Any]:
+def _facts(result: Results) -> dict[str, Any]:
     return {
         **{name: getattr(result, name) for name in ("suite", "subset", "digest", "seeds")},
         "jobs": len(result.jobs),
@@ -149,14 +149,14 @@ def _facts(result: SuiteResult) -> dict[str, Any]:
     }
 
 
-def _summary(result: SuiteResult, cache: Path) -> Iterator[Part]:
+def _summary(result: Results, cache: Path) -> Iterator[Part]:
     from rich.text import Text
 
     from eventsweep.emvs.utils.cache import Cache
     from eventsweep.emvs.utils.files import bytes_text
-    from eventsweep.eval.suite.series import of_suite
+    from eventsweep.eval.results.series import measured_of
 
-    series = of_suite(result).series.values()
+    series = measured_of(result).series.values()
     for case in result.cases:
         yield _table(case, [one for one in series if one.case == case], len(result.seeds))
     for job in result.failures:

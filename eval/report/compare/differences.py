@@ -23,7 +23,7 @@ from eventsweep.eval.report.compare.comparability import (
 )
 from eventsweep.eval.report.compare.results import CaseResult, ComparedResult, Number
 from eventsweep.eval.report.ranking import RANKING_COLUMNS
-from eventsweep.eval.scoring.direction import Direction, change_of
+from eventsweep.eval.results.direction import Direction, change_of
 from eventsweep.eval.scoring.metrics import PRIMARY
 from eventsweep.eval.scoring.significance import (
     ALPHA,

@@ -26,9 +26,8 @@ from eventsweep.eval.report.compare.settings import Setting, settings_of
 from eventsweep.eval.report.html import Grid, GridCell, Head, Kind, Section, plural, render
 from eventsweep.eval.report.ranking import RANKING_COLUMNS, column, definition
 from eventsweep.eval.report.tables import TABLES_FOLDER, write_tables
+from eventsweep.eval.results.results import JSON_NAME, SUITE_NAME
 from eventsweep.eval.scoring.metrics import PRIMARY
-from eventsweep.eval.scoring.results import JSON_NAME
-from eventsweep.eval.suite.results import FILE_NAME
 
 HTML_NAME = "compare.html"
 VERDICT = "verdict"
@@ -83,7 +82,7 @@ def compare(results: Sequence[ComparedResult]) -> Comparison:
 
 
 def _result_files(comparison: Comparison, out: Path) -> list[str]:
-    names = (FILE_NAME, JSON_NAME)
+    names = (SUITE_NAME, JSON_NAME)
     found = [result.folder / name for result in comparison.results for name in names]
     return [
         Path(os.path.relpath(path, out.resolve())).as_posix() for path in found if path.is_file()

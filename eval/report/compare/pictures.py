@@ -25,7 +25,7 @@ from eventsweep.eval.report.run_page import (
     seconds,
     truth_uri,
 )
-from eventsweep.eval.scoring.results import POOLED
+from eventsweep.eval.results.table import POOLED
 
 ALL = "all results"
 _CAPTION = "mean_error"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,13 +16,14 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data import manifest as manifests
 from eventsweep.emvs.data.manifest import Manifest
 from eventsweep.emvs.errors import InputError, refused
-from eventsweep.emvs.maps.folder import MapInfo, StoredMap
+from eventsweep.emvs.maps.folder import StoredMap
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.report.ranking import RANKING_COLUMNS
-from eventsweep.eval.scoring.direction import Direction
-from eventsweep.eval.scoring.results import MEAN, POOLED, Results, each, read_results
+from eventsweep.eval.results.direction import Direction
+from eventsweep.eval.results.results import DEFAULT_MAPPER, Results, Sample, read_results
+from eventsweep.eval.results.table import MEAN, POOLED, each
 from eventsweep.eval.scoring.run_folder import find_maps
-from eventsweep.eval.suite.results import DEFAULT_MAPPER, FILE_NAME, Sample, SuiteResult, read_suite
+from eventsweep.eval.suite.definition import WindowSpec
 
 WHOLE = ""
 """What stands in a window's place where only numbers of all windows together are stored."""
@@ -117,63 +119,75 @@ def read_compared(paths: Sequence[Path]) -> tuple[ComparedResult, ...]:
     names = [folder.name for folder in folders]
     if len(set(names)) < len(names):
         names = [f"{k + 1}: {'/'.join(folder.parts[-2:])}" for k, folder in enumerate(folders)]
-    return tuple(_read(path, name) for path, name in zip(paths, names, strict=True))
-
-
-def _read(path: Path, name: str) -> ComparedResult:
-    folder = path if path.is_dir() else path.parent
-    if path.name == FILE_NAME or (path / FILE_NAME).is_file():
-        return read_suite(path, lambda result: of_suite(result, name, folder))
-    return of_run(read_results(path), name, folder)
-
-
-def of_run(results: Results, name: str, folder: Path) -> ComparedResult:
-    """The numbers of a scored run, with what its maps say of its windows."""
-    maps, made = _maps(folder), []
-    names = tuple(results.rows["case"].unique())
-    shared = {key: value for key, value in results.configuration.items() if key not in names}
-    cases: dict[tuple[str, int | None], CaseResult] = {}
-    for case in names:
-        info = maps[case].info if case in maps else None
-        sequence = results.sequences.get(case, "")
-        manifest = _manifest(maps[case], sequence) if case in maps else None
-        made += [("mapping", info.versions)] if info else []
-        made += [("simulation", manifest.versions)] if manifest else []
-        rows = results.rows[results.rows["case"] == case]
-        own = results.configuration.get(case)
-        settings = {**shared, **(own if isinstance(own, dict) else {})}
-        settings |= {"renderer": manifest.renderer} if manifest else {}
-        files = manifest.files if manifest else {}
-        events, truth = (files[name].sha256 if name in files else "" for name in (_EVENTS, _TRUTH))
-        times = _times(info) if info else {}
-        cases[case, results.seed] = CaseResult(
-            *_numbers(rows), sequence, events, truth, results.metrics, settings, times
+    return tuple(
+        read_results(
+            path, partial(compared, name=name, folder=path if path.is_dir() else path.parent)
         )
-    versions = _with_stages(results.versions, made)
-    return ComparedResult(name, folder, False, cases, versions, results.platform)
+        for path, name in zip(paths, names, strict=True)
+    )
 
 
-def of_suite(result: SuiteResult, name: str, folder: Path) -> ComparedResult:
-    """The numbers of a suite's run, of all its seeds."""
+def compared(results: Results, name: str, folder: Path) -> ComparedResult:
+    """The numbers of a run or suite, of all its seeds, with settings and windows."""
+    maps = {} if results.suite else _maps(folder)
     cases: dict[tuple[str, int | None], CaseResult] = {}
-    what = f"{folder}: the suite's definition is damaged"
-    with refused(what, KeyError, TypeError, cure="; run it again"):
-        for sample in result.samples:
-            cases[sample.case, sample.seed] = _of_sample(result, sample)
-    made = [("simulation", sample.facts.versions) for sample in result.samples]
-    versions = _with_stages(result.versions, made)
-    versions |= {f"code of {stage}": code for stage, code in result.code.items()}
-    failures = {job.name: job.failure for job in result.failures}
-    archive = result.archive.version if result.archive else ""
-    return ComparedResult(name, folder, True, cases, versions, result.platform, failures, archive)
+    made: list[tuple[str, Mapping[str, str]]] = []
+    for sample in results.samples:
+        stored = maps.get(sample.case)
+        sample = sample if stored is None else _completed(sample, stored)
+        made += [] if stored is None else [("mapping", stored.info.versions)]
+        made += [("simulation", sample.versions)]
+        rows = results.rows[results.rows["case"] == sample.case]
+        if results.suite:
+            rows = rows[rows["seed"] == sample.seed]
+        cases[sample.case, sample.seed] = CaseResult(
+            *_numbers(rows), sample.sequence, sample.events, sample.truth, sample.metrics,
+            _settings(results, sample, folder), _times(results, sample),
+        )  # fmt: skip
+    versions = _with_stages(results.versions, made)
+    versions |= {f"code of {stage}": code for stage, code in results.code.items()}
+    failures = {job.name: job.failure for job in results.failures}
+    archive = results.archive.version if results.archive else ""
+    is_suite = bool(results.suite)
+    return ComparedResult(
+        name, folder, is_suite, cases, versions, results.platform, failures, archive
+    )
 
 
-def _of_sample(result: SuiteResult, sample: Sample) -> CaseResult:
-    facts, spec = sample.facts, result.definition["cases"][sample.case]
-    rows = result.rows[result.rows["case"] == sample.case]
-    settings, times = _suite_settings(result.definition, spec, sample), _suite_times(spec)
-    numbers = _numbers(rows[rows["seed"] == sample.seed])
-    return CaseResult(*numbers, facts.sequence, "", facts.truth, facts.metrics, settings, times)
+def _completed(sample: Sample, stored: StoredMap) -> Sample:
+    """A sample of a file that said less, with what its map and sequence say."""
+    windows = {w.name: (w.t0_us, w.t1_us, w.t_ref_us) for w in stored.info.windows}
+    manifest = _manifest(stored, sample.sequence)
+    if manifest is None:
+        return replace(sample, windows=windows)
+    hashes = {name: file.sha256 for name, file in manifest.files.items()}
+    events, truth = (hashes.get(name, "") for name in (_EVENTS, _TRUTH))
+    return replace(
+        sample, windows=windows, events=events, truth=truth, renderer=manifest.renderer,
+        versions=manifest.versions,
+    )  # fmt: skip
+
+
+def _settings(results: Results, sample: Sample, folder: Path) -> dict[str, Any]:
+    if results.suite:
+        what = f"{folder}: the suite's definition is damaged"
+        with refused(what, KeyError, TypeError, cure="; run it again"):
+            return _suite_settings(results.definition, sample)
+    names = results.case_names
+    shared = {key: value for key, value in results.configuration.items() if key not in names}
+    own = results.configuration.get(sample.case)
+    settings = {**shared, **(own if isinstance(own, dict) else {})}
+    return settings | ({"renderer": sample.renderer} if sample.renderer else {})
+
+
+def _times(results: Results, sample: Sample) -> dict[str, WindowTime]:
+    """Where the windows lie; an older suite says it in its definition alone."""
+    windows: Mapping[str, Sequence[int]] = sample.windows
+    if results.suite and not windows:
+        spec = results.definition["cases"][sample.case]
+        times = (WindowSpec.model_validate(window).times_us({}) for window in spec["windows"])
+        windows = {f"w{number:03d}": one for number, one in enumerate(times)}
+    return {name: WindowTime(*(t / 1e6 for t in times)) for name, times in windows.items()}
 
 
 def _numbers(
@@ -211,35 +225,17 @@ def _manifest(stored: StoredMap, sequence: str) -> Manifest | None:
     return found if found.digest() == sequence else None
 
 
-def _times(info: MapInfo) -> dict[str, WindowTime]:
-    return {
-        window.name: WindowTime(window.t0_us / 1e6, window.t1_us / 1e6, window.t_ref_us / 1e6)
-        for window in info.windows
-    }
-
-
-def _suite_times(spec: Mapping[str, Any]) -> dict[str, WindowTime]:
-    times = {}
-    for number, window in enumerate(spec["windows"]):
-        start_s, duration_s = window["start_s"], window["duration_s"]
-        times[f"w{number:03d}"] = WindowTime(
-            start_s, start_s + duration_s, start_s + duration_s / 2
-        )
-    return times
-
-
-def _suite_settings(
-    definition: Mapping[str, Any], spec: Mapping[str, Any], sample: Sample
-) -> dict[str, Any]:
+def _suite_settings(definition: Mapping[str, Any], sample: Sample) -> dict[str, Any]:
     """All settings of a case of a suite, those that its definition leaves to defaults too."""
+    spec = definition["cases"][sample.case]
     known = spec["scene"] in scenes.names()
     own_rig = scenes.load(spec["scene"]).rig if known else "the scene's own"
-    settings = {"scene": spec["scene"], "rig": spec["rig"] or own_rig, "sim": sample.facts.sim}
+    settings = {"scene": spec["scene"], "rig": spec["rig"] or own_rig, "sim": sample.sim}
     for mapper in spec["mappers"]:
         group = "map" if mapper == DEFAULT_MAPPER else f"map ({mapper})"
         settings[group] = _filled(MapperConfig, definition["mappers"][mapper])
     settings["score"] = _filled(EvalConfig, definition["score"])
-    settings["renderer"] = sample.facts.renderer
+    settings["renderer"] = sample.renderer
     return settings
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import ByName
 from eventsweep.eval.config import TrajectoryConfig
-from eventsweep.eval.scoring.direction import Direction
+from eventsweep.eval.results.direction import Direction
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, Score
 from eventsweep.eval.scoring.metrics import NAN, Quantity
 from eventsweep.eval.scoring.trajectories.errors import PoseErrors, Step, StepErrors

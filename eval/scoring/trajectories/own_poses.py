@@ -14,10 +14,10 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
 from eventsweep.eval.config import TrajectoryConfig
 from eventsweep.eval.found_poses import TRACK, method_on_own_poses
+from eventsweep.eval.results.table import POOLED, tidy
 from eventsweep.eval.scoring.method_scores import Score
 from eventsweep.eval.scoring.metrics import NAN
 from eventsweep.eval.scoring.pairing import Estimate
-from eventsweep.eval.scoring.results import POOLED, tidy
 from eventsweep.eval.scoring.trajectories.metrics import metrics_of, steps_of_config
 from eventsweep.eval.scoring.trajectories.score import score_poses
 

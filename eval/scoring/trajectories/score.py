@@ -16,8 +16,9 @@ from eventsweep.emvs.geometry.alignment import Similarity, align_points
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.windows import longest_gap_us
 from eventsweep.eval.config import TrajectoryConfig
+from eventsweep.eval.results.results import Results, Sample
+from eventsweep.eval.results.table import POOLED, tidy
 from eventsweep.eval.scoring.method_scores import Score
-from eventsweep.eval.scoring.results import POOLED, Results, tidy
 from eventsweep.eval.scoring.trajectories.association import MatchedPoses, associate
 from eventsweep.eval.scoring.trajectories.errors import absolute_errors, relative_errors
 from eventsweep.eval.scoring.trajectories.faults import (
@@ -182,8 +183,7 @@ def results_of(
     return Results(
         case_rows(case, scored),
         {"score": first.config.model_dump(mode="json"), case: {**(about or {}), "notes": notes}},
-        sequences={case: first.truth_sha256},
-        metrics=metric_versions(),
+        (Sample(case, sequence=first.truth_sha256, metrics=metric_versions()),),
     )
 
 

@@ -3,12 +3,12 @@
 import shutil
 
 import pytest
+from eventsweep.eval.suite.stages import map as stage
 
 from eventsweep.emvs.depth.precision import PRECISION
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.jobs.code_version import closure
 from eventsweep.eval.jobs.job import Job, code_of
-from eventsweep.eval.suite.stages import map as stage
 from eventsweep.plugins.learned.networks.weights import packaged
 
 FAMILIES = {"Learned": "learned", "DERD": "derd"}

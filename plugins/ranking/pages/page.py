@@ -22,7 +22,7 @@ from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.report.html import Page, Picture, files_in, page_text, plural
 from eventsweep.eval.report.ranking import column
 from eventsweep.eval.report.suite_pictures import METHODS_NAME
-from eventsweep.eval.suite.results import PICTURES_FOLDER
+from eventsweep.eval.results.results import PICTURES_FOLDER
 from eventsweep.plugins.ranking import summary
 from eventsweep.plugins.ranking.entries import (
     DATA_NAME,

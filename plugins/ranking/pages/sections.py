@@ -21,7 +21,7 @@ from eventsweep.eval.report.html import (
     versions_grid,
 )
 from eventsweep.eval.report.ranking import column, definition, value_cell
-from eventsweep.eval.scoring.direction import Direction, best
+from eventsweep.eval.results.direction import Direction, best
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.plugins.ranking import summary
 from eventsweep.plugins.ranking.entries import (

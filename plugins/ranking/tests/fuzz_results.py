@@ -23,17 +23,17 @@ from eventsweep.emvs.utils.cache import Cache, key_of
 from eventsweep.eval.report.compare.page import write_comparison
 from eventsweep.eval.report.suite_page import write_suite_report
 from eventsweep.eval.report.suite_pictures import METHODS_NAME
-from eventsweep.eval.scoring.results import POOLED, tidy, together
-from eventsweep.eval.suite import definition
-from eventsweep.eval.suite.results import (
-    FILE_NAME,
+from eventsweep.eval.results.results import (
+    SUITE_NAME,
     JobNote,
     MeasuredCost,
+    Results,
     Sample,
     SampleFacts,
-    SuiteResult,
     write_suite,
 )
+from eventsweep.eval.results.table import POOLED, tidy, together
+from eventsweep.eval.suite import definition
 from eventsweep.plugins.ranking.archives.manifest import ArchiveManifest, PackedFile, PackedSequence
 from eventsweep.plugins.ranking.archives.manifest import parse as parse_archive
 from eventsweep.plugins.ranking.archives.tarball import pack
@@ -89,7 +89,7 @@ def suite(folder):
                 for metric in ("mean_error", "abs_rel", "points")
             ]
             rows.append(tidy(scored, seed))
-    write_suite(folder, SuiteResult(
+    write_suite(folder, Results(
         found.name, "all", found.digest, found.model_dump(mode="json"),
         {name: found.digest_of(name) for name in found.cases}, (0, 1), tuple(samples),
         together(rows), (JobNote("map/x", failure="it broke"), JobNote("map/y", "k", "c")),
@@ -172,7 +172,7 @@ def read_definition(folder):
 KINDS = {
     "ranking": (ranking, DATA_NAME, rank),
     "pictures": (ranking, f"pictures/{METHODS_NAME}", rank),
-    "suite": (suite, FILE_NAME, report_suite),
+    "suite": (suite, SUITE_NAME, report_suite),
     "submission": (submission, MANIFEST, unpack),
     "archive": (archive, "archive.json", read_archive),
     "cache": (cached, "entry.json", reuse),

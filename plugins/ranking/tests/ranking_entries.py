@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from eventsweep.eval.results.results import ArchiveFacts, MeasuredCost
 from eventsweep.eval.scoring.method_scores import ALL_METRICS
-from eventsweep.eval.suite.results import ArchiveFacts, MeasuredCost
 from eventsweep.plugins.ranking.entries import METRICS, RankedCase, RankingEntry
 
 CASES = {"wall": (), "dark": ("light",), "crowd": ("motion", "occlusion")}

@@ -16,8 +16,8 @@ from blank_pictures import blank_pictures
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.utils.output_manifest import NAME
 from eventsweep.eval.cli.main import main
+from eventsweep.eval.results.results import read_results
 from eventsweep.eval.suite.definition import read as read_definition
-from eventsweep.eval.suite.results import read_suite
 from eventsweep.plugins.ranking.archives.tarball import pack, sha256_of, unpack, zstd
 from eventsweep.plugins.ranking.entry import ENTRY, read_entry
 from eventsweep.plugins.ranking.entry import PACKAGE as MAPS
@@ -484,18 +484,18 @@ def test_from_a_package_outside_to_a_row_in_two_commands(ran, tmp_path, capsys):
         assert text in row
     for which in ("best", "worst"):
         assert page.count(f"Given/Guess: {which} case: ") == 1
-    result = read_suite(tmp_path / "out")
+    result = read_results(tmp_path / "out")
     assert set(result.rows["method"]) >= {"Given/Guess", "Alg1/H"}
     assert result.stated["Given/Guess"]["cost"]["seconds_per_window"] == 0.5
     packed = tmp_path / "guess.tar.zst"
     suite = ["--suite", str(ran / "pair.toml"), "--archive", str(ran / "frozen")]
     assert main(["submission", "make", str(theirs), *suite, "--out", str(packed), "--quiet"]) == 0
     assert run(ran, tmp_path / "same", "--prediction", packed) == 0
-    same = read_suite(tmp_path / "same")
+    same = read_results(tmp_path / "same")
     assert same.stated == result.stated
     assert same.rows.equals(result.rows)
     assert run(ran, tmp_path / "named", "--prediction", f"x={packed}", "--case", "late") == 0
-    assert "Given/x" in read_suite(tmp_path / "named").stated
+    assert "Given/x" in read_results(tmp_path / "named").stated
 
 
 @pytest.mark.slow

@@ -16,10 +16,10 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.perturbations import Perturbation, perturbed
 from eventsweep.eval.report.compare.differences import compare_results
 from eventsweep.eval.report.compare.results import read_compared
-from eventsweep.eval.scoring.results import each
+from eventsweep.eval.results.results import read_results
+from eventsweep.eval.results.series import of_suite
+from eventsweep.eval.results.table import each
 from eventsweep.eval.suite.definition import read as read_definition
-from eventsweep.eval.suite.results import read_suite
-from eventsweep.eval.suite.series import of_suite
 from eventsweep.plugins.ranking.archive import SequenceArchive, hidden_seed, read_secret
 from eventsweep.plugins.ranking.archives.fetch import verify
 from eventsweep.plugins.ranking.archives.manifest import read
@@ -67,7 +67,7 @@ def run(*places):
 def values(folder):
     return {
         (row.case, row.seed, row.window, row.method, row.metric): row.value
-        for row in each(read_suite(folder).rows)
+        for row in each(read_results(folder).rows)
     }
 
 
@@ -103,12 +103,14 @@ def test_mapping_an_archive_needs_no_graphics_and_gives_the_same_numbers(made, t
     first = {key: value for key, value in values(drawn).items() if key[:2] == ("wall", 0)}
     assert first
     same(values(tmp_path / "out"), first)
-    result = read_suite(tmp_path / "out")
+    result = read_results(tmp_path / "out")
     assert {job.name.split("/")[0] for job in result.jobs} == {"unpack", "map", "score"}
     assert result.archive.version == read(frozen).version
-    assert read_suite(drawn).archive is None
+    assert read_results(drawn).archive is None
     assert [one.facts.scene for one in result.samples] == [
-        one.facts.scene for one in read_suite(drawn).samples if (one.case, one.seed) == ("wall", 0)
+        one.facts.scene
+        for one in read_results(drawn).samples
+        if (one.case, one.seed) == ("wall", 0)
     ]
 
 
@@ -118,7 +120,7 @@ def test_an_archive_made_again_is_the_same_bytes_and_its_maps_are_those_of_drawn
 ):
     file, cache, frozen, drawn = made
     assert run(file, cache, tmp_path / "out", "--archive", frozen) == 0
-    again = [job.name for job in read_suite(tmp_path / "out").jobs if not job.found]
+    again = [job.name for job in read_results(tmp_path / "out").jobs if not job.found]
     assert {name.split("/")[0] for name in again} == {"unpack"}
     same(values(tmp_path / "out"), values(drawn))
     assert len(list((tmp_path / "out" / "pictures").glob("*.png"))) == 2
@@ -178,7 +180,11 @@ def test_a_sequence_drawn_anew_is_not_comparable(made, tmp_path):
     assert verdicts["drawn"] == verdicts["two"] == {"not comparable"}
     assert "not comparable" not in verdicts["equal"]
     identities = [
-        {one.identity for one in of_suite(read_suite(folder)).series.values() if one.case == "wall"}
+        {
+            one.identity
+            for one in of_suite(read_results(folder)).series.values()
+            if one.case == "wall"
+        }
         for folder in (drawn, tmp_path / "a", tmp_path / "b")
     ]
     assert not identities[0] & identities[1]
@@ -265,7 +271,7 @@ def test_what_is_published_of_it_holds_no_truth_and_no_seed(hidden, tmp_path):
 def test_only_who_has_the_truth_can_score(made, hidden, tmp_path, capsys):
     file, cache, _, _ = made
     assert run(file, cache, tmp_path / "out", "--archive", hidden / "own") == 0
-    result = read_suite(tmp_path / "out")
+    result = read_results(tmp_path / "out")
     assert (result.archive.part, result.seeds, len(result.samples)) == ("hidden", (0, 1), 4)
     secret = (hidden / "secret").read_bytes()
     text = (tmp_path / "out" / "suite.json").read_text()
@@ -307,7 +313,7 @@ def test_a_suite_of_other_methods_can_use_the_same_archive(made, tmp_path):
     more = tmp_path / "more.toml"
     more.write_text(SUITE.replace('"EMVS/cam0"]', '"EMVS/cam0", "Alg1/G"]'))
     assert run(more, cache, tmp_path / "out", "--archive", frozen, "--case", "wall") == 0
-    methods = set(read_suite(tmp_path / "out").rows["method"])
+    methods = set(read_results(tmp_path / "out").rows["method"])
     assert "Alg1/G" in methods
 
 
@@ -317,7 +323,7 @@ def test_a_damaged_file_of_an_archive_fails_one_case(made, tmp_path):
     path = spoilt / "wall-seed0.tar.zst"
     path.write_bytes(path.read_bytes()[:-100])
     assert run(file, tmp_path / "c", tmp_path / "out", "--archive", spoilt, "--seeds", "0") == 1
-    result = read_suite(tmp_path / "out")
+    result = read_results(tmp_path / "out")
     assert [sample.case for sample in result.samples] == ["crooked"]
     assert "damaged archive" in result.failures[0].failure
     line_of(verify, spoilt)

@@ -54,7 +54,7 @@ def make(
     """
     from eventsweep.emvs.utils.cache import Cache
     from eventsweep.eval.suite.definition import load
-    from eventsweep.eval.suite.run import extent
+    from eventsweep.eval.suite.plan import extent
     from eventsweep.plugins.ranking.archive import ArchivePlan, make_archive, read_secret
 
     suite, subset = load(name)

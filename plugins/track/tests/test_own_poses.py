@@ -20,12 +20,12 @@ from eventsweep.eval.found_poses import method_on_own_poses
 from eventsweep.eval.own_poses import map_on_poses
 from eventsweep.eval.progress import Silent
 from eventsweep.eval.report.ranking import findings
-from eventsweep.eval.scoring.results import each, read_results
+from eventsweep.eval.results.results import read_results
+from eventsweep.eval.results.table import each
 from eventsweep.eval.scoring.trajectories.own_poses import own_estimates, pose_rows
 from eventsweep.eval.studies.curves import POSE_METRICS
 from eventsweep.eval.studies.definitions import study_named
 from eventsweep.eval.studies.run import run_study
-from eventsweep.eval.suite.results import read_suite
 from eventsweep.plugins.ranking.entries import of_suite
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Change, Tracked
@@ -198,7 +198,7 @@ def test_a_suite_may_ask_for_poses_of_its_own(tmp_path, monkeypatch, jobs_in_thi
     (tmp_path / "s.toml").write_text(text)
     flags = ["--cache", str(tmp_path / "cache"), "--workers", "1", "--quiet"]
     assert main(["suite", str(tmp_path / "s.toml"), "--out", str(tmp_path / "o"), *flags]) == 0
-    result = read_suite(tmp_path / "o")
+    result = read_results(tmp_path / "o")
     rows, found = result.rows, tracker is perfect
     assert values_of(rows, "track")["time_covered"] == pytest.approx(100 * found, abs=1)
     for method, own in (("Alg1/H", "Alg1/H track"), ("Alg1/H few", "Alg1/H track few")):

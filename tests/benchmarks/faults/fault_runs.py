@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 
 from eventsweep.emvs.utils.cache import default_cache
-from eventsweep.eval.suite.series import SPEED_METRIC
+from eventsweep.eval.results.series import SPEED_METRIC
 from markdown_blocks import into_page
 from planted_faults import FAULTS, ROOT, Fault, broken_copy
 

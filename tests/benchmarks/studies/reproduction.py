@@ -20,8 +20,8 @@ from eventsweep.eval.cli.console import Console
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.suite import output
 from eventsweep.eval.suite.definition import load
-from eventsweep.eval.suite.results import SuiteResult
-from eventsweep.eval.suite.series import Key, Series, of_suite
+from eventsweep.eval.results.results import Results
+from eventsweep.eval.results.series import Key, Series, of_suite
 from markdown_blocks import show
 from published_table import MONO, RATIOS, TABLE, H, Published
 
@@ -62,7 +62,7 @@ def main() -> int:
     return code.value
 
 
-def _run(asked: argparse.Namespace) -> SuiteResult:
+def _run(asked: argparse.Namespace) -> Results:
     suite, subset = load(SUITE)
     seeds = job_flags.seed_numbers(asked.seeds, "--seeds")
     progress = Console(quiet=False, as_json=False).progress
@@ -78,7 +78,7 @@ def _run(asked: argparse.Namespace) -> SuiteResult:
     return result
 
 
-def report(result: SuiteResult) -> str:
+def report(result: Results) -> str:
     """Both tables, in Markdown.
 
     Args:

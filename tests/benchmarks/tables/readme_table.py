@@ -19,7 +19,7 @@ from eventsweep.eval.report.html import plural
 from eventsweep.eval.report.ranking import mean_over_cases, table
 from eventsweep.eval.report.tables import as_markdown, ranking_table
 from eventsweep.eval.suite.definition import load
-from eventsweep.eval.suite.series import means_over_seeds
+from eventsweep.eval.results.series import means_over_seeds
 from markdown_blocks import refresh
 
 REAL = ("Alg1/H", "Focus/H", "Learned/H")

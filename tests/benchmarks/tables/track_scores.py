@@ -33,7 +33,7 @@ from eventsweep.eval.cli.main import main as eventsweep
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.found_poses import found_poses, method_on_own_poses
 from eventsweep.eval.own_poses import map_on_poses
-from eventsweep.eval.scoring.results import POOLED
+from eventsweep.eval.results.table import POOLED
 from eventsweep.eval.scoring.score import score_windows
 from eventsweep.eval.scoring.trajectories.own_poses import own_estimates
 from eventsweep.plugins.track.odometry.pose import Status

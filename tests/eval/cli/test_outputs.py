@@ -16,7 +16,7 @@ from eventsweep.emvs.utils.output_manifest import strangers
 from eventsweep.emvs.utils.outputs import output_file
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.cli.verbs.gate import GateFlags
-from eventsweep.eval.scoring.results import Results, write_results
+from eventsweep.eval.results.results import Results, write_results
 from eventsweep.sim.parallel.checkpoint import CheckpointFolder, checkpoint_path
 from places import ROOT
 from programs import python

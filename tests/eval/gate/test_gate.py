@@ -16,13 +16,13 @@ from eventsweep.eval.gate import report
 from eventsweep.eval.gate.baseline import make_baseline, read_baseline, write_baseline
 from eventsweep.eval.gate.compare import DECIDING, Choice, Judgement, Tolerances, compare, is_red
 from eventsweep.eval.gate.report import write_junit
-from eventsweep.eval.scoring.results import Results, write_results
+from eventsweep.eval.results.results import Results, write_results
 from eventsweep.eval.scoring.trajectories.metrics import KNOWN_METRICS, PRIMARY_OF_TRAJECTORIES
-from eventsweep.eval.suite.series import (
-    SPEED_METHOD,
-    SPEED_METRIC,
+from eventsweep.eval.results.series import (
     Key,
     Measured,
+    SPEED_METHOD,
+    SPEED_METRIC,
     Series,
     read_measured,
 )

@@ -13,7 +13,7 @@ from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import findings, fusion_order, mean_over_cases, order, table
 from eventsweep.eval.report.run_data import _range_s
 from eventsweep.eval.report.run_page import page_text, write_report
-from eventsweep.eval.scoring.results import tidy, together
+from eventsweep.eval.results.table import tidy, together
 from refusals import line_of
 from report_data import METHODS, SHAPE, WellFormed, report_data
 from score_rows import score_row

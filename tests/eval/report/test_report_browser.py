@@ -16,7 +16,7 @@ from eventsweep.eval.report.compare.page import compare, page_text
 from eventsweep.eval.report.compare.results import read_compared
 from eventsweep.eval.report.run_page import page_text as run_page
 from eventsweep.eval.report.study_page import _figure
-from eventsweep.eval.scoring.results import write_results
+from eventsweep.eval.results.results import write_results
 from eventsweep.eval.studies.curves import METRICS, RobustnessCurve, draw
 from eventsweep.eval.studies.definitions import STUDIES
 from report_data import METHODS, SHAPE, report_data

@@ -22,9 +22,9 @@ from eventsweep.eval.report.compare.page import (
 from eventsweep.eval.report.compare.results import read_compared
 from eventsweep.eval.report.html import Section
 from eventsweep.eval.scoring.metrics import PRIMARY
-from eventsweep.eval.scoring.results import Results, write_results
+from eventsweep.eval.results.results import Results, write_results
 from eventsweep.eval.scoring.significance import holm, interval
-from eventsweep.eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, write_suite
+from eventsweep.eval.results.results import JobNote, Sample, SampleFacts, Results, write_suite
 from eventsweep.sim.config import SimConfig
 from refusals import command_refused, line_of
 from report_data import WellFormed, report_data
@@ -76,9 +76,7 @@ def suite_folder(path, values, *, mapper=None, facts=FACTS, windows=None, jobs=(
     rows = [row for _, found in samples for row in found]
     samples = tuple(sample for sample, _ in samples)
     path.mkdir(parents=True)
-    write_suite(
-        path, SuiteResult("s", "all", "d", definition, {}, tuple(seeds), samples, rows, jobs)
-    )
+    write_suite(path, Results("s", "all", "d", definition, {}, tuple(seeds), samples, rows, jobs))
     return path
 
 

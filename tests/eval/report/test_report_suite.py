@@ -7,9 +7,9 @@ import pytest
 
 from eventsweep.emvs.utils.output_manifest import strangers
 from eventsweep.eval.cli.main import main
-from eventsweep.eval.scoring.results import POOLED, tidy, together
+from eventsweep.eval.results.table import POOLED, tidy, together
 from eventsweep.eval.suite import output
-from eventsweep.eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult
+from eventsweep.eval.results.results import JobNote, Sample, SampleFacts, Results
 from refusals import command_refused
 from report_data import WellFormed
 from score_rows import score_row
@@ -36,7 +36,7 @@ def folder(tmp_path, request):
     scored = [sample(case, seed, metric) for case in ERRORS_M for seed in (0, 1)]
     samples, rows = zip(*scored, strict=True)
     failed = JobNote("map/<b>", failure="it <broke>")
-    result = SuiteResult(
+    result = Results(
         "mine-v1", "all", "digest", {"metrics": [metric, "points", "events"]},
         dict.fromkeys(ERRORS_M, "hash"), (0, 1), samples, together(rows), (failed,),
     )  # fmt: skip
@@ -88,7 +88,7 @@ def test_what_is_for_runs_is_refused(folder, capsys):
 def test_one_case_has_no_mean_over_cases(tmp_path):
     samples, rows = zip(*(sample("a", seed) for seed in (0, 1)), strict=True)
     about = ("mine-v1", "all", "d", {"metrics": ["mean_error"]}, {"a": "h"}, (0, 1))
-    output.write(tmp_path, SuiteResult(*about, samples, together(rows)))
+    output.write(tmp_path, Results(*about, samples, together(rows)))
     assert len(tables(reported(tmp_path))) == 2
 
 

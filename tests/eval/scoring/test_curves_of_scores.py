@@ -16,7 +16,8 @@ from eventsweep.eval.scoring.metrics import Pairs, cell_error
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
 from eventsweep.eval.scoring.regions import REGIONS
-from eventsweep.eval.scoring.results import Results, each, read_results, write_results
+from eventsweep.eval.results.results import Results, read_results, write_results
+from eventsweep.eval.results.table import each
 from eventsweep.eval.scoring.score import case_rows, mean_rows
 from score_rows import score_row, texts
 

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eventsweep.eval.scoring.method_scores import ALL_METRICS
-from eventsweep.eval.scoring.results import UNITS, Results, read_results, write_results
+from eventsweep.eval.results.results import Results, read_results, write_results
+from eventsweep.eval.results.table import UNITS
 from places import ROOT
 from programs import python
 from refusals import line_of

@@ -8,7 +8,7 @@ import reproduction
 import study_pages
 from eventsweep.eval.scoring.metrics import METRICS as KNOWN
 from eventsweep.eval.suite.definition import load
-from eventsweep.eval.suite.results import Sample, SampleFacts, SuiteResult, mapper_method
+from eventsweep.eval.results.results import Sample, SampleFacts, Results, mapper_method
 from published_table import MONO, RATIOS, TABLE, H
 from refusals import line_of
 from score_rows import score_row
@@ -76,7 +76,7 @@ def flights(values, case="mvsec-flying", mapper="default"):
         for metric in (*RATIOS, "points")
     ]  # fmt: skip
     suite, _ = load(reproduction.SUITE)
-    return SuiteResult(
+    return Results(
         suite.name, "all", suite.digest, suite.model_dump(mode="json"), {case: "x"},
         tuple(seeds), tuple(Sample(case, seed, FACTS) for seed in seeds), rows,
     )  # fmt: skip

@@ -6,8 +6,8 @@ from eventsweep.eval.gate.compare import Choice, Tolerances, compare
 from eventsweep.eval.scoring import metric_versions as versions_of_metrics
 from eventsweep.eval.scoring.metric_versions import metric_versions
 from eventsweep.eval.scoring.outlier_causes import CAUSES
-from eventsweep.eval.suite.results import Sample, SampleFacts, SuiteResult
-from eventsweep.eval.suite.series import of_suite
+from eventsweep.eval.results.results import Sample, SampleFacts, Results
+from eventsweep.eval.results.series import of_suite
 from score_rows import score_row
 
 CAUSE_METRICS = {"outlier_points", *(f"cause_{cause}" for cause in CAUSES)}
@@ -24,7 +24,7 @@ def test_causes_have_versions_of_their_own_and_others_are_not_comparable(monkeyp
     # The same number under another definition of the causes is no longer the same number.
     row = score_row("wall", "all", "Alg1/H", "cause_occlusion", 40.0, "%", "none", seed=0)
     facts = SampleFacts("s", "t", "scene", "gl", {}, {}, {"cause_occlusion": "one"})
-    old = SuiteResult(
+    old = Results(
         "suite", "all", "d", {"metrics": ["cause_occlusion"]}, {"wall": "c"}, (0,),
         (Sample("wall", 0, facts),), [row],
     )  # fmt: skip

@@ -12,9 +12,9 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.gate.baseline import read_baseline
 from eventsweep.eval.perturbations import PRESETS
 from eventsweep.eval.scoring.metric_versions import metric_versions
-from eventsweep.eval.scoring.results import each
+from eventsweep.eval.results.table import each
 from eventsweep.eval.suite.definition import FOLDER, load, read
-from eventsweep.eval.suite.results import FILE_NAME, read_suite
+from eventsweep.eval.results.results import SUITE_NAME, read_results
 from eventsweep.eval.suite.run import suite_jobs
 from eventsweep.eval.suite.stages import map as stage
 from eventsweep.sim.rigs import rig as named_rig
@@ -232,7 +232,7 @@ def run(tmp_path_factory, jobs_in_this_process):
 
 def test_the_result_says_what_made_it_and_has_every_window_method_and_metric(run):
     file, cache, out = run
-    result, suite = read_suite(out), read(file)
+    result, suite = read_results(out), read(file)
     (sample,) = result.samples
     assert (result.suite, result.digest) == ("tiny", suite.digest)
     assert result.cases == {"wall": suite.digest_of("wall")}
@@ -245,7 +245,7 @@ def test_the_result_says_what_made_it_and_has_every_window_method_and_metric(run
     assert sample.facts.sim["contrast_threshold_pos"] == 0.4
     assert sample.facts.metrics == metric_versions()
     assert all(ratio > 0 for ratio in result.speed["wall"])
-    rows = read_suite(run[2]).rows
+    rows = read_results(run[2]).rows
     places = {(row.window, row.method) for row in each(rows) if row.metric == "mean_error"}
     windows, methods = ("w000", "w001", "all"), ("Alg1/H", "EMVS/cam0", "Alg1/H coarse")
     assert places >= {(window, method) for window in windows for method in methods}
@@ -262,9 +262,9 @@ def test_running_again_does_nothing_again_and_keeps_what_there_is(run, tmp_path,
     file, cache, out = run
     arguments = ["--out", str(tmp_path), "--cache", str(cache), "--no-speed", "--quiet"]
     assert main(["suite", f"{file}:one", *arguments]) == 0
-    again = read_suite(tmp_path)
+    again = read_results(tmp_path)
     assert all(job.found for job in again.jobs)
-    assert again.samples == read_suite(out).samples
+    assert again.samples == read_results(out).samples
     file, cache, out = run
     words = ["suite", f"{file}:one", "--out", out, "--cache", cache]
     assert "add --force" in command_refused(capsys, *words)
@@ -297,7 +297,7 @@ def test_a_job_that_fails_is_told_and_others_go_on(run, tmp_path, capsys):
     words = ["suite", toml(tmp_path, TINY.replace("[subsets", still + "[subsets"))]
     words += ["--out", tmp_path / "out", "--cache", run[1], "--seeds", "0", "--no-speed"]
     assert main([*map(str, words)]) == 1
-    result = read_suite(tmp_path / "out")
+    result = read_results(tmp_path / "out")
     assert [sample.case for sample in result.samples] == ["wall"]
     assert any("none of which can vote" in job.failure for job in result.failures)
     assert any(job.failure.startswith("not started") for job in result.failures)
@@ -306,8 +306,8 @@ def test_a_job_that_fails_is_told_and_others_go_on(run, tmp_path, capsys):
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"schema_version": 1}', '{"schema_version": 7}'])
 def test_a_damaged_result_is_one_line(tmp_path, text):
-    (tmp_path / FILE_NAME).write_text(text)
-    assert "run the suite again" in line_of(read_suite, tmp_path)
+    (tmp_path / SUITE_NAME).write_text(text)
+    assert "run the suite again" in line_of(read_results, tmp_path)
 
 
 def test_the_cache_says_its_size_and_shrinks(tmp_path, capsys):

@@ -6,7 +6,7 @@ import pytest
 
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.jobs.local import ONE_THREAD
-from eventsweep.eval.suite.results import read_suite, shown_name
+from eventsweep.eval.results.results import read_results, shown_name
 from small_suite import WHOLE, case, suite_text
 
 MAPPERS = {
@@ -29,7 +29,7 @@ def test_every_method_is_measured_alone_and_only_when_asked(tmp_path):
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     assert run(tmp_path, "--out", str(tmp_path / "out"), "--cost") == 0
     assert {name: os.environ.get(name) for name in ONE_THREAD} == before
-    result = read_suite(tmp_path / "out")
+    result = read_results(tmp_path / "out")
     assert set(result.cost) == {"EMVS/cam0", "Alg1/H", "SGM/ts more"}
     for one in result.cost.values():
         assert one.case == "wall"
@@ -39,4 +39,4 @@ def test_every_method_is_measured_alone_and_only_when_asked(tmp_path):
     assert len({one.peak_memory_mb for one in result.cost.values()}) > 1
     assert {shown_name(name, MAPPERS) for name in result.cost} == {"EMVS/cam0", "Alg1/H", "SGM/ts"}
     assert run(tmp_path, "--out", str(tmp_path / "plain")) == 0
-    assert read_suite(tmp_path / "plain").cost == {}
+    assert read_results(tmp_path / "plain").cost == {}

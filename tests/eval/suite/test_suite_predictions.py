@@ -9,8 +9,8 @@ import pytest
 from blank_pictures import blank_pictures
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.eval.cli.main import main
-from eventsweep.eval.scoring.results import each
-from eventsweep.eval.suite.results import read_suite
+from eventsweep.eval.results.table import each
+from eventsweep.eval.results.results import read_results
 from eventsweep.eval.suite.stages import predict as predict_stage
 from refusals import command_refused, line_of
 from small_suite import case, suite_text
@@ -36,7 +36,7 @@ def suite(tmp_path_factory, jobs_in_this_process):
     cache = folder / "cache"
     with blank_pictures():
         assert run(folder, cache, folder / "out") == 0
-    return folder / "pair.toml", cache, read_suite(folder / "out")
+    return folder / "pair.toml", cache, read_results(folder / "out")
 
 
 def asked(folder, cache, out, *more):
@@ -105,7 +105,7 @@ def test_a_prediction_is_scored_ranked_and_shown(suite, theirs, tmp_path):
     file, cache, before = suite
     out = tmp_path / "out"
     assert run(file.parent, cache, out, "--prediction", f"mine={theirs}") == 0
-    result = read_suite(out)
+    result = read_results(out)
     assert [one.facts for one in result.samples] == [one.facts for one in before.samples]
     built_in = result.rows[result.rows["method"] != "Given/mine"]
     assert built_in.reset_index(drop=True).equals(before.rows)
@@ -137,7 +137,7 @@ def test_several_predictions_resume_and_only_what_changed_is_scored_again(suite,
     other = shutil.copytree(theirs, tmp_path / "other")
     given = ("--prediction", f"a={theirs}", "--prediction", other)
     assert run(file.parent, cache, tmp_path / "one", *given) == 0
-    found = {job.name: job.found for job in read_suite(tmp_path / "one").jobs}
+    found = {job.name: job.found for job in read_results(tmp_path / "one").jobs}
     assert {name for name, done in found.items() if not done} == {
         f"predict/{case}/seed0/Given/{name}" for case in ("wall", "late") for name in ("a", "other")
     }
@@ -145,9 +145,9 @@ def test_several_predictions_resume_and_only_what_changed_is_scored_again(suite,
     np.savez(theirs / "late" / "seed0" / "30000.npz", depth_m=np.full((180, 240), 2.0))
     given = ("--prediction", f"a={theirs}", "--prediction", f"other={moved}")
     assert run(file.parent, cache, tmp_path / "two", *given) == 0
-    again = {job.name for job in read_suite(tmp_path / "two").jobs if not job.found}
+    again = {job.name for job in read_results(tmp_path / "two").jobs if not job.found}
     assert again == {"predict/late/seed0/Given/a"}
-    one, two = (read_suite(tmp_path / name).predictions for name in ("one", "two"))
+    one, two = (read_results(tmp_path / name).predictions for name in ("one", "two"))
     assert one["Given/other"] == two["Given/other"]
     assert one["Given/a"] != two["Given/a"]
 

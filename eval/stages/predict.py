@@ -4,36 +4,38 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.maps.folder import StoredWindow
 from eventsweep.emvs.utils.inputs import check_file
 from eventsweep.eval.config import EvalConfig
-from eventsweep.eval.jobs.job import RESULT, SEQUENCE
+from eventsweep.eval.jobs.job import RESULT, Runtime
+from eventsweep.eval.results.results import DEFAULT_MAPPER, to_json
+from eventsweep.eval.scoring.case import score_case
 from eventsweep.eval.scoring.pairing import REFERENCE
 from eventsweep.eval.scoring.predictions import Prediction, PredictionFacts, estimates_of
 from eventsweep.eval.scoring.run_folder import target_view
-from eventsweep.eval.scoring.score import score_windows
-from eventsweep.eval.suite.results import Sample, sample_text
-from eventsweep.eval.suite.stages.score import mapped_window, sample_facts
+from eventsweep.eval.stages.score import case_of
+
+STAGE = __name__
 
 
-def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
+def run(
+    parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path, _runtime: Runtime
+) -> None:
     """Scores the depth map of every window and all of them pooled, beside the reference method."""
-    case, config = str(parameters["case"]), EvalConfig.model_validate(parameters["score"])
-    sequence = EventSequence.open(inputs[0] / SEQUENCE)
-    windows = [_reference_only(mapped_window(path)) for path in inputs[1:-1]]
+    case, config = case_of(parameters, inputs[:-1]), EvalConfig.model_validate(parameters["score"])
+    (windows,) = case.windows.values()
+    only = {DEFAULT_MAPPER: [_reference_only(window) for window in windows]}
     prediction = opened(parameters, inputs[-1])
-    views = [target_view(sequence, window, config) for window in windows]
+    views = [target_view(case.recording, window, config) for window in windows]
     estimates = (estimates_of([prediction], view) for view in views)
-    scored = score_windows(case, sequence, windows, config, estimates, REFERENCE)
-    rows = scored[scored["method"] == prediction.name]
-    facts = sample_facts(sequence, str(parameters["scene_digest"]))
-    sample = Sample(case, int(parameters["seed"]), facts)
-    (out / RESULT).write_text(sample_text(sample, rows), encoding="utf-8")
+    scored = score_case(replace(case, windows=only), config, estimates)
+    rows = scored.rows[scored.rows["method"] == prediction.name]
+    (out / RESULT).write_text(to_json(replace(scored, rows=rows)), encoding="utf-8")
 
 
 def opened(parameters: Mapping[str, Any], folder: Path) -> Prediction:

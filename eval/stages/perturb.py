@@ -12,13 +12,15 @@ from typing import Any
 from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.data.writer import SequenceWriter
 from eventsweep.emvs.datasets import open_recording
-from eventsweep.eval.jobs.job import SEQUENCE
-from eventsweep.eval.suite.stages.map import as_perturbed
+from eventsweep.eval.jobs.job import SEQUENCE, Runtime
+from eventsweep.eval.stages.map import as_perturbed
 
 _STEP_US = 50_000
 
 
-def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
+def run(
+    parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path, _runtime: Runtime
+) -> None:
     """Writes what `perturb` makes of a sequence, under the number that stands for its seed."""
     recording = as_perturbed(open_recording(inputs[0] / SEQUENCE), parameters)
     write_perturbed(recording, int(parameters["seed"]), out / SEQUENCE)

@@ -1,20 +1,16 @@
-"""The first stage of a study's jobs: a scene to a sequence, with another rig, way or light."""
+"""What a study makes of a scene: another rig, way or light."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep import scenes
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.eval.suite.stages import simulate
 from eventsweep.sim.motion import Motion
-from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
@@ -43,24 +39,19 @@ class Straight:
         return pose
 
 
-code = simulate.code
+def changed(scene: Scene, rig: Rig, change: Mapping[str, float]) -> tuple[Scene, Rig]:
+    """The scene and the rig with a change.
 
-
-def run(parameters: Mapping[str, Any], _inputs: Sequence[Path], out: Path) -> None:
-    """Writes the sequence.
-
-    `change` may hold `baseline_m`, `heading_deg` (the head then goes straight) and `light`, a
-    factor on every lamp.
+    It may hold `baseline_m`, `heading_deg` (the head then goes straight) and `light`, a factor on
+    every lamp.
     """
-    scene, rig = scenes.load(parameters["scene"]), named_rig(parameters["rig"])
-    change = parameters["change"]
     if "baseline_m" in change:
         rig = with_baseline(rig, change["baseline_m"])
     if "heading_deg" in change:
         scene = going_straight(scene, change["heading_deg"])
     if "light" in change:
         scene = lit(scene, change["light"])
-    simulate.simulate_scene(scene, rig, parameters, out)
+    return scene, rig
 
 
 def with_baseline(rig: Rig, baseline_m: float) -> Rig:
