@@ -121,17 +121,16 @@ def _place(job: Job, store: Cache, folder: Path) -> None:
     from eventsweep.eval.jobs.job import SEQUENCE, entry
     from eventsweep.eval.results.results import DEFAULT_MAPPER
     from eventsweep.eval.scoring import run_folder
-    from eventsweep.eval.stages import track
-    from eventsweep.eval.stages.map import MAP
 
     sequence, mapped, *tracked = (entry(need, store).path for need in job.needs)
     places = {
         run_folder.SEQUENCE_FOLDER: sequence / SEQUENCE,
-        run_folder.MAP_FOLDER: mapped / MAP,
+        run_folder.MAP_FOLDER: mapped / run_folder.MAP_FOLDER,
     }
+    own = run_folder.TRACKED_MAP_FOLDER
     for made in tracked:
-        places[run_folder.TRACK_FOLDER] = made / track.TRACK
-        places[run_folder.TRACKED_MAP_FOLDER] = made / track.MAPS / DEFAULT_MAPPER
+        places[run_folder.TRACK_FOLDER] = made / run_folder.TRACK_FOLDER
+        places[own] = made / own / DEFAULT_MAPPER
     for name, source in places.items():
         link_tree(source, folder / name)
 

@@ -31,7 +31,7 @@ TABLES = ("scenes", "eval.cli.verbs")
 # Small modules with one importer that are an idea of their own, and which.
 SMALL = {
     "plugins.diagnose.calibration": "runs a refinement; its page only shows one",
-    "eval.suite.stages.perturb": "a stage of jobs: its version is that of its own code",
+    "eval.stages.perturb": "a stage of jobs: its version is that of its own code",
 }
 
 # What compiled loops may import besides other kernels: how they are started, codes that they write.

@@ -149,14 +149,16 @@ class Cache:
 
         Its hashes are compared once in a process, and again if a file's size or time changed.
         """
-        state = _state(self.path_of(key))
-        if key not in self._whole or self._whole[key][0] != state:
+        path, known = self.path_of(key), self._whole.get(key)
+        same = known is not None and known[0] == _state(path)
+        entry = known[1] if known is not None and same else self._verified(key)
+        if entry is None:
             self._whole.pop(key, None)
-            whole = self._verified(key)
-            if whole is not None:
-                self._whole[key] = _state(self.path_of(key)), whole
-            return whole
-        return self._whole[key][1]
+            return None
+        with suppress(OSError):
+            os.utime(path / _ENTRY)  # for `prune`: when it was last of use
+        self._whole[key] = _state(path), entry
+        return entry
 
     def _verified(self, key: str) -> CacheEntry | None:
         path = self.path_of(key)
@@ -169,8 +171,6 @@ class Cache:
             return None
         if there != files:
             return None
-        with suppress(OSError):
-            os.utime(path / _ENTRY)  # for `prune`: when it was last of use
         return self._entry(key, files, found=True, **took)
 
     def _entry(self, key: str, files: dict[str, Any], **rest: Any) -> CacheEntry:
@@ -187,8 +187,8 @@ class Cache:
 def _state(entry: Path) -> list[Any]:
     """What changes with any file of an entry."""
     with suppress(OSError):
-        data = sorted((entry / _DATA).rglob("*"))
-        return [(path, path.stat().st_size, path.stat().st_mtime_ns) for path in data]
+        files = [entry / _ENTRY, *sorted((entry / _DATA).rglob("*"))]
+        return [(path, path.stat().st_size, path.stat().st_mtime_ns) for path in files]
     return []
 
 

@@ -20,7 +20,8 @@ from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.jobs.code_version import code_version
 from eventsweep.eval.progress import SILENT, Display
 
-SEQUENCE = "sequence"
+SEQUENCE, MAP = "sequence", "map"
+"""Folders that jobs leave."""
 RESULT = "result.json"
 """A file whose text travels back with the job's outcome."""
 

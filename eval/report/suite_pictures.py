@@ -40,7 +40,7 @@ from eventsweep.eval.results.results import (
 )
 from eventsweep.eval.results.table import POOLED, each
 from eventsweep.eval.scoring.predictions import FAMILY, NamedFolder, Prediction, TargetView, plain
-from eventsweep.eval.stages.map import mapped_window
+from eventsweep.eval.scoring.run_folder import mapped_window
 from eventsweep.eval.stages.predict import opened
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.plan import suite_jobs

@@ -120,7 +120,7 @@ class Results:
     Attributes:
         rows: a table with the columns of `COLUMNS`, checked as `tidy` does.
         configuration: of a run: settings of scoring, `score`, and those of each case.
-        samples: per case and seed, where its numbers came from.
+        samples: per case and seed, where its numbers came from; made of the rows if not given.
         versions: per program, its version where the numbers were collected.
         platform: operating system, architecture and processors.
         suite: name of the suite or study; empty for a run.
@@ -165,6 +165,8 @@ class Results:
         if rows["seed"].isna().any():
             rows["seed"] = rows["seed"].fillna(rows["case"].map(seeds).astype("Int64"))
         object.__setattr__(self, "rows", rows)
+        if not self.samples:
+            object.__setattr__(self, "samples", samples_of(rows, {}, {}))
 
     @property
     def seed(self) -> int | None:

@@ -24,6 +24,7 @@ from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.maps.folder import StoredMap, StoredWindow, read_map
+from eventsweep.emvs.maps.store import read_entry
 from eventsweep.emvs.utils import output_manifest
 from eventsweep.emvs.utils.output_manifest import remove_ours
 from eventsweep.emvs.utils.outputs import atomic_dir, real
@@ -58,6 +59,17 @@ class Tracked(NamedTuple):
 
     poses: Trajectory | str
     map: StoredMap
+
+
+def tracked_in(made: Path, mapper: str) -> Tracked:
+    """What a job found: poses, or why there are none, and a mapper's maps on them."""
+    return Tracked(found_poses(made / TRACK_FOLDER), read_map(made / TRACKED_MAP_FOLDER / mapper))
+
+
+def mapped_window(made: Path) -> StoredWindow:
+    """The window that a job mapped."""
+    info = read_entry(made)
+    return StoredWindow(made / info.name, info)
 
 
 def tracked(folder: Path, case: str) -> Tracked | None:

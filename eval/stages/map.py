@@ -12,16 +12,15 @@ from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.depth.precision import PRECISION
 from eventsweep.emvs.dsi.device import code_of_device
-from eventsweep.emvs.maps.folder import RecordingInfo, StoredWindow
+from eventsweep.emvs.maps.folder import RecordingInfo
 from eventsweep.emvs.maps.sliding import map_into, map_windows, one_window, without
-from eventsweep.emvs.maps.store import read_entry, write_entry
+from eventsweep.emvs.maps.store import write_entry
 from eventsweep.emvs.methods import code_of_methods
-from eventsweep.eval.jobs.job import SEQUENCE, Runtime
+from eventsweep.eval.jobs.job import MAP, SEQUENCE, Runtime
 from eventsweep.eval.perturbations import Perturbation, perturbed
 from eventsweep.eval.progress import MapBars
 
 STAGE = __name__
-MAP = "map"
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
@@ -56,9 +55,3 @@ def as_perturbed(recording: Recording, parameters: Mapping[str, Any]) -> Recordi
         return recording
     amount = Perturbation.model_validate(parameters["perturb"])
     return perturbed(recording, amount, parameters["seed"])
-
-
-def mapped_window(made: Path) -> StoredWindow:
-    """The window that a job made."""
-    info = read_entry(made)
-    return StoredWindow(made / info.name, info)

@@ -12,8 +12,7 @@ from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.jobs.job import RESULT, SEQUENCE, Runtime
 from eventsweep.eval.results.results import DEFAULT_MAPPER, to_json
 from eventsweep.eval.scoring.case import CaseMaps, score_case
-from eventsweep.eval.stages.map import MAP, mapped_window
-from eventsweep.eval.stages.track import tracked_in
+from eventsweep.eval.scoring.run_folder import MAP_FOLDER, mapped_window, tracked_in
 
 STAGE = __name__
 
@@ -38,7 +37,7 @@ def case_of(parameters: Mapping[str, Any], inputs: Sequence[Path]) -> CaseMaps:
     tracked = inputs[-1] if parameters.get("track") else None
     if parameters.get("of_run"):
         found = None if tracked is None else tracked_in(tracked, DEFAULT_MAPPER)
-        return CaseMaps.of_map(name, sequence, read_map(inputs[1] / MAP), found, scene)
+        return CaseMaps.of_map(name, sequence, read_map(inputs[1] / MAP_FOLDER), found, scene)
     windows: dict[str, list[StoredWindow]] = {}
     for mapper, made in zip(mappers, inputs[1 : 1 + len(mappers)], strict=True):
         windows.setdefault(mapper, []).append(mapped_window(made))

@@ -16,12 +16,11 @@ from eventsweep.emvs.windows import Window
 from eventsweep.eval.found_poses import found_poses, write_failure
 from eventsweep.eval.jobs.job import SEQUENCE, Runtime
 from eventsweep.eval.own_poses import map_on_poses
-from eventsweep.eval.scoring.run_folder import Tracked
+from eventsweep.eval.scoring.run_folder import MAP_FOLDER, TRACK_FOLDER, TRACKED_MAP_FOLDER
 from eventsweep.eval.stages import map as mapping
 from eventsweep.eval.trackers import tracker
 
 STAGE = __name__
-TRACK, MAPS = "track", "maps"
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
@@ -43,11 +42,11 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path, runtim
     recording = mapping.as_perturbed(open_recording(inputs[0] / SEQUENCE), parameters)
     of_run = bool(parameters.get("of_run"))
     try:
-        tracker(parameters["tracker"]).track(recording, out / TRACK, runtime, of_run)
+        tracker(parameters["tracker"]).track(recording, out / TRACK_FOLDER, runtime, of_run)
     except InputError as error:
-        write_failure(out / TRACK, error)
-    poses = found_poses(out / TRACK)
-    (out / MAPS).mkdir()
+        write_failure(out / TRACK_FOLDER, error)
+    poses = found_poses(out / TRACK_FOLDER)
+    (out / TRACKED_MAP_FOLDER).mkdir()
     with runtime.display.stage(f"map {recording.name} on its own poses", 1) as update:
         for mapper, settings in parameters["maps"].items():
             configs = {
@@ -56,12 +55,12 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path, runtim
             }
             about = RecordingInfo(name=recording.name, path=SEQUENCE)
             if of_run:
-                info = read_map(inputs[1] / mapping.MAP).info
+                info = read_map(inputs[1] / MAP_FOLDER).info
                 windows, about = windows_of(info), info.recording
             else:
                 windows = {n: one_window(recording, c, out)[0] for n, c in configs.items()}
             first = next(iter(configs.values()))
-            place = out / MAPS / mapper
+            place = out / TRACKED_MAP_FOLDER / mapper
             map_on_poses(recording, poses, windows, first, place, about, clouds=of_run)
         update(1, "")
 
@@ -70,8 +69,3 @@ def windows_of(info: MapInfo) -> dict[str, Window]:
     """The windows of a map by name; what was lost before mapping is not said again."""
     lost = (0,) * len(info.windows[0].counts)
     return {w.name: Window(w.t0_us, w.t1_us, w.t_ref_us, lost) for w in info.windows}
-
-
-def tracked_in(made: Path, mapper: str) -> Tracked:
-    """What a job of this stage found: poses, or why there are none, and a mapper's maps on them."""
-    return Tracked(found_poses(made / TRACK), read_map(made / MAPS / mapper))

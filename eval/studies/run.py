@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic import TypeAdapter
+
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.outputs import check_files, files_together
 from eventsweep.eval.found_poses import method_on_own_poses
@@ -39,9 +41,9 @@ class StudyFacts:
     name: str
     axis: str
     unit: str
-    amounts: Sequence[float]
-    cases: Sequence[str]
-    methods: Sequence[str]
+    amounts: tuple[float, ...]
+    cases: tuple[str, ...]
+    methods: tuple[str, ...]
     track: bool = False
     seconds: float = SECONDS
 
@@ -90,9 +92,12 @@ class StudyResult:
         }
 
 
+_FACTS = TypeAdapter(StudyFacts)
+
+
 def facts_of(results: Results) -> StudyFacts:
     """What a study's results say of it."""
-    return StudyFacts(**results.configuration["study"])
+    return _FACTS.validate_python(results.configuration["study"])
 
 
 def run_study(
@@ -107,7 +112,7 @@ def run_study(
     suite = study_suite(study, methods, cases, seeds, seconds, track=track)
     results = run_suite(suite, ALL, workers, progress)
     about = StudyFacts(
-        study.name, study.axis, study.unit, list(study.amounts), list(cases), list(methods),
+        study.name, study.axis, study.unit, tuple(study.amounts), tuple(cases), tuple(methods),
         bool(track), seconds,
     )  # fmt: skip
     results.configuration["study"] = asdict(about)

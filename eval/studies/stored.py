@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
+from pydantic import BaseModel
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
 from eventsweep.eval.results.files import read_json
 from eventsweep.eval.results.results import JobNote, Results, results_from
+from eventsweep.eval.results.table import Value
 from eventsweep.eval.studies.curves import RobustnessCurve
-from eventsweep.eval.studies.run import StudyResult
+from eventsweep.eval.studies.run import StudyFacts, StudyResult
 
 _AGAIN = "run the study again"
 
@@ -42,33 +44,48 @@ def read_study(path: Path) -> StudyResult:
     return read_json(path, _study, (), _AGAIN)
 
 
+class _OldCurve(BaseModel):
+    method: str
+    metric: str
+    unit: str
+    mean: tuple[Value, ...]
+    low: tuple[Value, ...]
+    high: tuple[Value, ...]
+
+
+class _OldStudy(BaseModel):
+    """What earlier versions wrote; what is not needed is not looked at."""
+
+    study: str
+    axis: str
+    unit: str
+    cases: tuple[str, ...]
+    seeds: tuple[int, ...]
+    amounts: tuple[float, ...]
+    breaks_at: dict[str, float | None]
+    curves: tuple[_OldCurve, ...]
+    failures: dict[str, str]
+    versions: dict[str, str]
+
+
 def _study(content: dict[str, Any]) -> StudyResult:
     if "schema_version" in content:
         return StudyResult.of(results_from(content))
-    amounts = content["amounts"]
-    curves = tuple(_curve(curve, amounts) for curve in content["curves"])
-    names = ("axis", "unit", "amounts", "cases")
-    about = {"name": content["study"], **{name: content[name] for name in names}}
-    about |= {"methods": list(content["breaks_at"]), "track": False}
-    failures = tuple(JobNote(name, failure=why) for name, why in content["failures"].items())
-    return StudyResult(
-        Results(
-            pd.DataFrame(), {"study": about}, versions=content["versions"], suite=content["study"],
-            seeds=tuple(content["seeds"]), jobs=failures,
-        ),
-        curves,
+    old = _OldStudy.model_validate(content)
+    about = StudyFacts(old.study, old.axis, old.unit, old.amounts, old.cases, tuple(old.breaks_at))
+    failures = tuple(JobNote(name, failure=why) for name, why in old.failures.items())
+    results = Results(
+        (), {"study": asdict(about)}, versions=old.versions, suite=old.study, seeds=old.seeds,
+        jobs=failures,
     )  # fmt: skip
+    return StudyResult(results, tuple(_curve(curve, old.amounts) for curve in old.curves))
 
 
-def _curve(stored: dict[str, Any], amounts: list[float]) -> RobustnessCurve:
-    mean, low, high = (np.array(stored[name], np.float64) for name in ("mean", "low", "high"))
-    for end in (mean, low, high):
-        if len(end) != len(amounts):
-            raise InputError(
-                f"{stored['method']} {stored['metric']} has {len(end)} values for {len(amounts)} "
-                "amounts"
-            )
-    samples = np.array(stored.get("samples", [0] * len(amounts)))
-    return RobustnessCurve(
-        stored["method"], stored["metric"], stored["unit"], tuple(amounts), mean, low, high, samples
-    )
+def _curve(old: _OldCurve, amounts: tuple[float, ...]) -> RobustnessCurve:
+    ends = [np.array(values) for values in (old.mean, old.low, old.high)]
+    if any(len(end) != len(amounts) for end in ends):
+        raise InputError(
+            f"{old.method} {old.metric} has {len(old.mean)} values for {len(amounts)} amounts"
+        )
+    samples = np.isfinite(ends[0]).astype(np.int64)
+    return RobustnessCurve(old.method, old.metric, old.unit, amounts, *ends, samples)

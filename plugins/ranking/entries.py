@@ -193,7 +193,7 @@ class RankingData(FrozenModel):
         return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
-def of_suite(result: Results, label: str) -> RankingEntry:
+def entry_of(result: Results, label: str) -> RankingEntry:
     """A suite's run in small."""
     mappers = result.definition["mappers"]
     rows = result.rows
@@ -297,7 +297,7 @@ def read_source(asked: str) -> Source:
             f"{path}: not the result of a suite; needs {SUITE_NAME} or {DATA_NAME} in it"
         )
     label = label or folder.resolve().name
-    return Source(folder, (read_results(path, lambda result: of_suite(result, label)),))
+    return Source(folder, (read_results(path, lambda result: entry_of(result, label)),))
 
 
 def read_data(path: Path) -> RankingData:

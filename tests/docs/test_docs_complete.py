@@ -30,7 +30,7 @@ from eventsweep.emvs.utils import plugins
 from eventsweep.eval.config import EvalConfig, TrajectoryConfig
 from eventsweep.eval.results.results import Results, write_results
 from eventsweep.eval.suite.definition import load
-from eventsweep.eval.suite.run import extent, suite_jobs
+from eventsweep.eval.suite.plan import extent, suite_jobs
 from places import HAS_PLUGINS, ROOT, TOOLS, needs_plugins
 from settings_table import TABLES, is_there, main, settings_block
 

@@ -131,7 +131,7 @@ def test_one_that_cannot_be_loaded_is_named(monkeypatch):
 
 
 def test_a_tracker_of_others_is_chosen_by_name(monkeypatch):
-    theirs = SimpleNamespace(STAGE="theirs.stage", track_stage=lambda progress: None)
+    theirs = SimpleNamespace(track=lambda *_: None)
     offer(monkeypatch, trackers, slam=theirs)
     assert trackers.names() == ("true", "slam")
     assert trackers.tracker("slam") is theirs

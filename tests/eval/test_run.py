@@ -19,9 +19,9 @@ from eventsweep.emvs.maps.folder import read_map
 from eventsweep.emvs.utils.output_manifest import strangers
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.numbers import thousands
-from eventsweep.eval.scoring.metrics import METRICS
 from eventsweep.eval.results.results import read_results
 from eventsweep.eval.results.table import each
+from eventsweep.eval.scoring.metrics import METRICS
 from eventsweep.eval.scoring.score import RIG
 from refusals import command_refused
 

@@ -10,7 +10,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.eval.jobs.job import RESULT
 
 
-def run(parameters, inputs, out: Path) -> None:
+def run(parameters, inputs, out: Path, runtime) -> None:
     """Counts that it ran, misbehaves as asked, then joins what its inputs said."""
     log = Path(parameters["log"])
     log.mkdir(parents=True, exist_ok=True)

@@ -7,9 +7,9 @@ import numpy as np
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.eval.figures.plots import DsiSlice
 from eventsweep.eval.report.run_data import CaseData, MethodData, RunData, WindowData
-from eventsweep.eval.scoring.pairing import Truth, pair_methods
 from eventsweep.eval.results.results import Results
 from eventsweep.eval.results.table import together
+from eventsweep.eval.scoring.pairing import Truth, pair_methods
 from eventsweep.eval.scoring.score import case_rows
 
 SHAPE = (24, 32)
@@ -54,7 +54,9 @@ def report_data(*names, windows=1, truth=True):
         views = tuple(window_data(f"w{k:03d}", 10 * position + k, truth) for k in range(windows))
         cases.append(CaseData(name, "a test <scene>", views, windows + 2, (("rig", "two eyes"),)))
         rows += [rows_of(name, views)] if truth else []
-    results = Results(together(rows), {}, 7, dict.fromkeys(names, "ab" * 32))
+    results = Results.from_dataframe(
+        together(rows), seed=7, sequences=dict.fromkeys(names, "ab" * 32)
+    )
     return RunData(tuple(cases), results, "mean_error", "planes = 12\n")
 
 

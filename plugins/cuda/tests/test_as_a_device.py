@@ -9,7 +9,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.cache import key_of
 from eventsweep.eval import pipeline
 from eventsweep.eval.suite.definition import read
-from eventsweep.eval.suite.run import suite_jobs
+from eventsweep.eval.suite.plan import suite_jobs
 from eventsweep.plugins.cuda import device
 from eventsweep.plugins.cuda import fusion_kernels as cuda_kernels
 from refusals import command_refused

@@ -3,12 +3,12 @@
 import shutil
 
 import pytest
-from eventsweep.eval.suite.stages import map as stage
 
 from eventsweep.emvs.depth.precision import PRECISION
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.jobs.code_version import closure
 from eventsweep.eval.jobs.job import Job, code_of
+from eventsweep.eval.stages import map as stage
 from eventsweep.plugins.learned.networks.weights import packaged
 
 FAMILIES = {"Learned": "learned", "DERD": "derd"}
@@ -43,7 +43,7 @@ def test_weights_of_ones_own_change_the_key_when_they_change(family, name, tmp_p
     asked = parameters(f"{family}/H", **{f"{name}_weights": str(tmp_path / "mine.npz")})
     files = stage.code(asked)[1]
     assert files[:2] == (tmp_path / "mine.npz", tmp_path / "mine.json")
-    job = Job("m", "eventsweep.eval.suite.stages.map", asked, ())
+    job = Job("m", "eventsweep.eval.stages.map", asked, ())
     before = code_of(job)
     assert code_of(job) == before
     for file in files[:2]:

@@ -29,11 +29,9 @@ from eventsweep.eval.results.results import (
     MeasuredCost,
     Results,
     Sample,
-    SampleFacts,
-    write_suite,
 )
 from eventsweep.eval.results.table import POOLED, tidy, together
-from eventsweep.eval.suite import definition
+from eventsweep.eval.suite import definition, output
 from eventsweep.plugins.ranking.archives.manifest import ArchiveManifest, PackedFile, PackedSequence
 from eventsweep.plugins.ranking.archives.manifest import parse as parse_archive
 from eventsweep.plugins.ranking.archives.tarball import pack
@@ -82,17 +80,18 @@ def suite(folder):
     samples, rows = [], []
     for name in found.cases:
         for seed in (0, 1):
-            samples.append(Sample(name, seed, SampleFacts("s", "t", "n", "osmesa", {}, {}, {})))
+            samples.append(Sample(name, seed, "s", truth="t", scene="n", renderer="osmesa"))
             scored = [
                 score_row(name, POOLED, method, metric, 0.1 + seed, "m", "lower")
                 for method in ("Alg1/H", "Given/Guess")
                 for metric in ("mean_error", "abs_rel", "points")
             ]
             rows.append(tidy(scored, seed))
-    write_suite(folder, Results(
-        found.name, "all", found.digest, found.model_dump(mode="json"),
-        {name: found.digest_of(name) for name in found.cases}, (0, 1), tuple(samples),
-        together(rows), (JobNote("map/x", failure="it broke"), JobNote("map/y", "k", "c")),
+    output.write(folder, Results(
+        together(rows), samples=tuple(samples), suite=found.name, subset="all",
+        digest=found.digest, definition=found.model_dump(mode="json"),
+        cases={name: found.digest_of(name) for name in found.cases}, seeds=(0, 1),
+        jobs=(JobNote("map/x", failure="it broke"), JobNote("map/y", "k", "c")),
         stated={"Given/Guess": FACTS}, cost={"Alg1/H": MeasuredCost("wall", 0.1, 200.0)},
     ))  # fmt: skip
 

@@ -17,7 +17,7 @@ from eventsweep.eval.perturbations import Perturbation, perturbed
 from eventsweep.eval.report.compare.differences import compare_results
 from eventsweep.eval.report.compare.results import read_compared
 from eventsweep.eval.results.results import read_results
-from eventsweep.eval.results.series import of_suite
+from eventsweep.eval.results.series import measured_of
 from eventsweep.eval.results.table import each
 from eventsweep.eval.suite.definition import read as read_definition
 from eventsweep.plugins.ranking.archive import SequenceArchive, hidden_seed, read_secret
@@ -107,10 +107,8 @@ def test_mapping_an_archive_needs_no_graphics_and_gives_the_same_numbers(made, t
     assert {job.name.split("/")[0] for job in result.jobs} == {"unpack", "map", "score"}
     assert result.archive.version == read(frozen).version
     assert read_results(drawn).archive is None
-    assert [one.facts.scene for one in result.samples] == [
-        one.facts.scene
-        for one in read_results(drawn).samples
-        if (one.case, one.seed) == ("wall", 0)
+    assert [one.scene for one in result.samples] == [
+        one.scene for one in read_results(drawn).samples if (one.case, one.seed) == ("wall", 0)
     ]
 
 
@@ -182,7 +180,7 @@ def test_a_sequence_drawn_anew_is_not_comparable(made, tmp_path):
     identities = [
         {
             one.identity
-            for one in of_suite(read_results(folder)).series.values()
+            for one in measured_of(read_results(folder)).series.values()
             if one.case == "wall"
         }
         for folder in (drawn, tmp_path / "a", tmp_path / "b")

@@ -26,7 +26,7 @@ from eventsweep.eval.scoring.trajectories.own_poses import own_estimates, pose_r
 from eventsweep.eval.studies.curves import POSE_METRICS
 from eventsweep.eval.studies.definitions import study_named
 from eventsweep.eval.studies.run import run_study
-from eventsweep.plugins.ranking.entries import of_suite
+from eventsweep.plugins.ranking.entries import entry_of
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Change, Tracked
 from in_process import in_process
@@ -189,7 +189,7 @@ def test_a_mapper_called_track_would_be_mistaken_for_poses(tmp_path, capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("tracker", [perfect, no_place])
 def test_a_suite_may_ask_for_poses_of_its_own(tmp_path, monkeypatch, jobs_in_this_process, tracker):
-    monkeypatch.setattr("eventsweep.plugins.track.stage.track", tracker)
+    monkeypatch.setattr("eventsweep.plugins.track.tracker.track_poses", tracker)
     mappers = {
         name: {"methods": ["Alg1/H"], "planes": planes}
         for name, planes in (("default", 12), ("few", 6))
@@ -204,8 +204,8 @@ def test_a_suite_may_ask_for_poses_of_its_own(tmp_path, monkeypatch, jobs_in_thi
     for method, own in (("Alg1/H", "Alg1/H track"), ("Alg1/H few", "Alg1/H track few")):
         true, mine = (values_of(rows, name)["points"] for name in (method, own))
         assert mine == (pytest.approx(true, rel=0.05) if found else 0)
-    assert "ate_rmse" in result.samples[0].facts.metrics
-    ranked = of_suite(result, "here")
+    assert "ate_rmse" in result.samples[0].metrics
+    ranked = entry_of(result, "here")
     assert ranked.poses["track"]["time_covered"]["wall"] == pytest.approx([100 * found], abs=1)
     assert ranked.units["time_covered"] == ("%", "higher")
     assert ranked.units["ate_share"] == ("%", "lower")
@@ -223,7 +223,7 @@ def test_a_study_may_ask_for_poses_of_its_own(tmp_path, monkeypatch):
         given.append(recording.rig.T_body_cam[1])
         return perfect(recording)
 
-    monkeypatch.setattr("eventsweep.plugins.track.stage.track", asked)
+    monkeypatch.setattr("eventsweep.plugins.track.tracker.track_poses", asked)
     study = study_named("stereo-yaw")
     study = replace(study, amounts=study.amounts[:2])
     workers = partial(in_process, 1, tmp_path)

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from eventsweep.eval.cli import job_flags
 from eventsweep.eval.cli.console import Console
 from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.results.results import Results
+from eventsweep.eval.results.series import Key, Series, measured_of
 from eventsweep.eval.suite import output
 from eventsweep.eval.suite.definition import load
-from eventsweep.eval.results.results import Results
-from eventsweep.eval.results.series import Key, Series, of_suite
 from markdown_blocks import show
 from published_table import MONO, RATIOS, TABLE, H, Published
 
@@ -84,7 +84,7 @@ def report(result: Results) -> str:
     Args:
         result: of the suite, whichever of its cases were run.
     """
-    found = of_suite(result).series
+    found = measured_of(result).series
     flights = len(result.seeds)
     return "\n".join(
         [

@@ -19,9 +19,10 @@ from PIL import Image
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.cli.exit_codes import exit_code
-from eventsweep.eval.report.study_page import StoredStudy, find_studies, read_study
-from eventsweep.eval.studies.curves import METRICS
+from eventsweep.eval.studies.curves import METRICS, sample_words
 from eventsweep.eval.studies.definitions import STUDIES
+from eventsweep.eval.studies.run import StudyResult
+from eventsweep.eval.studies.stored import find_studies, read_study
 from markdown_blocks import into_page
 
 MARK = "studies"
@@ -55,7 +56,7 @@ def write(folder: Path, page: Path) -> None:
             f"{folder}: not a study; `eventsweep study NAME --out {folder}` writes one"
         )
     studies = [read_study(path) for path in paths]
-    costs = [_cost(path) for path in paths]
+    costs = [_cost(path, study) for path, study in zip(paths, studies, strict=True)]
     images = page.parent / "images"
     images.mkdir(exist_ok=True)
     for path in paths:
@@ -65,53 +66,52 @@ def write(folder: Path, page: Path) -> None:
     into_page(page, MARK, text)
 
 
-def overview(studies: Sequence[StoredStudy], costs: Sequence[float]) -> str:
+def overview(studies: Sequence[StudyResult], costs: Sequence[float]) -> str:
     """Markdown: where each method breaks, and what each study averaged and cost.
 
     Args:
         studies: in the page's order.
         costs: time of processors of each, s; jobs that studies share count in each of them.
     """
-    methods = list(dict.fromkeys(method for one in studies for method in one.breaks_at))
+    methods = list(dict.fromkeys(method for study in studies for method in study.breaking()))
     usual = statistics.mode(map(_samples, studies))
     lines = [
         f"| Study ({usual}) | unit | {' | '.join(methods)} | CPU min |",
         f"|---|---|{'--:|' * len(methods)}--:|",
     ]
-    for one, cost_s in zip(studies, costs, strict=True):
-        cells = " | ".join(_breaking(one, method) for method in methods)
-        name = f"[`{one.study}`](#{one.study})"
-        if _samples(one) != usual:
-            name += f" ({_samples(one)})"
-        lines.append(f"| {name} | {one.unit} | {cells} | {cost_s / 60:.1f} |")
+    for study, cost_s in zip(studies, costs, strict=True):
+        cells = " | ".join(_breaking(study, method) for method in methods)
+        name = f"[`{study.about.name}`](#{study.about.name})"
+        if _samples(study) != usual:
+            name += f" ({_samples(study)})"
+        lines.append(f"| {name} | {study.about.unit} | {cells} | {cost_s / 60:.1f} |")
     lines.append(f"| together |{' |' * (len(methods) + 1)} {sum(costs) / 60:.1f} |")
     return "\n".join(lines) + "\n"
 
 
-def section(study: StoredStudy) -> str:
+def section(study: StudyResult) -> str:
     """Markdown: a study's figure; its numbers are in the CSV beside it."""
     lines = [
-        f"### {study.study}\n",
-        f"![{study.study}: mean error, bad pixels and points of every method]"
-        f"(images/study_{study.study}.png)",
+        f"### {study.about.name}\n",
+        f"![{study.about.name}: mean error, bad pixels and points of every method]"
+        f"(images/study_{study.about.name}.png)",
     ]
     return "\n".join([*lines, *_failed(study)]) + "\n"
 
 
-def _failed(study: StoredStudy) -> Iterable[str]:
+def _failed(study: StudyResult) -> Iterable[str]:
     if study.failures:
         name, reason = next(iter(study.failures.items()))
         yield f"\n{len(study.failures)} jobs failed, the first: {name}: {reason}."
 
 
-def _samples(study: StoredStudy) -> str:
-    seeds = f"{len(study.seeds)} seed{'s' * (len(study.seeds) != 1)}"
-    return f"{', '.join(study.cases)}; {seeds}"
+def _samples(study: StudyResult) -> str:
+    return sample_words(study.about.cases, study.results.seeds).removesuffix(" each")
 
 
-def _breaking(study: StoredStudy, method: str) -> str:
+def _breaking(study: StudyResult, method: str) -> str:
     """The amount, or how many times the first error is the largest one of what was tried."""
-    amount = study.breaks_at.get(method)
+    amount = study.breaking().get(method)
     if amount is not None:
         return f"{amount:.3g}"
     found = (c for c in study.curves if (c.method, c.metric) == (method, METRICS[0]))
@@ -121,9 +121,10 @@ def _breaking(study: StoredStudy, method: str) -> str:
     return f"never (x {max(curve.mean) / curve.mean[0]:.1f})"
 
 
-def _cost(path: Path) -> float:
+def _cost(path: Path, study: StudyResult) -> float:
+    """Of processors, s; earlier versions wrote it beside the curves."""
     facts: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return float(facts.get("cpu_s", 0.0))
+    return float(facts.get("cpu_s", study.cpu_s))
 
 
 def _place(name: str) -> int:

@@ -18,8 +18,8 @@ from eventsweep.eval.gate.baseline import Baseline, read_baseline
 from eventsweep.eval.report.html import plural
 from eventsweep.eval.report.ranking import mean_over_cases, table
 from eventsweep.eval.report.tables import as_markdown, ranking_table
-from eventsweep.eval.suite.definition import load
 from eventsweep.eval.results.series import means_over_seeds
+from eventsweep.eval.suite.definition import load
 from markdown_blocks import refresh
 
 REAL = ("Alg1/H", "Focus/H", "Learned/H")

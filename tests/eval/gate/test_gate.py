@@ -17,15 +17,16 @@ from eventsweep.eval.gate.baseline import make_baseline, read_baseline, write_ba
 from eventsweep.eval.gate.compare import DECIDING, Choice, Judgement, Tolerances, compare, is_red
 from eventsweep.eval.gate.report import write_junit
 from eventsweep.eval.results.results import Results, write_results
-from eventsweep.eval.scoring.trajectories.metrics import KNOWN_METRICS, PRIMARY_OF_TRAJECTORIES
 from eventsweep.eval.results.series import (
-    Key,
-    Measured,
     SPEED_METHOD,
     SPEED_METRIC,
+    Key,
+    Measured,
     Series,
     read_measured,
 )
+from eventsweep.eval.results.table import tidy
+from eventsweep.eval.scoring.trajectories.metrics import KNOWN_METRICS, PRIMARY_OF_TRAJECTORIES
 from places import ROOT
 from refusals import command_refused, line_of
 from score_rows import score_row
@@ -372,7 +373,16 @@ def results(folder, error=0.1, sequence="s", versions=None):
     )
     folder.mkdir()
     metrics = versions or {}
-    write_results(folder, Results(rows, {"score": {}}, 0, {"room": sequence}, metrics=metrics))
+    write_results(
+        folder,
+        Results.from_dataframe(
+            tidy(rows),
+            configuration={"score": {}},
+            seed=0,
+            sequences={"room": sequence},
+            metrics=metrics,
+        ),
+    )
     return str(folder / "results.json")
 
 

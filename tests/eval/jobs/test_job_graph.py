@@ -262,7 +262,7 @@ STAGES = {
 @pytest.mark.parametrize("stage", STAGES)
 def test_each_stage_reaches_its_own_code_and_no_more(stage):
     scene = ["eventsweep.scenes.planes"] if stage == "simulate" else []
-    found = closure([f"eventsweep.eval.suite.stages.{stage}", *scene])
+    found = closure([f"eventsweep.eval.stages.{stage}", *scene])
     own, foreign = STAGES[stage]
     place = {"simulate": "", "map": "emvs.", "score": "eval.scoring."}[stage]
     assert {f"eventsweep.{place}{name}" for name in own} <= found

@@ -21,10 +21,10 @@ from eventsweep.eval.report.compare.page import (
 )
 from eventsweep.eval.report.compare.results import read_compared
 from eventsweep.eval.report.html import Section
+from eventsweep.eval.results.results import JobNote, Results, Sample, write_results
 from eventsweep.eval.scoring.metrics import PRIMARY
-from eventsweep.eval.results.results import Results, write_results
 from eventsweep.eval.scoring.significance import holm, interval
-from eventsweep.eval.results.results import JobNote, Sample, SampleFacts, Results, write_suite
+from eventsweep.eval.suite import output
 from eventsweep.sim.config import SimConfig
 from refusals import command_refused, line_of
 from report_data import WellFormed, report_data
@@ -33,7 +33,7 @@ from score_rows import score_row
 METRICS = {"mean_error": ("m", "lower"), "bad_published": ("%", "lower"),
            "points": ("px", "higher"), "rmse": ("m", "lower"),
            "common_mean_error": ("m", "lower")}  # fmt: skip
-FACTS = SampleFacts("sequence", "truth", "scene", "gl", {}, {}, {})
+FACTS = {"sequence": "sequence", "truth": "truth", "scene": "scene", "renderer": "gl"}
 
 
 def configuration(case="desk", **values):
@@ -54,7 +54,10 @@ def run_folder(path, factor=1.0, case="desk", **changes):
     rows.loc[rows["metric"] == "mean_error", "value"] *= factor
     path.mkdir(parents=True)
     changes.setdefault("configuration", configuration(case))
-    write_results(path, replace(results, rows=rows, **changes))
+    about = {name: changes.pop(name) for name in ("seed", "metrics") if name in changes}
+    samples = tuple(replace(sample, **about) for sample in results.samples)
+    rows = rows.assign(seed=samples[0].seed)
+    write_results(path, replace(results, rows=rows, samples=samples, **changes))
     return path
 
 
@@ -68,7 +71,7 @@ def suite_folder(path, values, *, mapper=None, facts=FACTS, windows=None, jobs=(
     seeds = {seed for case in values.values() for method in case.values()
              for metric in method.values() for seed in metric}  # fmt: skip
     samples = [
-        (Sample(case, seed, facts), rows)
+        (Sample(case, seed, **facts), rows)
         for case, methods in values.items()
         for seed in sorted(seeds)
         if (rows := list(rows_of(case, seed, methods)))
@@ -76,7 +79,10 @@ def suite_folder(path, values, *, mapper=None, facts=FACTS, windows=None, jobs=(
     rows = [row for _, found in samples for row in found]
     samples = tuple(sample for sample, _ in samples)
     path.mkdir(parents=True)
-    write_suite(path, Results("s", "all", "d", definition, {}, tuple(seeds), samples, rows, jobs))
+    output.write(path, Results(
+        rows, samples=samples, suite="s", subset="all", digest="d", definition=definition,
+        seeds=tuple(seeds), jobs=jobs,
+    ))  # fmt: skip
     return path
 
 
@@ -320,7 +326,7 @@ def test_windows_of_another_time_are_no_pair(tmp_path):
 ])  # fmt: skip
 def test_other_data_are_told(tmp_path, changes, told):
     both = mean_errors(spread(3), spread(3))
-    comparison = compared_suites(tmp_path, *both, facts=replace(FACTS, **changes))
+    comparison = compared_suites(tmp_path, *both, facts={**FACTS, **changes})
     sentences = comparison.pairs[0].data
     assert len(sentences) == bool(told)
     assert all(words in sentences[0] for words in told)

@@ -7,7 +7,8 @@ import pytest
 
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.figures.colormaps import INK
-from eventsweep.eval.report.study_page import as_page, find_studies, read_study, write_study_report
+from eventsweep.eval.report.study_page import as_page, write_study_report
+from eventsweep.eval.studies.stored import find_studies, read_study
 from refusals import command_refused, line_of
 from report_data import WellFormed
 
@@ -19,7 +20,10 @@ def _study(**changes):
         "study": "pose-noise", "axis": "white noise of every pose", "unit": "mm",
         "cases": ["desk"], "seeds": [0, 1], "amounts": [0, 5], "changes": {},
         "breaks_at": {"Alg1/H": 5.0, "EMVS/cam0": None},
-        "curves": [{**curve, "metric": "mean_error", **numbers}],
+        "curves": [
+            {**curve, "metric": "mean_error", **numbers},
+            {**curve, "metric": "mean_error", **numbers, "method": "EMVS/cam0", "mean": [1, 1.5]},
+        ],
         "failures": {"map/desk/5": "it died"}, "versions": {"eventsweep": "0.1.0"}, **changes,
     }  # fmt: skip
 

@@ -7,9 +7,9 @@ import pytest
 
 from eventsweep.emvs.utils.output_manifest import strangers
 from eventsweep.eval.cli.main import main
+from eventsweep.eval.results.results import JobNote, Results, Sample
 from eventsweep.eval.results.table import POOLED, tidy, together
 from eventsweep.eval.suite import output
-from eventsweep.eval.results.results import JobNote, Sample, SampleFacts, Results
 from refusals import command_refused
 from report_data import WellFormed
 from score_rows import score_row
@@ -27,7 +27,7 @@ def sample(case, seed, metric="mean_error"):
         rows.append(score_row(case, POOLED, method, metric, errors[seed], "m", "lower"))
         rows.append(score_row(case, POOLED, method, "points", 12345.0, "px", "higher"))
     rows.append(score_row(case, POOLED, "events", "events", 9.0, "events", "none"))
-    return Sample(case, seed, SampleFacts("s", "t", "n", "osmesa", {}, {}, {})), tidy(rows, seed)
+    return Sample(case, seed, "s", truth="t", scene="n", renderer="osmesa"), tidy(rows, seed)
 
 
 @pytest.fixture(params=["mean_error"])
@@ -37,8 +37,9 @@ def folder(tmp_path, request):
     samples, rows = zip(*scored, strict=True)
     failed = JobNote("map/<b>", failure="it <broke>")
     result = Results(
-        "mine-v1", "all", "digest", {"metrics": [metric, "points", "events"]},
-        dict.fromkeys(ERRORS_M, "hash"), (0, 1), samples, together(rows), (failed,),
+        together(rows), samples=samples, suite="mine-v1", subset="all", digest="digest",
+        definition={"metrics": [metric, "points", "events"]},
+        cases=dict.fromkeys(ERRORS_M, "hash"), seeds=(0, 1), jobs=(failed,),
     )  # fmt: skip
     (tmp_path / "out").mkdir()
     output.write(tmp_path / "out", result)
@@ -87,8 +88,10 @@ def test_what_is_for_runs_is_refused(folder, capsys):
 
 def test_one_case_has_no_mean_over_cases(tmp_path):
     samples, rows = zip(*(sample("a", seed) for seed in (0, 1)), strict=True)
-    about = ("mine-v1", "all", "d", {"metrics": ["mean_error"]}, {"a": "h"}, (0, 1))
-    output.write(tmp_path, Results(*about, samples, together(rows)))
+    output.write(tmp_path, Results(
+        together(rows), samples=samples, suite="mine-v1", subset="all", digest="d",
+        definition={"metrics": ["mean_error"]}, cases={"a": "h"}, seeds=(0, 1),
+    ))  # fmt: skip
     assert len(tables(reported(tmp_path))) == 2
 
 

@@ -10,14 +10,14 @@ from hypothesis.extra import numpy as hnp
 
 from eventsweep.emvs.reference_view import inverse_depth_planes
 from eventsweep.eval.report.ranking import column, findings
+from eventsweep.eval.results.results import Results, read_results, write_results
+from eventsweep.eval.results.table import each
 from eventsweep.eval.scoring.curves import coverage_curve
 from eventsweep.eval.scoring.method_scores import REGION_NAMES, score_method, score_pairs
 from eventsweep.eval.scoring.metrics import Pairs, cell_error
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
 from eventsweep.eval.scoring.regions import REGIONS
-from eventsweep.eval.results.results import Results, read_results, write_results
-from eventsweep.eval.results.table import each
 from eventsweep.eval.scoring.score import case_rows, mean_rows
 from score_rows import score_row, texts
 

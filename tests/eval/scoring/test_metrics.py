@@ -8,11 +8,11 @@ from hypothesis.extra import numpy as hnp
 
 import naive_metrics
 from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.results.table import each
 from eventsweep.eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS, THRESHOLDS_CM
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, score_method, score_pairs
 from eventsweep.eval.scoring.metrics import CELL_METRICS, METRICS, Pairs
 from eventsweep.eval.scoring.pairing import Truth, pair, pair_methods
-from eventsweep.eval.results.table import each
 from eventsweep.eval.scoring.score import case_rows, score_depth
 from refusals import line_of
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eventsweep.eval.scoring.method_scores import ALL_METRICS
-from eventsweep.eval.results.results import Results, read_results, write_results
+from eventsweep.eval.results.results import Results, Sample, read_results, write_results
 from eventsweep.eval.results.table import UNITS
+from eventsweep.eval.scoring.method_scores import ALL_METRICS
 from places import ROOT
 from programs import python
 from refusals import line_of
@@ -24,7 +24,7 @@ ROWS = (
     score_row("desk", "all", "Alg1/H", "points", 12345.0, "px", "higher"),
 )
 CONFIGURATION = {"mapper": {"planes": 100, "fusions": ["H", "A"]}, "eval": {"limit_m": None}}
-RESULTS = Results(ROWS, CONFIGURATION, seed=7, sequences={"desk": "ab" * 32})
+RESULTS = Results(ROWS, CONFIGURATION, (Sample("desk", 7, "ab" * 32),))
 
 
 def test_what_is_written_is_read_back_and_the_same_bytes_each_time(tmp_path):
@@ -58,7 +58,7 @@ def test_undefined_is_null_in_json_and_empty_in_csv(tmp_path):
     # Provenance names every program that shapes the numbers.
     expected = {"eventsweep", "python", "numpy", "numba", "mujoco", "opencv-python-headless"}
     assert expected <= set(content["versions"])
-    assert content["schema_version"] == 2
+    assert content["schema_version"] == 3
     assert content["platform"]
 
 
@@ -110,16 +110,22 @@ def test_a_table_gives_back_the_rows(rows):
     ]  # fmt: skip
 
 
-def test_files_of_version_1_are_read(tmp_path):
-    """Rows had no seed; `direction` and `support` had other names."""
+@pytest.mark.parametrize("version", [1, 2])
+def test_files_of_earlier_versions_are_read(tmp_path, version):
+    """A run had one seed for all; rows of the first had none, and columns had other names."""
     write_results(tmp_path, RESULTS)
     path = tmp_path / "results.json"
-    content = json.loads(path.read_text()) | {"schema_version": 1}
-    for row in content["rows"]:
+    content = json.loads(path.read_text()) | {"schema_version": version}
+    (sample,) = content.pop("samples")
+    content |= {"seed": 7, "sequences": {"desk": sample["sequence"]}, "metrics": {"rmse": "x"}}
+    for row in content["rows"] if version == 1 else ():
         del row["seed"]
         row["better"], row["points"] = row.pop("direction"), row.pop("support")
     path.write_text(json.dumps(content))
-    assert read_results(tmp_path).rows.equals(RESULTS.rows)
+    old = read_results(tmp_path)
+    assert old.rows.equals(RESULTS.rows)
+    assert (old.seed, old.sequences) == (7, RESULTS.sequences)
+    assert (old.metrics, old.configuration) == ({"rmse": "x"}, CONFIGURATION)
 
 
 def test_a_table_keeps_the_order_and_takes_provenance():
@@ -179,5 +185,5 @@ def test_every_unit_that_is_written_is_known():
 
 
 def test_pandas_is_imported_only_where_there_is_a_table():
-    code = "import sys, eventsweep.eval.scoring.results; sys.exit('pandas' in sys.modules)"
+    code = "import sys, eventsweep.eval.results.results; sys.exit('pandas' in sys.modules)"
     assert python("-c", code).returncode == 0

@@ -13,9 +13,9 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.windows import Window
 from eventsweep.eval.config import EvalConfig, Settings
 from eventsweep.eval.pipeline import map_recording, score_folder
+from eventsweep.eval.results.table import each
 from eventsweep.eval.scoring.method_scores import score_method
 from eventsweep.eval.scoring.pairing import Estimate
-from eventsweep.eval.results.table import each
 from eventsweep.eval.scoring.run_folder import find_maps, sequence_of, truth_of
 from eventsweep.eval.scoring.score import rig_rows, window_pairs
 from eventsweep.sim.config import SimConfig

@@ -1,12 +1,12 @@
 """Studies: curves by hand, changed rigs and ways by geometry, and one study end to end."""
 
-import json
 import math
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import mujoco
 import numpy as np
+import pandas as pd
 import pytest
 
 from eventsweep import scenes
@@ -14,23 +14,42 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.utils.output_manifest import NAME, strangers
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.perturbations import Perturbation
-from eventsweep.eval.studies.curves import METRICS, StudyValue, curves, draw
+from eventsweep.eval.results.results import Results
+from eventsweep.eval.stages.changes import WAY_M, going_straight, lit, with_baseline
+from eventsweep.eval.studies.curves import METRICS, curves, draw
 from eventsweep.eval.studies.definitions import MARGIN_S, SECONDS, STUDIES, study_named
-from eventsweep.eval.studies.run import StudyResult, file_names, study_jobs, window_of, write_study
-from eventsweep.eval.studies.stages.simulate import WAY_M, going_straight, lit, with_baseline
+from eventsweep.eval.studies.run import (
+    StudyFacts,
+    StudyResult,
+    case_at,
+    file_names,
+    study_suite,
+    window_of,
+    write_study,
+)
+from eventsweep.eval.studies.stored import read_study
+from eventsweep.eval.suite.plan import suite_jobs
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.rigs import rig as named_rig
 from killed import killed_at_every_step
 from refusals import command_refused, line_of
+from score_rows import score_row
 
 
 def values_of(table, metric="mean_error"):
     """Values from {(case, seed): [one per amount]} for the amounts 0, 1, 2, ..."""
-    return [
-        StudyValue(case, seed, float(amount), "Alg1/H", metric, value, "m")
+    columns = ("case", "seed", "amount", "method", "metric", "value", "unit")
+    rows = [
+        (case, seed, float(amount), "Alg1/H", metric, value, "m")
         for (case, seed), row in table.items()
         for amount, value in enumerate(row)
     ]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def jobs_of(name, seeds=(0,), seconds=SECONDS):
+    suite = study_suite(STUDIES[name], ["Alg1/H"], ["planes"], seeds, seconds)
+    return suite_jobs(suite, tuple(suite.cases), seeds)
 
 
 def curve_of(table, cases):
@@ -81,7 +100,7 @@ def test_every_study_perturbs_nothing_at_first_and_something_then(name):
     assert len({str(change) for change in changes}) == len(changes)
     for change in changes:
         Perturbation(**change.perturb)
-        MapperConfig(**window_of(change, SECONDS))
+        MapperConfig(**window_of(change, SECONDS)[1])
         SimConfig(**change.sim)
     first = changes[0]
     if first.perturb and name != "pose-rate":
@@ -94,7 +113,7 @@ def test_every_study_perturbs_nothing_at_first_and_something_then(name):
     ("name", "seconds"), [("window-length", 0.5), ("planes", 0.5), ("planes", 0.2)]
 )
 def test_windows_of_all_lengths_lie_about_the_stored_truth(name, seconds):
-    for job in study_jobs(STUDIES[name], ["Alg1/H"], ["planes"], [0], seconds).values():
+    for job in jobs_of(name, seconds=seconds):
         window = job.needs[1].parameters["map"]
         middle_s = window["start_s"] + window["duration_s"] / 2
         assert [pytest.approx(middle_s)] == job.needs[0].parameters["sim"]["truth_times_s"]
@@ -102,11 +121,10 @@ def test_windows_of_all_lengths_lie_about_the_stored_truth(name, seconds):
 
 
 def test_amounts_share_the_sequences_that_they_do_not_change():
-    jobs = study_jobs(STUDIES["pose-noise"], ["Alg1/H"], ["planes"], [0, 1])
-    needs = {job.needs[0].name for job in jobs.values()}
-    assert needs == {"simulate/planes/seed0", "simulate/planes/seed1"}
-    changed = study_jobs(STUDIES["baseline"], ["Alg1/H"], ["planes"], [0])
-    assert len({job.needs[0].name for job in changed.values()}) == len(changed)
+    needs = {job.needs[0].name for job in jobs_of("pose-noise", (0, 1))}
+    assert needs == {"simulate/planes.0/seed0", "simulate/planes.0/seed1"}
+    changed = jobs_of("baseline")
+    assert len({job.needs[0].name for job in changed}) == len(changed)
 
 
 @pytest.mark.parametrize("baseline_m", [0.02, 0.4])
@@ -161,23 +179,23 @@ def test_delaying_one_camera_breaks_stereo_and_leaves_the_other_camera_alone(tmp
     places = ["--out", str(tmp_path / "s"), "--cache", str(tmp_path / "cache")]
     methods = ["--method", "Alg1/H", "--method", "EMVS/cam0"]
     assert main([*command, *places, *methods]) == 0
-    facts = json.loads((tmp_path / "s" / "camera-delay.json").read_text())
-    assert facts["breaks_at"]["EMVS/cam0"] is None
-    assert facts["breaks_at"]["Alg1/H"] < 40
-    assert not facts["failures"]
+    result = read_study(tmp_path / "s" / "camera-delay.json")
+    assert result.breaking()["EMVS/cam0"] is None
+    assert result.breaking()["Alg1/H"] < 40
+    assert not result.failures
     assert (tmp_path / "s" / "camera-delay.png").stat().st_size > 10_000
 
 
 # --- what is left of a kill
 def study_result(mean):
     study = study_named("pose-noise")
-    values = [
-        StudyValue("desk", 0, amount, "Alg1/H", metric, mean, "m")
+    rows = [
+        score_row(case_at("desk", amount), "all", "Alg1/H", metric, mean, "m", "lower", seed=0)
         for amount in study.amounts
         for metric in METRICS
     ]
-    found = tuple(curves(values, study.amounts, ["Alg1/H"], ["desk"]))
-    return StudyResult(study, found, tuple(values), {}, ("desk",), (0,))
+    about = StudyFacts(study.name, study.axis, study.unit, study.amounts, ["desk"], ["Alg1/H"])
+    return StudyResult.of(Results(rows, {"study": asdict(about)}, seeds=(0,)))
 
 
 @pytest.mark.slow
@@ -188,7 +206,7 @@ def test_a_killed_study_is_whole_or_not_there_and_never_in_the_way(tmp_path, mon
         lambda study, curves, path, words: path.write_text(str(curves)),
     )
     old, new = study_result(1.0), study_result(2.0)
-    names = file_names(old.study)
+    names = file_names(study_named("pose-noise"))
     whole = []
     for one in (old, new):
         write_study(tmp_path, one)

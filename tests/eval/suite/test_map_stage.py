@@ -6,7 +6,7 @@ from eventsweep.emvs import baselines
 from eventsweep.emvs.baselines import BY_NAME
 from eventsweep.emvs.depth.precision import PRECISION
 from eventsweep.eval.jobs.code_version import closure
-from eventsweep.eval.suite.stages import map as stage
+from eventsweep.eval.stages import map as stage
 
 
 def parameters(*methods, **values):

@@ -11,12 +11,12 @@ from eventsweep.emvs.utils.cache import Cache, default_cache, key_of
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.gate.baseline import read_baseline
 from eventsweep.eval.perturbations import PRESETS
-from eventsweep.eval.scoring.metric_versions import metric_versions
-from eventsweep.eval.results.table import each
-from eventsweep.eval.suite.definition import FOLDER, load, read
 from eventsweep.eval.results.results import SUITE_NAME, read_results
-from eventsweep.eval.suite.run import suite_jobs
-from eventsweep.eval.suite.stages import map as stage
+from eventsweep.eval.results.table import each
+from eventsweep.eval.scoring.metric_versions import metric_versions
+from eventsweep.eval.stages import map as stage
+from eventsweep.eval.suite.definition import FOLDER, load, read
+from eventsweep.eval.suite.plan import suite_jobs
 from eventsweep.sim.rigs import rig as named_rig
 from places import HAS_PLUGINS, ROOT
 from point_world import fronto_parallel
@@ -241,9 +241,9 @@ def test_the_result_says_what_made_it_and_has_every_window_method_and_metric(run
     (simulated,) = [job for job in result.jobs if job.name.startswith("simulate")]
     sequence = Sequence.open(Cache(cache).path_of(simulated.key) / "data" / "sequence")
     truth = sequence.manifest.files["cam0/truth.h5"].sha256
-    assert (sample.facts.sequence, sample.facts.truth) == (sequence.manifest.digest(), truth)
-    assert sample.facts.sim["contrast_threshold_pos"] == 0.4
-    assert sample.facts.metrics == metric_versions()
+    assert (sample.sequence, sample.truth) == (sequence.manifest.digest(), truth)
+    assert sample.sim["contrast_threshold_pos"] == 0.4
+    assert sample.metrics == metric_versions()
     assert all(ratio > 0 for ratio in result.speed["wall"])
     rows = read_results(run[2]).rows
     places = {(row.window, row.method) for row in each(rows) if row.metric == "mean_error"}

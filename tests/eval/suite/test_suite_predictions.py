@@ -9,9 +9,9 @@ import pytest
 from blank_pictures import blank_pictures
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.eval.cli.main import main
-from eventsweep.eval.results.table import each
 from eventsweep.eval.results.results import read_results
-from eventsweep.eval.suite.stages import predict as predict_stage
+from eventsweep.eval.results.table import each
+from eventsweep.eval.stages import predict as predict_stage
 from refusals import command_refused, line_of
 from small_suite import case, suite_text
 

@@ -8,8 +8,8 @@ import sys
 import pytest
 
 from eventsweep import scenes
-from eventsweep.eval.studies.stages import simulate as study_stage_simulate
-from eventsweep.eval.suite.stages import simulate as stage_simulate
+from eventsweep.eval.jobs.job import ONE_OF_MANY
+from eventsweep.eval.stages import simulate as stage_simulate
 from eventsweep.sim import graphics
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.graphics import choice
@@ -200,11 +200,12 @@ def test_a_note_reaches_who_simulates(tmp_path, monkeypatch):
     assert heard[0] == "the GPU sleeps"
 
 
-@pytest.mark.parametrize("stage", [stage_simulate, study_stage_simulate])
-def test_a_worker_that_draws_otherwise_refuses_the_job(tmp_path, stage):
+def test_a_worker_that_draws_otherwise_refuses_the_job(tmp_path):
     planned = stage_simulate.sequence_parameters("planes", None, 0, {})
     planned |= {"change": {"light": 0.5}, "graphics": "softpipe, 1.0"}
-    refused("planned for the renderer softpipe", stage.run, planned, [], tmp_path)
+    refused(
+        "planned for the renderer softpipe", stage_simulate.run, planned, [], tmp_path, ONE_OF_MANY
+    )
     assert not list(tmp_path.iterdir())
 
 
