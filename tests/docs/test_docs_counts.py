@@ -9,10 +9,9 @@ from eventsweep.emvs.dsi.fusion import MEANS
 from eventsweep.emvs.formats import FORMATS
 from eventsweep.eval.cli.main import app
 from eventsweep.scenes import summaries
-from page_counts import numbers_in
 from places import PAGES as DOCUMENTATION
-from places import ROOT, TOOLS, needs_plugins, of_absent_plug_ins, page
-from program import COMMANDS, command
+from places import ROOT, TOOLS, needs_plugins, numbers_in, of_absent_plug_ins, page
+from programs import COMMANDS, command
 from study_samples import DEVELOPMENT, FURTHER
 
 DOCS = ROOT / "docs"
