@@ -223,14 +223,14 @@ def _manifest(
 
 
 def unpack_recordings(
-    folder: Path, wanted: Sequence[PackedSequence], out: Path, progress: Display, *, force: bool
+    folder: Path, chosen: Sequence[PackedSequence], out: Path, progress: Display, *, force: bool
 ) -> None:
     """Unpacks sequences as a method may read them: OUT/CASE/seedN, imperfect where a case is."""
     with (
         atomic_dir(out, force=force, inputs=(folder,)) as made,
-        progress.stage("unpack", len(wanted)) as update,
+        progress.stage("unpack", len(chosen)) as update,
     ):
-        for number, packed in enumerate(wanted):
+        for number, packed in enumerate(chosen):
             place = made / packed.place
             if packed.imperfection is None:
                 place.mkdir(parents=True)

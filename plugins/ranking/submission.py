@@ -127,7 +127,9 @@ class Asked(Wanted):
     def views(self) -> dict[str, TargetView]:
         """The views, by the name of their file in a submission."""
         return {
-            f"{one.place}/{view.t_us}.npz": view for one in self.assignments() for view in one.views
+            f"{sample.place}/{view.t_us}.npz": view
+            for sample in self.assignments()
+            for view in sample.views
         }
 
 
@@ -170,18 +172,18 @@ def make_submission(folder: Path, asked: Asked, out: Path, *, force: bool) -> Su
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; needs one with depth maps and {FACTS}")
     facts = read_facts(folder)
-    (found,) = open_predictions([NamedFolder(folder)], asked.suite, asked.assignments())
+    (prediction,) = open_predictions([NamedFolder(folder)], asked.suite, asked.assignments())
     with output_file(out, force=force, inputs=(folder,)) as path:
         stage = path.with_name("staged")  # a kill leaves it where the next call removes it
-        for one in asked.assignments():
-            files = timed_files(folder, found.description, one.place)
-            _export(Prediction(found.name, files, found.description), one, stage)
+        for sample in asked.assignments():
+            files = timed_files(folder, prediction.description, sample.place)
+            _export(Prediction(prediction.name, files, prediction.description), sample, stage)
         manifest = SubmissionManifest(
             suite=asked.suite.name,
             archive=asked.archive,
             cases=asked.cases,
             seeds=asked.seeds,
-            may_be_empty=found.description.may_be_empty,
+            may_be_empty=prediction.description.may_be_empty,
             facts=facts,
             files={n: PackedFile(**hashed(stage / n)._asdict()) for n in sorted(asked.views())},
         )

@@ -12,7 +12,7 @@ from places import ROOT
 
 def python(*arguments, path=(), env=None, **more) -> "subprocess.CompletedProcess[str]":
     """Runs this Python to its end with our packages in its path, those of `path` before them."""
-    search = os.pathsep.join(str(one) for one in (*path, ROOT))
+    search = os.pathsep.join(str(folder) for folder in (*path, ROOT))
     env = os.environ | {"PYTHONPATH": search} | (env or {})
     settings = {"capture_output": True, "text": True, "check": False, "timeout": 300, **more}
     return subprocess.run([sys.executable, *map(str, arguments)], env=env, **settings)
@@ -20,10 +20,10 @@ def python(*arguments, path=(), env=None, **more) -> "subprocess.CompletedProces
 
 def command(name):
     """The program of a command, named by one word or two."""
-    found = app
+    program = app
     for word in name.split():
-        found = found[word]
-    return found
+        program = program[word]
+    return program
 
 
 def _expanded(verb):
@@ -41,16 +41,16 @@ NARROW = {
 }
 
 
-def assert_same_bits(script, told, folder, path=()):
+def assert_same_bits(script, processor, folder, path=()):
     """A script that prints the width of vectors, and results, prints the same results.
 
     Modules that it imports by name lie in `path`.
     """
-    found = [_run(script, environment, folder, path) for environment in ({}, NARROW[told])]
-    if found[0][0] == found[1][0] or "+fma" not in _features():
+    printed = [_run(script, environment, folder, path) for environment in ({}, NARROW[processor])]
+    if printed[0][0] == printed[1][0] or "+fma" not in _features():
         pytest.skip("this processor has no longer vectors")
-    assert found[1][0] == "8"
-    assert found[0][1:] == found[1][1:]
+    assert printed[1][0] == "8"
+    assert printed[0][1:] == printed[1][1:]
 
 
 def _features():

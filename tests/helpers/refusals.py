@@ -28,9 +28,9 @@ def refused(words, call, /, *arguments, **settings) -> str:
         call(*arguments, **settings)
     line = str(caught.value)
     assert len(line.splitlines()) == 1, line
-    for one in words if isinstance(words, (list, tuple)) else [words]:
-        pattern = one if isinstance(one, str) else re.escape(str(one))
-        assert re.search(pattern, line), f"{one} is not in: {line}"
+    for word in words if isinstance(words, (list, tuple)) else [words]:
+        pattern = word if isinstance(word, str) else re.escape(str(word))
+        assert re.search(pattern, line), f"{word} is not in: {line}"
     return line
 
 

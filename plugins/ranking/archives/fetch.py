@@ -142,11 +142,11 @@ class _Redirects(urllib.request.HTTPRedirectHandler):
     def redirect_request(
         self, req: Any, fp: Any, code: Any, msg: Any, headers: Any, newurl: Any
     ) -> Any:
-        wanted = ("https",) if req.type == "https" else ("http", "https")
-        if urlsplit(newurl).scheme not in wanted:
+        followed = ("https",) if req.type == "https" else ("http", "https")
+        if urlsplit(newurl).scheme not in followed:
             raise InputError(
                 f"{req.full_url}: redirects to {printable(newurl)}, but only "
-                f"{' and '.join(wanted)} is followed from there: give the final address"
+                f"{' and '.join(followed)} is followed from there: give the final address"
             )
         return super().redirect_request(req, fp, code, msg, headers, newurl)
 
@@ -204,10 +204,10 @@ def fetch(
     manifest = manifests.parse(text, f"{place}/{FILE_NAME}")
     if version and manifest.version != version:
         raise InputError(f"{place}: is archive {manifest.version}, but {version} was requested")
-    wanted = manifest.chosen(subset, cases, seeds)
+    chosen = manifest.chosen(subset, cases, seeds)
     with claimed(out), made_parent(out / FILE_NAME, make=False), names_full_disk(out):
         _check_same(out, manifest)
-        missing = [packed for packed in wanted if not is_whole(out / packed.file, packed)]
+        missing = [packed for packed in chosen if not is_whole(out / packed.file, packed)]
         for packed in missing:
             if os.path.lexists(out / packed.file):
                 raise InputError(
@@ -224,7 +224,7 @@ def fetch(
                 update(done, f"{bytes_text(done)} of {bytes_text(total)}")
         if not (out / FILE_NAME).exists():
             manifests.write(out, manifest)
-    return manifest, wanted
+    return manifest, chosen
 
 
 def is_whole(path: Path, sequence: PackedSequence) -> bool:
@@ -280,24 +280,24 @@ def _check_room(out: Path, missing: Sequence[PackedSequence]) -> None:
         )
 
 
-def _fetch_file(source: Source, place: str, out: Path, wanted: PackedSequence) -> None:
+def _fetch_file(source: Source, place: str, out: Path, packed: PackedSequence) -> None:
     """Fetches one file; broken connections are tried again, from where they broke."""
-    target = out / wanted.file
+    target = out / packed.file
     with work_folder(target, resume=True) as work:
-        partial = work / wanted.file
+        partial = work / packed.file
         taken_up = partial.exists()
-        _fetch_rest(source, place, partial, wanted)
-        if taken_up and not is_whole(partial, wanted):  # what was left may have been of no use
+        _fetch_rest(source, place, partial, packed)
+        if taken_up and not is_whole(partial, packed):  # what was left may have been of no use
             partial.unlink()
-            _fetch_rest(source, place, partial, wanted)
-        if not is_whole(partial, wanted):
+            _fetch_rest(source, place, partial, packed)
+        if not is_whole(partial, packed):
             partial.unlink(missing_ok=True)
             raise InputError(
-                f"{place}/{wanted.file}: does not match the manifest's SHA-256: ask its publisher"
+                f"{place}/{packed.file}: does not match the manifest's SHA-256: ask its publisher"
             )
         flush(partial)
         checked = partial.stat()
-        with listing(out, {wanted.file: FileFacts(wanted.bytes, wanted.sha256)}):
+        with listing(out, {packed.file: FileFacts(packed.bytes, packed.sha256)}):
             try:
                 link_new(partial, target)
             except FileExistsError as error:
@@ -309,33 +309,33 @@ def _fetch_file(source: Source, place: str, out: Path, wanted: PackedSequence) -
             raise InputError(f"{target}: was changed while it was fetched: move it away")
 
 
-def _fetch_rest(source: Source, place: str, partial: Path, wanted: PackedSequence) -> None:
+def _fetch_rest(source: Source, place: str, partial: Path, packed: PackedSequence) -> None:
     for attempt in range(ATTEMPTS):
         try:
-            _append(source, partial, wanted)
+            _append(source, partial, packed)
         except _FAULTS:
             if attempt + 1 == ATTEMPTS or not _is_address(place):
-                with _as_input_error(f"{place}/{wanted.file}"):
+                with _as_input_error(f"{place}/{packed.file}"):
                     raise
             time.sleep(_WAIT_S * 2**attempt)
         else:
             return
 
 
-def _append(source: Source, partial: Path, wanted: PackedSequence) -> None:
+def _append(source: Source, partial: Path, packed: PackedSequence) -> None:
     # What somebody links to, or from, is not appended to.
     is_only_ours = partial.is_file() and not partial.is_symlink() and partial.stat().st_nlink == 1
     start = partial.stat().st_size if is_only_ours else 0
-    if start == 0 or start > wanted.bytes:
+    if start == 0 or start > packed.bytes:
         partial.unlink(missing_ok=True)
         start = 0
-    if start == wanted.bytes:
+    if start == packed.bytes:
         return
-    content, begins = source(wanted.file, start, wanted.bytes)
+    content, begins = source(packed.file, start, packed.bytes)
     with content, partial.open("ab" if start else "xb") as file:
         if begins != start:  # a server that always sends all of it
             file.truncate(0)
-        left = wanted.bytes - (start if begins == start else 0)
+        left = packed.bytes - (start if begins == start else 0)
         # One byte more shows a file that is too long without reading all of it.
         while left >= 0 and (block := content.read1(min(_STEP, left + 1))):
             file.write(block)

@@ -96,11 +96,11 @@ def fetch(
     from eventsweep.plugins.ranking.archives.fetch import fetch as fetched
 
     console = common.console()
-    manifest, wanted = fetched(
+    manifest, chosen = fetched(
         source, out, console.progress, subset=part, cases=case,
         seeds=seed_numbers(seeds, "--seeds"), version=version,
     )  # fmt: skip
-    _show(console, manifest, wanted)
+    _show(console, manifest, chosen)
     console.wrote(out)
 
 
@@ -133,8 +133,8 @@ def unpack(
     from eventsweep.plugins.ranking.archives.manifest import read
 
     console = common.console()
-    wanted = read(folder).chosen(part, case, seed_numbers(seeds, "--seeds"))
-    unpack_recordings(folder, wanted, out, console.progress, force=force)
+    chosen = read(folder).chosen(part, case, seed_numbers(seeds, "--seeds"))
+    unpack_recordings(folder, chosen, out, console.progress, force=force)
     console.wrote(out)
 
 

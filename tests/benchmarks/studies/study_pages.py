@@ -61,7 +61,7 @@ def write(folder: Path, page: Path) -> None:
     for path in paths:
         with atomic_path(images / f"study_{path.stem}.png") as partial:
             shrink(path.with_suffix(".png"), partial)
-    text = overview(studies, costs) + "".join(f"\n{section(one)}" for one in studies)
+    text = overview(studies, costs) + "".join(f"\n{section(study)}" for study in studies)
     into_page(page, MARK, text)
 
 
@@ -72,18 +72,18 @@ def overview(studies: Sequence[StoredStudy], costs: Sequence[float]) -> str:
         studies: in the page's order.
         costs: time of processors of each, s; jobs that studies share count in each of them.
     """
-    methods = list(dict.fromkeys(method for one in studies for method in one.breaks_at))
+    methods = list(dict.fromkeys(method for study in studies for method in study.breaks_at))
     usual = statistics.mode(map(_samples, studies))
     lines = [
         f"| Study ({usual}) | unit | {' | '.join(methods)} | CPU min |",
         f"|---|---|{'--:|' * len(methods)}--:|",
     ]
-    for one, cost_s in zip(studies, costs, strict=True):
-        cells = " | ".join(_breaking(one, method) for method in methods)
-        name = f"[`{one.study}`](#{one.study})"
-        if _samples(one) != usual:
-            name += f" ({_samples(one)})"
-        lines.append(f"| {name} | {one.unit} | {cells} | {cost_s / 60:.1f} |")
+    for study, cost_s in zip(studies, costs, strict=True):
+        cells = " | ".join(_breaking(study, method) for method in methods)
+        name = f"[`{study.study}`](#{study.study})"
+        if _samples(study) != usual:
+            name += f" ({_samples(study)})"
+        lines.append(f"| {name} | {study.unit} | {cells} | {cost_s / 60:.1f} |")
     lines.append(f"| together |{' |' * (len(methods) + 1)} {sum(costs) / 60:.1f} |")
     return "\n".join(lines) + "\n"
 
@@ -114,8 +114,8 @@ def _breaking(study: StoredStudy, method: str) -> str:
     amount = study.breaks_at.get(method)
     if amount is not None:
         return f"{amount:.3g}"
-    found = (c for c in study.curves if (c.method, c.metric) == (method, METRICS[0]))
-    curve = next(found, None)
+    curves = (c for c in study.curves if (c.method, c.metric) == (method, METRICS[0]))
+    curve = next(curves, None)
     if curve is None or math.isnan(curve.mean[0]):
         return "–"
     return f"never (x {max(curve.mean) / curve.mean[0]:.1f})"

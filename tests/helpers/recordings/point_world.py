@@ -151,7 +151,7 @@ def _entered(p_world, trajectory, camera, T_body_cam):
     p_cam = np.einsum("tij,pj->tpi", T_cam_world[:, :3, :3], p_world) + T_cam_world[:, None, :3, 3]
     uv = np.where(p_cam[..., 2:] > 0.1, p_cam[..., :2] / np.maximum(p_cam[..., 2:], 0.1), 1e6)
     uv = uv * [camera.fx_px, camera.fy_px] + [camera.cx_px, camera.cy_px]
-    found = []
+    parts = []
     for axis in (0, 1):
         before, after = uv[:-1, :, axis], uv[1:, :, axis]
         k, point = np.nonzero(np.floor(before) != np.floor(after))
@@ -159,8 +159,8 @@ def _entered(p_world, trajectory, camera, T_body_cam):
         share = (edge - before[k, point]) / (after[k, point] - before[k, point])
         place = (1 - share)[:, None] * uv[k, point] + share[:, None] * uv[k + 1, point]
         place[:, axis] = edge
-        found.append(np.c_[place, t_us[k] + 1000 * share])
-    u, v, t = np.concatenate(found).T
+        parts.append(np.c_[place, t_us[k] + 1000 * share])
+    u, v, t = np.concatenate(parts).T
     inside = (u > -0.5) & (v > -0.5) & (u < camera.width_px - 0.5) & (v < camera.height_px - 0.5)
     u, v, t = u[inside], v[inside], np.rint(t[inside]).astype(np.int64)
     order = np.argsort(t, kind="stable")

@@ -99,7 +99,7 @@ def found_in_volumes(
     own, *cameras = (_sharpest(volume, config) for volume in (fused, *votes))
     judged = judge(
         vote_peak.value, vote_peak.position(), own.position(gaussian=True),
-        [one.position(gaussian=True) for one in cameras], disparity_px, config,
+        [camera.position(gaussian=True) for camera in cameras], disparity_px, config,
         between_the_ends(own),
     )  # fmt: skip
     return on_surface(judged, disparity_px, config)
