@@ -23,8 +23,8 @@ from eventsweep.plugins.track.odometry.recorded import track
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
     """The packages of others that its methods come from, and the weights and tables it reads."""
-    settings = [one for windows in parameters["maps"].values() for one in windows.values()]
-    files = [file for one in settings for file in mapping.code({"map": one})[1]]
+    settings = [values for windows in parameters["maps"].values() for values in windows.values()]
+    files = [file for values in settings for file in mapping.code({"map": values})[1]]
     return (), tuple(dict.fromkeys(files))
 
 
@@ -35,8 +35,8 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
     """
     recording = mapping.as_perturbed(open_recording(inputs[0] / SEQUENCE), parameters)
     try:
-        found = track(recording, TrackConfig(**parameters["track"], threads=1))
-        write_tum(out / FOUND_FILE, found.trajectory)
+        tracked = track(recording, TrackConfig(**parameters["track"], threads=1))
+        write_tum(out / FOUND_FILE, tracked.trajectory)
     except InputError as error:
         write_failure(out, error)
     for mapper, windows in parameters["maps"].items():
@@ -48,7 +48,7 @@ def _map(recording: Recording, windows: Mapping[str, Any], out: Path, mapper: st
         name: MapperConfig.model_validate({**settings, "threads": 1})
         for name, settings in windows.items()
     }
-    planned = {name: one_window(recording, one, out)[0] for name, one in configs.items()}
+    planned = {name: one_window(recording, config, out)[0] for name, config in configs.items()}
     about = RecordingInfo(name=recording.name, path=SEQUENCE)
     first = next(iter(configs.values()))
     map_on_poses(recording, found_poses(out), planned, first, out / mapper, about, clouds=False)
