@@ -2,8 +2,6 @@
 
 import json
 import signal
-import subprocess
-import sys
 from pathlib import Path
 from unittest import mock
 
@@ -16,6 +14,8 @@ from eventsweep.eval.cli.main import main
 from eventsweep.plugins.track import (
     folder as odometry,
 )  # before what it opens recordings by is patched
+from places import HELPER_FOLDERS
+from programs import python
 from refusals import command_refused
 
 
@@ -77,12 +77,11 @@ def test_an_interrupt_leaves_nothing_and_the_same_command_starts_again(
 
 KILLED = """
 import os, signal, sys
-sys.path.insert(0, sys.argv[1])
 import line_world
 from eventsweep.emvs import datasets
 from eventsweep.plugins.track import folder as odometry
 from eventsweep.eval.cli.main import main
-recording, out, kill_us = line_world.swaying(600_000), sys.argv[2], int(sys.argv[3])
+recording, out, kill_us = line_world.swaying(600_000), sys.argv[1], int(sys.argv[2])
 class Deadly(line_world.Wrapped):
     def events(self, camera, t0_us, t1_us):
         print(t0_us, flush=True)
@@ -97,15 +96,15 @@ main(["track", "recording", "--out", out, "--planes", "40", "--map-s", "0.2", "-
 
 @pytest.mark.slow
 def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(tmp_path):
-    helpers = Path(line_world.__file__).parent
+    folders = [Path(line_world.__file__).parent, *HELPER_FOLDERS]
 
     def run(out, kill_us):
-        command = [sys.executable, "-c", KILLED, str(helpers), str(tmp_path / out), str(kill_us)]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        words = ["-c", KILLED, tmp_path / out, kill_us]
+        done = python(*words, path=folders, cwd=tmp_path, timeout=None)
         return done.returncode, int(done.stdout.split()[0])
 
     assert run("whole", 1 << 40) == (0, 7)
-    code, _ = run("out", 500_000)
+    code, _ = run("out", 400_000)  # recordings are read 0.2 s at a time
     assert code == -signal.SIGKILL
     assert not (tmp_path / "out").exists()
     code, began_us = run("out", 1 << 40)
