@@ -56,12 +56,12 @@ from .plugins.diagnose.sensing.fit import fit_sensor as fit_sensor
 from .plugins.diagnose.sensing.realism import Realism as Realism
 from .plugins.diagnose.sensing.realism import compare_realism as compare_realism
 from .plugins.ranking.api import rank_methods as rank_methods
-from .plugins.track.api import track as track
 from .plugins.track.odometry.config import TrackConfig as TrackConfig
 from .plugins.track.odometry.online import OnlineMap as OnlineMap
 from .plugins.track.odometry.online import OnlineMapper as OnlineMapper
 from .plugins.track.odometry.pose import Pose as Pose
 from .plugins.track.odometry.recorded import Tracked as Tracked
+from .plugins.track.odometry.recorded import track as track
 from .plugins.track.odometry.tracker import Tracker as Tracker
 from .plugins.video.api import video_to_events as video_to_events
 from .plugins.video.record import RecordedVideo as RecordedVideo

@@ -103,7 +103,7 @@ def test_compiled_loops_lie_in_files_of_their_own(modules):
 def test_compiled_loops_know_nothing_of_the_product(graph):
     imported = {name: graph[name] - KERNELS_IMPORT for name in graph if is_kernels(name)}
     assert len(imported) > 10
-    assert {one for found in imported.values() for one in found if not is_kernels(one)} == set()
+    assert {name for names in imported.values() for name in names if not is_kernels(name)} == set()
 
 
 def test_no_part_of_scenes_imports_a_scene(modules, graph):

@@ -17,11 +17,11 @@ from typing import Any
 
 from eventsweep import scenes
 from eventsweep.emvs.data import manifest as sequences
-from eventsweep.emvs.data.manifest import FileEntry
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.cache import Cache
 from eventsweep.emvs.utils.inputs import check_file, inside
+from eventsweep.emvs.utils.output_manifest import hashed
 from eventsweep.emvs.utils.outputs import atomic_dir, check_output
 from eventsweep.eval.jobs.job import SEQUENCE, Failed, Job, entry
 from eventsweep.eval.jobs.scheduler import Open, run_jobs
@@ -37,10 +37,10 @@ from eventsweep.plugins.ranking.archives.manifest import (
     LICENCE,
     SUFFIX,
     ArchiveManifest,
+    PackedFile,
     PackedSequence,
-    packed_files,
 )
-from eventsweep.plugins.ranking.archives.tarball import pack, sha256_of, unpack
+from eventsweep.plugins.ranking.archives.tarball import pack, unpack
 
 SECRET_BYTES = 16
 _MOST_SECRET_BYTES = 1 << 16
@@ -61,8 +61,8 @@ class SequenceArchive:
     @property
     def facts(self) -> ArchiveFacts:
         """What results say of it."""
-        found = self.manifest
-        return ArchiveFacts(found.version, found.suite, found.part, found.secret_sha256)
+        own = self.manifest
+        return ArchiveFacts(own.version, own.suite, own.part, own.secret_sha256)
 
     def seeds(self, cases: Sequence[str], asked: Sequence[int]) -> tuple[int, ...]:
         """The seeds of a run where none are said: those asked for that are there; all if hidden."""
@@ -183,9 +183,10 @@ def make_archive(
 def _packed(
     plan: ArchivePlan, case: str, seed: int, sequence: Path, folder: Path
 ) -> PackedSequence:
-    drawn, files = sequences.read(sequence), sequences.entries(sequence)
-    own = sequence / sequences.FILE_NAME
-    files[own.name] = FileEntry(sha256=sha256_of(own), bytes=own.stat().st_size)
+    drawn, entries = sequences.read(sequence), sequences.entries(sequence)
+    own = hashed(sequence / sequences.FILE_NAME)._asdict()
+    files = {name: PackedFile(**entry.model_dump()) for name, entry in entries.items()}
+    files[sequences.FILE_NAME] = PackedFile(**own)
     file = f"{case}-seed{seed}{SUFFIX}"
     sha256, size = pack(folder / file, sequence, files)
     spec = plan.suite.cases[case]
@@ -199,7 +200,7 @@ def _packed(
         scene=scene_digest(spec.scene),
         drawn_from=drawn_from(plan.suite, case),
         imperfection=spec.imperfection if plan.truth else None,
-        files=packed_files(files),
+        files=dict(sorted(files.items())),
     )
 
 
@@ -222,14 +223,14 @@ def _manifest(
 
 
 def unpack_recordings(
-    folder: Path, wanted: Sequence[PackedSequence], out: Path, progress: Display, *, force: bool
+    folder: Path, chosen: Sequence[PackedSequence], out: Path, progress: Display, *, force: bool
 ) -> None:
     """Unpacks sequences as a method may read them: OUT/CASE/seedN, imperfect where a case is."""
     with (
         atomic_dir(out, force=force, inputs=(folder,)) as made,
-        progress.stage("unpack", len(wanted)) as update,
+        progress.stage("unpack", len(chosen)) as update,
     ):
-        for number, packed in enumerate(wanted):
+        for number, packed in enumerate(chosen):
             place = made / packed.place
             if packed.imperfection is None:
                 place.mkdir(parents=True)

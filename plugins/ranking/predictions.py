@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from eventsweep.emvs.utils.cache import Cache
 from eventsweep.eval.scoring.predictions import NamedFolder
 from eventsweep.eval.suite.packages import Wanted
+from eventsweep.plugins.ranking import submission
 from eventsweep.plugins.ranking.archive import SequenceArchive
 from eventsweep.plugins.ranking.entry import is_entry, package_of
-from eventsweep.plugins.ranking.submission import Asked
-from eventsweep.plugins.ranking.submission import opened as opened_submissions
+
+sequences = SequenceArchive
+"""Opens an archive in a folder, for the group `eventsweep.sequences`."""
 
 
 def opened(
     given: Sequence[NamedFolder], wanted: Wanted, cache: Cache
 ) -> tuple[list[NamedFolder], dict[str, Any]]:
-    """Unpacks submissions, for the group `eventsweep.predictions`."""
-    asked = Asked(wanted.suite, wanted.cases, wanted.seeds, wanted.archive)
-    return opened_submissions([_package(one) for one in given], asked, cache)
-
-
-def sequences(folder: Path) -> SequenceArchive:
-    """Opens an archive, for the group `eventsweep.sequences`."""
-    return SequenceArchive(folder)
-
-
-def _package(given: NamedFolder) -> NamedFolder:
-    """Of an entry to a ranking its package; anything else as it is."""
-    return given._replace(path=package_of(given.path)) if is_entry(given.path) else given
+    """Unpacks submissions and those of entries, for the group `eventsweep.predictions`."""
+    folders = [
+        folder._replace(path=package_of(folder.path)) if is_entry(folder.path) else folder
+        for folder in given
+    ]
+    return submission.opened(folders, wanted, cache)

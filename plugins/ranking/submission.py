@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import tomli_w
@@ -24,6 +24,7 @@ from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted, refused, rep
 from eventsweep.emvs.parameters import FrozenModel, first_fault
 from eventsweep.emvs.utils.cache import Cache, key_of
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, inside, parse_toml, read_text
+from eventsweep.emvs.utils.output_manifest import hashed
 from eventsweep.emvs.utils.outputs import output_file
 from eventsweep.eval.scoring.predictions import (
     DESCRIPTION,
@@ -36,12 +37,10 @@ from eventsweep.eval.scoring.predictions import (
     timed_files,
 )
 from eventsweep.eval.suite.definition import ALL, Suite
+from eventsweep.eval.suite.packages import Wanted
 from eventsweep.eval.suite.predictions import Assignment, assignment, open_predictions
 from eventsweep.plugins.ranking.archives.manifest import ArchiveManifest, PackedFile
-from eventsweep.plugins.ranking.archives.tarball import first_member, pack, sha256_of, unpack
-
-if TYPE_CHECKING:
-    pass
+from eventsweep.plugins.ranking.archives.tarball import first_member, pack, unpack
 
 FACTS = "submission.toml"
 MANIFEST = ".manifest.json"
@@ -97,21 +96,9 @@ class SubmissionManifest(FrozenModel):
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What a submission must hold.
+class Asked(Wanted):
+    """What a submission must hold: cases and seeds of a `subset` of the suite."""
 
-    Attributes:
-        suite: the definition.
-        cases: of it.
-        seeds: of every case.
-        archive: version of the archive of those sequences; empty where it does not matter.
-        subset: of the suite.
-    """
-
-    suite: Suite
-    cases: tuple[str, ...]
-    seeds: tuple[int, ...]
-    archive: str = ""
     subset: str = ALL
 
     @property
@@ -140,7 +127,9 @@ class Asked:
     def views(self) -> dict[str, TargetView]:
         """The views, by the name of their file in a submission."""
         return {
-            f"{one.place}/{view.t_us}.npz": view for one in self.assignments() for view in one.views
+            f"{sample.place}/{view.t_us}.npz": view
+            for sample in self.assignments()
+            for view in sample.views
         }
 
 
@@ -161,11 +150,11 @@ def read_facts(folder: Path) -> SubmissionFacts:
 
 
 def _first(error: ValidationError) -> str:
-    one = error.errors()[0]
-    where = ".".join(map(str, one["loc"]))
+    fault = error.errors()[0]
+    where = ".".join(map(str, fault["loc"]))
     costs = (f"cost.{name}" for name in StatedCost.model_fields)
     known = ", ".join((*SubmissionFacts.model_fields, *costs))
-    more = "is missing" if one["type"] == "missing" else one["msg"]
+    more = "is missing" if fault["type"] == "missing" else fault["msg"]
     return f"{where}: {more}; it holds {known}"
 
 
@@ -183,20 +172,20 @@ def make_submission(folder: Path, asked: Asked, out: Path, *, force: bool) -> Su
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; needs one with depth maps and {FACTS}")
     facts = read_facts(folder)
-    (found,) = open_predictions([NamedFolder(folder)], asked.suite, asked.assignments())
+    (prediction,) = open_predictions([NamedFolder(folder)], asked.suite, asked.assignments())
     with output_file(out, force=force, inputs=(folder,)) as path:
         stage = path.with_name("staged")  # a kill leaves it where the next call removes it
-        for one in asked.assignments():
-            files = timed_files(folder, found.description, one.place)
-            _export(Prediction(found.name, files, found.description), one, stage)
+        for sample in asked.assignments():
+            files = timed_files(folder, prediction.description, sample.place)
+            _export(Prediction(prediction.name, files, prediction.description), sample, stage)
         manifest = SubmissionManifest(
             suite=asked.suite.name,
             archive=asked.archive,
             cases=asked.cases,
             seeds=asked.seeds,
-            may_be_empty=found.description.may_be_empty,
+            may_be_empty=prediction.description.may_be_empty,
             facts=facts,
-            files=dict(_hashed(stage, asked.views())),
+            files={n: PackedFile(**hashed(stage / n)._asdict()) for n in sorted(asked.views())},
         )
         (stage / MANIFEST).write_text(manifest.model_dump_json(), encoding="utf-8")
         # Sorted, the manifest comes first: nothing else begins with a dot.
@@ -214,12 +203,6 @@ def _export(prediction: Prediction, asked: Assignment, stage: Path) -> None:
         path = stage / asked.place / f"{view.t_us}.npz"
         path.parent.mkdir(parents=True, exist_ok=True)
         np.savez_compressed(path, **arrays)
-
-
-def _hashed(stage: Path, names: Mapping[str, TargetView]) -> Iterator[tuple[str, PackedFile]]:
-    for name in sorted(names):
-        path = stage / name
-        yield name, PackedFile(sha256=sha256_of(path), bytes=path.stat().st_size)
 
 
 def read_manifest(path: Path) -> SubmissionManifest:
@@ -253,7 +236,7 @@ def check_submission(path: Path, asked: Asked) -> SubmissionFacts:
     return manifest.facts
 
 
-def unpack_submission(path: Path, asked: Asked, out: Path) -> SubmissionManifest:
+def unpack_submission(path: Path, asked: Wanted, out: Path) -> SubmissionManifest:
     """Unpacks a submission into an empty folder, as `open_predictions` takes it."""
     text = first_member(path, MANIFEST, _MANIFEST_BYTES)
     manifest = _parsed(path, text)
@@ -275,7 +258,7 @@ def unpack_submission(path: Path, asked: Asked, out: Path) -> SubmissionManifest
     return manifest
 
 
-def _claimed(path: Path, manifest: SubmissionManifest, asked: Asked) -> Asked:
+def _claimed(path: Path, manifest: SubmissionManifest, asked: Wanted) -> Asked:
     """What a submission says it holds: known cases, and all that is asked for."""
     # Every pair of a case and a seed is looked up: none twice, no seed that no suite asks for.
     twice = repeated(manifest.cases) or repeated(map(str, manifest.seeds))
@@ -291,7 +274,7 @@ def _claimed(path: Path, manifest: SubmissionManifest, asked: Asked) -> Asked:
         ("the case", asked.cases, manifest.cases),
         ("the seed", asked.seeds, manifest.seeds),
     ):
-        lacking = [str(one) for one in wanted if one not in there]
+        lacking = [str(value) for value in wanted if value not in there]
         if lacking:
             raise InputError(
                 f"{path}: {what} {', '.join(lacking)} is missing: create it with all of them"
@@ -331,29 +314,26 @@ def _check_arrays(path: Path, file: Path, name: str, view: TargetView) -> None:
 
 
 def opened(
-    given: Sequence[NamedFolder], asked: Asked, cache: Cache
+    given: Sequence[NamedFolder], wanted: Wanted, cache: Cache
 ) -> tuple[list[NamedFolder], dict[str, dict[str, Any]]]:
     """Folders of predictions, submissions unpacked, and what each says of itself.
 
     Args:
         given: folders, or files of `make_submission`.
-        asked: what they must hold.
+        wanted: what they must hold.
         cache: where submissions are unpacked, once.
 
     Returns:
         The folders; and by the method's name in scores, facts of those that state them.
     """
     folders, stated = [], {}
-    for one in given:
+    for folder in given:
         facts = None
-        if one.path.is_file():
-            folder, facts = _in_cache(one, asked, cache)
-        else:
-            folder = one
-            if (one.path / FACTS).exists():
-                facts = read_facts(one.path)
-                name = one.name or plain(facts.method)
-                folder = NamedFolder(one.path, name)
+        if folder.path.is_file():
+            folder, facts = _in_cache(folder, wanted, cache)
+        elif (folder.path / FACTS).exists():
+            facts = read_facts(folder.path)
+            folder = NamedFolder(folder.path, folder.name or plain(facts.method))
         folders.append(folder)
         if facts is not None:
             stated[method_name(folder, described(folder.path))] = facts.model_dump(mode="json")
@@ -361,16 +341,16 @@ def opened(
 
 
 def _in_cache(
-    given: NamedFolder, asked: Asked, cache: Cache
+    submission: NamedFolder, wanted: Wanted, cache: Cache
 ) -> tuple[NamedFolder, SubmissionFacts]:
     facts = {
-        "submission": sha256_of(given.path),
-        "suite": asked.suite.digest,
-        "asked": [asked.cases, asked.seeds, asked.archive],
+        "submission": hashed(submission.path).sha256,
+        "suite": wanted.suite.digest,
+        "asked": [wanted.cases, wanted.seeds, wanted.archive],
     }
 
     def fill(out: Path) -> None:
-        unpack_submission(given.path, asked, out)
+        unpack_submission(submission.path, wanted, out)
 
     entry = cache.get(key_of(facts), facts, fill)
-    return NamedFolder(entry.path, given.name), read_manifest(given.path).facts
+    return NamedFolder(entry.path, submission.name), read_manifest(submission.path).facts

@@ -32,7 +32,8 @@ def main() -> None:
             words = (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "").splitlines()
             sys.stderr.write(f"  {path.parent.name}/{path.stem:<20} {words[0] if words else ''}\n")
         sys.exit(2)
-    shared = HERE.parent / "helpers", HERE.parent / "reference", *ROOT.glob("plugins/*/tests")
+    beside = [HERE.parent / "helpers", *HERE.parent.glob("helpers/*/"), HERE.parent / "reference"]
+    shared = *beside, *ROOT.glob("plugins/*/tests")
     sys.path[:1] = [str(folder) for folder in (*FOLDERS, *shared)]
     sys.argv[:2] = [str(known[name])]
     runpy.run_path(sys.argv[0], run_name="__main__")

@@ -40,8 +40,8 @@ ABSENT = re.compile(
 
 def blocks(page: Path) -> list[tuple[str, str]]:
     """Language and text; without a plug-in's folder, not what uses the plug-in."""
-    found = BLOCK.findall(page.read_text(encoding="utf-8"))
-    return [one for one in found if not (VERBS and ABSENT.search(one[1]))]
+    parts = BLOCK.findall(page.read_text(encoding="utf-8"))
+    return [part for part in parts if not (VERBS and ABSENT.search(part[1]))]
 
 
 def without_folder(arguments: list[str]) -> list[str]:
@@ -52,7 +52,7 @@ def without_folder(arguments: list[str]) -> list[str]:
 
 def run_by_the_tutorial() -> list[list[str]]:
     tutorial = blocks(ROOT / "docs" / "tutorial.md")
-    return [without_folder(one) for language, text in tutorial for one in commands(text)]
+    return [without_folder(words) for language, text in tutorial for words in commands(text)]
 
 
 def commands(text: str) -> list[list[str]]:
@@ -137,7 +137,7 @@ def test_the_tutorial_has_code_and_links_lead_somewhere():
 def test_commands_of_the_tutorial_read_all_that_its_settings_say(tmp_path, monkeypatch):
     """Every table of a file that a page writes is one that the command with --config reads."""
     monkeypatch.chdir(tmp_path)
-    found = 0
+    compared = 0
     for page in PAGES:
         pieces = blocks(page)
         files = {
@@ -154,8 +154,8 @@ def test_commands_of_the_tutorial_read_all_that_its_settings_say(tmp_path, monke
                     file = arguments[arguments.index("--config") + 1]
                     reads = READS[arguments[0]]
                     assert set(files.get(file, ())) <= reads, (page.name, arguments)
-                    found += file in files
-    assert found
+                    compared += file in files
+    assert compared
 
 
 def test_examples_import_only_public_names():

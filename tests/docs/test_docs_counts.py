@@ -9,10 +9,9 @@ from eventsweep.emvs.dsi.fusion import MEANS
 from eventsweep.emvs.formats import FORMATS
 from eventsweep.eval.cli.main import app
 from eventsweep.scenes import summaries
-from page_counts import numbers_in
 from places import PAGES as DOCUMENTATION
-from places import ROOT, TOOLS, needs_plugins, of_absent_plug_ins, page
-from program import COMMANDS, command
+from places import ROOT, TOOLS, needs_plugins, numbers_in, of_absent_plug_ins, page
+from programs import COMMANDS, command
 from study_samples import DEVELOPMENT, FURTHER
 
 DOCS = ROOT / "docs"
@@ -35,7 +34,7 @@ COUNTS = {
     ),
     "samples": (
         "extraction.md", r"lists: (\w+) scenes.*together\s+with\s+(\w+)\s+\*further\*",
-        lambda: [len({one.case for one in DEVELOPMENT}), len(FURTHER)],
+        lambda: [len({sample.case for sample in DEVELOPMENT}), len(FURTHER)],
     ),
 }  # fmt: skip
 
@@ -45,13 +44,13 @@ MOST_WORDS, MOST_PAGES = 55_000, 37
 
 def words_of(text):
     """Words as a reader counts them: rules and bars of tables are none."""
-    return sum(bool(re.search(r"\w", one)) for one in text.split())
+    return sum(bool(re.search(r"\w", word)) for word in text.split())
 
 
 def prose_of(notebook):
     """The text between the code of a notebook."""
     cells = json.loads(notebook.read_text("utf-8"))["cells"]
-    return "\n".join("".join(one["source"]) for one in cells if one["cell_type"] == "markdown")
+    return "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
 
 
 def test_the_documentation_is_short():
@@ -83,7 +82,9 @@ def test_the_readme_has_every_verb_in_its_table():
 def taken():
     """Command -> the flags that it takes."""
     return {
-        name: {flag for one in command(name).assemble_argument_collection() for flag in one.names}
+        name: {
+            flag for taken in command(name).assemble_argument_collection() for flag in taken.names
+        }
         | {"--help", "--help-all"}
         for name in COMMANDS
     }
@@ -102,14 +103,14 @@ def test_every_flag_in_prose_or_of_a_command_that_is_named_is_taken():
     known = taken()
     files = [*PAGES, ROOT / "Makefile", *(ROOT / ".github").rglob("*.yml")]
     files += [path for name in PRODUCT for path in (ROOT / name).rglob("*.py")]
-    found = [
+    flags_named = [
         (path.name, name, flag)
         for path in files
         for name, flags in calls(path.read_text("utf-8"), known)
         for flag in flags
     ]
-    assert len(found) > 200
-    assert [one for one in found if one[2] not in known[one[1]]] == []
+    assert len(flags_named) > 200
+    assert [named for named in flags_named if named[2] not in known[named[1]]] == []
     # Settings (`--map.`, `--sim.`, `--score.`) must be a command's; `NAME` stands for any.
     tools = "\n".join(path.read_text("utf-8") for path in TOOLS.rglob("*.py"))
     options = set(FLAG.findall(tools + (ROOT / "conftest.py").read_text("utf-8")))

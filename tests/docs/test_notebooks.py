@@ -33,15 +33,15 @@ def nodes(book):
 @needs_plugins
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_uses_public_names_only(path):
-    found = nodes(opened(path))
-    imported = {alias.name for one in found if isinstance(one, ast.Import) for alias in one.names}
-    imported |= {one.module for one in found if isinstance(one, ast.ImportFrom)}
+    code = nodes(opened(path))
+    imported = {alias.name for node in code if isinstance(node, ast.Import) for alias in node.names}
+    imported |= {node.module for node in code if isinstance(node, ast.ImportFrom)}
     assert imported <= MODULES
-    attributes = [one for one in found if isinstance(one, ast.Attribute)]
-    used = {one.attr for one in attributes if ast.unparse(one.value) == "es"}
+    attributes = [node for node in code if isinstance(node, ast.Attribute)]
+    used = {node.attr for node in attributes if ast.unparse(node.value) == "es"}
     assert len(used) > 3
     assert used - set(es.__all__) == set()
-    assert {one.attr for one in attributes if one.attr[:1] == "_"} - {"__init__"} == set()
+    assert {node.attr for node in attributes if node.attr[:1] == "_"} - {"__init__"} == set()
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

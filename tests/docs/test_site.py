@@ -70,11 +70,11 @@ def test_every_page_is_in_the_navigation_once_and_links_lead_to_headings():
     assert len(links) > 50
     dead = [f"{page.name}: {to.name}#{a}" for page, to, a in links if a not in headings[to]]
     assert dead == []
-    found = listed(settings()["nav"])
+    listed_pages = listed(settings()["nav"])
     pages = {path.name for path in DOCUMENTATION}
     pages |= {f"notebooks/{path.stem}.md" for path in (DOCS / "notebooks").glob("*.ipynb")}
     top = {"index.md", "contributing.md", "changelog.md", "security.md", "support.md"}
-    assert sorted(found) == sorted(pages | top)
+    assert sorted(listed_pages) == sorted(pages | top)
 
 
 @needs_plugins
@@ -85,9 +85,9 @@ def test_every_public_name_has_its_row_and_every_error_is_one_of_the_product():
     assert set(es.__all__) <= named
     lines = re.findall(r"^### `(.*)`", (DOCS / "faq.md").read_text("utf-8"), re.M)
     assert len(lines) > 20
-    told = "\n".join(product_strings())
+    said = "\n".join(product_strings())
     pieces = {piece.strip() for line in lines for piece in line.split("…")}
-    assert sorted(piece for piece in pieces if piece not in told) == []
+    assert sorted(piece for piece in pieces if piece not in said) == []
 
 
 def product_strings():
@@ -103,8 +103,10 @@ def test_nothing_says_that_an_index_has_it_while_none_does():
     """Where one has it, `release.ON_INDEX` changes every command; no text has one of its own."""
     wrong = re.compile(r"pip install '?eventsweep(?!\S* @)")
     here = {ROOT / "tests" / "emvs" / "utils" / "test_release.py"}
-    found = [path for path in TEXTS if path not in here and wrong.search(path.read_text("utf-8"))]
-    assert release.ON_INDEX or found == []
+    wrong_in = [
+        path for path in TEXTS if path not in here and wrong.search(path.read_text("utf-8"))
+    ]
+    assert release.ON_INDEX or wrong_in == []
 
 
 def test_the_page_on_installing_and_the_citation_are_of_this_release():
@@ -137,12 +139,12 @@ def test_the_long_description_and_metadata_have_whole_addresses_that_there_are(b
     text = build_hook["with_whole_addresses"](readme, "https://example.org/es")
     targets = re.findall(r"\]\(([^)]+)\)", text)
     assert len(targets) > 20
-    assert [one for one in targets if not one.startswith("https://")] == []
+    assert [target for target in targets if not target.startswith("https://")] == []
     assert "https://example.org/es/raw/main/docs/images/demo.webp" in targets
     metadata: dict[str, object] = {}
     build_hook["ReleaseMetadata"]().update(metadata)
     targets = re.findall(r"\]\(([^)]+)\)", metadata["readme"]["text"])
-    assert [one for one in targets if not one.startswith("https://")] == []
+    assert [target for target in targets if not target.startswith("https://")] == []
     assert metadata["urls"].get("Repository", "") == release.REPOSITORY
     assert metadata["urls"].get("Documentation", "") == release.DOCUMENTATION
     assert all(metadata["urls"].values())

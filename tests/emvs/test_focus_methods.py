@@ -15,9 +15,9 @@ from eventsweep.emvs.dsi.maxima import RunningMaxima
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, overview
 from eventsweep.emvs.reference_view import inverse_depth_at
-from focus_volumes import found_in_volumes, judge
 from point_world import fronto_parallel, with_cameras
 from refusals import refused
+from volumes import found_in_volumes, judge
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25)
 mapped = mapper(CONFIG)

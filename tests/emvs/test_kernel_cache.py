@@ -63,7 +63,7 @@ print([picture.tolist() for picture in passage.pictures([3000, 6000])])
 """
 LINES = """
 import numpy as np
-from eventsweep.plugins.track.odometry.registration.lines import LineFields
+from eventsweep.plugins.track.odometry.registration.views import LineFields
 from eventsweep.plugins.track.odometry.registration.residuals_kernels import map_to_events
 fields = LineFields([(160, 120)], 1)
 fields.begin()
@@ -77,7 +77,7 @@ print(found, H.tolist(), g.tolist())
 EQUATIONS = """
 import numpy as np
 from eventsweep.plugins.track.odometry.registration.events_kernels import compensate
-from eventsweep.plugins.track.odometry.registration.lines import LineFields
+from eventsweep.plugins.track.odometry.registration.views import LineFields
 from eventsweep.plugins.track.odometry.registration.gauss_newton_kernels import equations
 out, eye = np.zeros((1, 3)), np.eye(4)
 twist, lens, size = np.array([1.0, 0, 0, 0, 0, 0]), np.array([9.0, 9, 4, 3]), np.array([9.0, 7])

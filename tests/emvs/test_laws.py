@@ -16,7 +16,7 @@ from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.reference_view import inverse_depth_planes
 from made_events import random_events
 from point_world import fronto_parallel, pinhole, sideways
-from whole_volume import dsi
+from volumes import dsi
 
 CONFIG = MapperConfig(planes=25, min_depth_m=0.5, max_depth_m=4.0)
 CAMERA = pinhole()

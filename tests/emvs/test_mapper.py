@@ -12,11 +12,10 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.reference_view import inverse_depth_planes
 from eventsweep.emvs.utils import runtime
-from fusions import FUSIONS
 from made_events import assert_same_events, part_of
 from point_world import fronto_parallel
 from refusals import refused
-from whole_volume import dsi
+from volumes import FUSIONS, dsi
 
 RANGE = {"min_depth_m": 0.5, "max_depth_m": 4.0}
 CONFIG = MapperConfig(**RANGE, planes=25, threshold_c=20)

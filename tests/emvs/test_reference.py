@@ -19,7 +19,7 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.methods import methods_by_name
 from eventsweep.emvs.reference_view import mcemvs_planes
-from whole_volume import dsi
+from volumes import dsi
 
 CONFIG = MapperConfig(compatibility="mcemvs", planes=64, threshold_c=5)
 # In the outermost pixels single votes are accepted or rejected by rounding.

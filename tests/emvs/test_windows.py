@@ -27,11 +27,10 @@ from eventsweep.emvs.preflight import check_view_fits, need_memory
 from eventsweep.emvs.reference_view import reference_view
 from eventsweep.emvs.utils.output_manifest import facts_of, listing
 from eventsweep.emvs.windows import _every, check_poses, plan_windows
-from folder_bytes import all_bytes
 from made_events import events_at, part_of
-from places import HELPERS
+from places import HELPER_FOLDERS
 from point_world import Recorded, fronto_parallel, sideways, stereo_rig
-from refusals import refused
+from refusals import all_bytes, refused
 
 ABOUT = RecordingInfo(name="points", path="somewhere/points")
 CONFIG = MapperConfig(
@@ -186,7 +185,7 @@ def test_a_killed_run_resumes_to_the_same_bytes(tmp_path):
     out = tmp_path / "map"
     for finished in (1, 3, 6):
         process = subprocess.Popen(
-            [sys.executable, "-c", KILLED, str(out), str(Path(__file__).parent), str(HELPERS)]
+            [sys.executable, "-c", KILLED, str(out), str(Path(__file__).parent), *HELPER_FOLDERS]
         )
         deadline = time.monotonic() + 120
         while len(list(out.glob("w*"))) < finished and time.monotonic() < deadline:

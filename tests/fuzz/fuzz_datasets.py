@@ -12,7 +12,8 @@ import sys
 from pathlib import Path
 
 # Run as a program, too: what it shares with the tests lies beside its folder.
-sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("helpers", "reference")]
+SHARED = "helpers", "helpers/recordings", "reference"
+sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in SHARED]
 
 import numpy as np
 import yaml

@@ -22,7 +22,10 @@ from pathlib import Path
 
 # Run as a program, too: what it shares with the tests lies beside its folder, and in plug-ins.
 ROOT = Path(__file__).parents[2]
-SHARED = "tests/helpers", "tests/reference", "plugins/ranking/tests", "plugins/video/tests"
+SHARED = (
+    "tests/helpers", "tests/helpers/recordings", "tests/reference", "plugins/ranking/tests",
+    "plugins/video/tests",
+)  # fmt: skip
 sys.path[:0] = [str(ROOT / name) for name in SHARED]
 
 import numpy as np

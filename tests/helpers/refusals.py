@@ -28,9 +28,9 @@ def refused(words, call, /, *arguments, **settings) -> str:
         call(*arguments, **settings)
     line = str(caught.value)
     assert len(line.splitlines()) == 1, line
-    for one in words if isinstance(words, (list, tuple)) else [words]:
-        pattern = one if isinstance(one, str) else re.escape(str(one))
-        assert re.search(pattern, line), f"{one} is not in: {line}"
+    for word in words if isinstance(words, (list, tuple)) else [words]:
+        pattern = word if isinstance(word, str) else re.escape(str(word))
+        assert re.search(pattern, line), f"{word} is not in: {line}"
     return line
 
 
@@ -63,3 +63,9 @@ def untouched(folder: Path) -> Iterator[None]:
     before = state()
     yield
     assert state() == before
+
+
+def all_bytes(folder: Path) -> dict[str, bytes]:
+    """The content of every file below a folder, by its path in it."""
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}

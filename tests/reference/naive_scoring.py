@@ -1,6 +1,5 @@
 """Slow twins of masks, taxonomy, bootstrap and paired tests: loops from the definitions."""
 
-import itertools
 import math
 import statistics
 
@@ -89,20 +88,6 @@ def welch_interval(groups, level):
     rest = sum((v / total) ** 2 / (len(g) - 1) for v, g in zip(variances, groups, strict=True))
     half = stats.t.isf((1 - level) / 2, 1 / rest) * math.sqrt(total)
     return mean - half, mean + half
-
-
-def sign_flip_p(a, b):
-    """Two-sided p over all ways to swap pairs: twice the smaller tail, at most 1."""
-    differences = [x - y for x, y in zip(a, b, strict=True)]
-    seen = sum(differences)
-    sums = [
-        sum(s * d for s, d in zip(signs, differences, strict=True))
-        for signs in itertools.product((1, -1), repeat=len(differences))
-    ]
-    slack = 1e-9 * sum(abs(d) for d in differences)
-    less = sum(1 for s in sums if s <= seen + slack) / len(sums)
-    more = sum(1 for s in sums if s >= seen - slack) / len(sums)
-    return min(1.0, 2 * min(less, more))
 
 
 def holm(p):

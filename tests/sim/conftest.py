@@ -4,7 +4,7 @@ import pytest
 
 import rover
 from eventsweep.sim.graphics import import_mujoco
-from noise_scene import scene_in
+from mujoco_scenes import noise_scene
 
 
 @pytest.fixture(scope="module")
@@ -14,7 +14,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def scene(folder):
-    return scene_in(folder)
+    return noise_scene(folder)
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from eventsweep.sim.motion.curves import look_at, sampled
 from eventsweep.sim.motion.head_motion import six_dof
 from eventsweep.sim.scene import replayed
 from eventsweep.sim.simulate import describe, make_job, simulate
-from noise_scene import Killed, stop_at
+from mujoco_scenes import Killed, stop_at
 from refusals import refused
 
 pytestmark = pytest.mark.usefixtures("blank_figures")

@@ -17,7 +17,7 @@ from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import rig
 from eventsweep.sim.sampling import border_px, with_sampling
 from eventsweep.sim.simulate import simulate
-from noise_scene import contents
+from refusals import all_bytes
 
 RANGE_M = (0.7, 3.0)
 
@@ -76,7 +76,7 @@ def test_a_scene_with_a_lamp_on_the_head_is_simulated_with_plain_frames_and_says
     linear = SimConfig(duration_s=0.01, sampling="linear", supersample=samples)
     simulate(scene, made.tiny_rig(), linear, 0, tmp_path / "linear", notice=heard.append)
     assert len(heard) == 1
-    assert contents(tmp_path / "asked") == contents(tmp_path / "linear")
+    assert all_bytes(tmp_path / "asked") == all_bytes(tmp_path / "linear")
 
 
 def test_plain_frames_are_pixels_of_fine_ones():

@@ -12,8 +12,7 @@ from eventsweep.sim.config import FramesConfig, SimConfig
 from eventsweep.sim.rigs import RIGS, rig
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.simulate import simulate
-from folder_bytes import all_bytes
-from refusals import refused
+from refusals import all_bytes, refused
 
 CONFIG = SimConfig(truth_interval_s=0.01)
 

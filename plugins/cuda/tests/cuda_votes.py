@@ -7,7 +7,7 @@ import pytest
 
 import naive_sweep
 import point_world
-import whole_volume
+import volumes
 from eventsweep.emvs.dsi import backprojection, rays
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
@@ -39,7 +39,7 @@ def random_rays(seed, n=40, c_z=-0.5):
 
 
 def dsi(its_rays, rho, width_px, height_px, *, sums="fixed"):
-    """Builds one camera's whole volume on the GPU, as `whole_volume.dsi` does on the CPU."""
+    """Builds one camera's whole volume on the GPU, as `volumes.dsi` does on the CPU."""
     votes = cuda_voting.VoteVolume(1, len(rho), width_px, height_px, sums=sums)
     (counts,) = votes.cast([arrays.DeviceRays.of(its_rays)], arrays.up(rho), len(rho))
     return votes.on_host(len(rho))[0], counts
@@ -58,7 +58,7 @@ def test_votes_equal_the_slow_twin_and_the_cpu(sums, c_z):
     cast = naive_sweep.nearest if sums == "nearest" else naive_sweep.bilinear
     twin, counted, behind = naive_sweep.vote(*some.columns, RHO, W, H, cast)
     np.testing.assert_allclose(volume, twin, atol=1e-3)
-    cpu, cpu_counts = whole_volume.dsi(some, RHO, W, H, nearest=sums == "nearest")
+    cpu, cpu_counts = volumes.dsi(some, RHO, W, H, nearest=sums == "nearest")
     np.testing.assert_allclose(volume, cpu, atol=1e-3)
     assert counts == cpu_counts
     assert (counts.counted, counts.behind) == (counted.sum(), behind.sum())
@@ -74,7 +74,7 @@ def test_edges_poles_and_rays_from_nowhere(sums):
     some = made(*columns[::3].T)
     rho = RHO[:1]
     volume, counts = dsi(some, rho, W, H, sums=sums)
-    cpu, cpu_counts = whole_volume.dsi(some, rho, W, H, nearest=sums == "nearest")
+    cpu, cpu_counts = volumes.dsi(some, rho, W, H, nearest=sums == "nearest")
     np.testing.assert_allclose(volume, cpu, atol=1e-3)
     assert counts == cpu_counts
     assert counts.behind > 0
@@ -123,7 +123,7 @@ def test_a_lane_that_runs_over_is_found_and_cast_again(monkeypatch, u, v):
     volume, counts = dsi(at(u, v, 80), RHO[:1], W, H)
     assert scales == [28, 24]
     assert counts.counted == 80
-    np.testing.assert_allclose(volume, whole_volume.dsi(at(u, v, 80), RHO[:1], W, H)[0], atol=1e-3)
+    np.testing.assert_allclose(volume, volumes.dsi(at(u, v, 80), RHO[:1], W, H)[0], atol=1e-3)
 
 
 def test_no_scale_holds_too_many_votes_and_says_so(monkeypatch):

@@ -3,8 +3,7 @@
 import pytest
 
 from eventsweep.plugins.learned.training.sequences import sequences
-from page_counts import numbers_in
-from places import page
+from places import numbers_in, page
 from study_samples import UNSEEN
 
 

@@ -7,18 +7,18 @@ cannot. Files of other origin in the output are never touched.
 
 from __future__ import annotations
 
+import functools
 import http.client
 import io
 import os
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from email.message import Message
-from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import quote, urlsplit
 
 from eventsweep.emvs.errors import InputError, printable
@@ -48,63 +48,46 @@ SLOWEST_BYTES_S = 1000
 _FAULTS = (urllib.error.URLError, http.client.HTTPException, OSError)
 
 
-class Source(Protocol):
-    """Where files are read from."""
+Opened = tuple[io.BufferedIOBase, int]
+Source = Callable[[str, int, int], Opened]
+"""Gives a file by its name, from a byte on: the content, and the byte that it does begin at.
 
-    def open(self, name: str, start: int = 0, size: int = -1) -> tuple[io.BufferedIOBase, int]:
-        """The content of a file from a byte on, and the byte that it does begin at.
-
-        Args:
-            name: of the file.
-            start: the byte.
-            size: of the whole file, where that is known.
-        """
+The last argument is the size of the whole file, or -1 where that is not known.
+"""
 
 
-class FolderSource:
-    """A folder on this machine."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-
-    def open(self, name: str, start: int = 0, size: int = -1) -> tuple[io.BufferedIOBase, int]:
-        """Opens a file there."""
-        del size  # its hash will tell
-        path = inside(self._folder, name)
-        check_file(path)
-        file = path.open("rb")
-        file.seek(start)
-        return file, start
+def _in_folder(folder: Path, name: str, start: int, _size: int) -> Opened:
+    """A file on this machine; its hash will tell whether it has its size."""
+    path = inside(folder, name)
+    check_file(path)
+    file = path.open("rb")
+    file.seek(start)
+    return file, start
 
 
-class AddressSource:
-    """An address below which a server has the files, or leads to them."""
+def _at_address(address: str, name: str, start: int, size: int) -> Opened:
+    """Asks a server for a file, from a byte on where that is not the first."""
+    request = urllib.request.Request(f"{address}/{quote(name)}")
+    if start:
+        request.add_header("Range", f"bytes={start}-")
+    answer = _opener().open(request, timeout=TIMEOUT_S)
+    begins = 0
+    if answer.status == http.HTTPStatus.PARTIAL_CONTENT:
+        content_range = str(answer.headers.get("Content-Range", ""))
+        begins = _number(content_range.removeprefix("bytes ").partition("-")[0], 0)
+    if size >= 0:
+        _check_sent(f"{address}/{name}", answer.headers, size - begins)
+    return answer, begins
 
-    def __init__(self, address: str) -> None:
-        self._address = address.rstrip("/")
 
-    def open(self, name: str, start: int = 0, size: int = -1) -> tuple[io.BufferedIOBase, int]:
-        """Asks for a file, from a byte on where that is not the first."""
-        request = urllib.request.Request(f"{self._address}/{quote(name)}")
-        if start:
-            request.add_header("Range", f"bytes={start}-")
-        answer = _opener().open(request, timeout=TIMEOUT_S)
-        begins = 0
-        if answer.status == http.HTTPStatus.PARTIAL_CONTENT:
-            given = str(answer.headers.get("Content-Range", ""))
-            begins = _number(given.removeprefix("bytes ").partition("-")[0], 0)
-        if size >= 0:
-            self._check_file(name, answer.headers, size - begins)
-        return answer, begins
-
-    def _check_file(self, name: str, headers: Message, size: int) -> None:
-        """Refuses a page in the place of a file before anything of it is written."""
-        sent, kind = _number(str(headers.get("Content-Length")), size), headers.get_content_type()
-        if sent != size or kind == "text/html":
-            raise InputError(
-                f"{self._address}/{name}: the server sends {sent} bytes of {printable(kind)} "
-                f"instead of the archive's {size} bytes: try again later, or ask its publisher"
-            )
+def _check_sent(where: str, headers: Message, size: int) -> None:
+    """Refuses a page in the place of a file before anything of it is written."""
+    sent, kind = _number(str(headers.get("Content-Length")), size), headers.get_content_type()
+    if sent != size or kind == "text/html":
+        raise InputError(
+            f"{where}: the server sends {sent} bytes of {printable(kind)} instead of the "
+            f"archive's {size} bytes: try again later, or ask its publisher"
+        )
 
 
 def _number(text: str, otherwise: int) -> int:
@@ -143,7 +126,7 @@ class _Response(http.client.HTTPResponse):
         self.fp: Any = io.BufferedReader(_Timed(self.fp.detach()))
 
 
-class _TimedAnswers(urllib.request.AbstractHTTPHandler):
+class _TimedAnswers(urllib.request.HTTPSHandler, urllib.request.HTTPHandler):
     def do_open(self, http_class: Any, req: Any, **arguments: Any) -> Any:
         def connection(*places: Any, **named: Any) -> Any:
             made = http_class(*places, **named)
@@ -153,41 +136,37 @@ class _TimedAnswers(urllib.request.AbstractHTTPHandler):
         return super().do_open(connection, req, **arguments)
 
 
-class _Http(_TimedAnswers, urllib.request.HTTPHandler):
-    pass
-
-
-class _Https(_TimedAnswers, urllib.request.HTTPSHandler):
-    pass
-
-
 class _Redirects(urllib.request.HTTPRedirectHandler):
     """Follows to other servers, but to no other protocol, and never out of encryption."""
 
     def redirect_request(
         self, req: Any, fp: Any, code: Any, msg: Any, headers: Any, newurl: Any
     ) -> Any:
-        wanted = ("https",) if req.type == "https" else ("http", "https")
-        if urlsplit(newurl).scheme not in wanted:
+        followed = ("https",) if req.type == "https" else ("http", "https")
+        if urlsplit(newurl).scheme not in followed:
             raise InputError(
                 f"{req.full_url}: redirects to {printable(newurl)}, but only "
-                f"{' and '.join(wanted)} is followed from there: give the final address"
+                f"{' and '.join(followed)} is followed from there: give the final address"
             )
         return super().redirect_request(req, fp, code, msg, headers, newurl)
 
 
-@cache
+@functools.cache
 def _opener() -> urllib.request.OpenerDirector:
-    return urllib.request.build_opener(_Http, _Https, _Redirects)
+    return urllib.request.build_opener(_TimedAnswers, _Redirects)
 
 
 def source_of(place: str) -> Source:
     """What a user names: `http://...`, `https://...` or a folder."""
-    if urlsplit(place).scheme in ("http", "https"):
-        return AddressSource(place)
+    if _is_address(place):
+        return functools.partial(_at_address, place.rstrip("/"))
     if not Path(place).is_dir():
         raise InputError(f"{place}: neither a folder nor an address; needs https://... or a folder")
-    return FolderSource(Path(place))
+    return functools.partial(_in_folder, Path(place))
+
+
+def _is_address(place: str) -> bool:
+    return urlsplit(place).scheme in ("http", "https")
 
 
 def fetch(
@@ -225,10 +204,10 @@ def fetch(
     manifest = manifests.parse(text, f"{place}/{FILE_NAME}")
     if version and manifest.version != version:
         raise InputError(f"{place}: is archive {manifest.version}, but {version} was requested")
-    wanted = manifest.chosen(subset, cases, seeds)
+    chosen = manifest.chosen(subset, cases, seeds)
     with claimed(out), made_parent(out / FILE_NAME, make=False), names_full_disk(out):
         _check_same(out, manifest)
-        missing = [packed for packed in wanted if not is_whole(out / packed.file, packed)]
+        missing = [packed for packed in chosen if not is_whole(out / packed.file, packed)]
         for packed in missing:
             if os.path.lexists(out / packed.file):
                 raise InputError(
@@ -245,7 +224,7 @@ def fetch(
                 update(done, f"{bytes_text(done)} of {bytes_text(total)}")
         if not (out / FILE_NAME).exists():
             manifests.write(out, manifest)
-    return manifest, wanted
+    return manifest, chosen
 
 
 def is_whole(path: Path, sequence: PackedSequence) -> bool:
@@ -270,7 +249,7 @@ def verify(folder: Path) -> tuple[ArchiveManifest, tuple[PackedSequence, ...]]:
 
 def _read_manifest(source: Source, place: str) -> bytes:
     with _as_input_error(f"{place}/{FILE_NAME}"):
-        file, _ = source.open(FILE_NAME)
+        file, _ = source(FILE_NAME, 0, -1)
         with file:
             text = file.read(TABLE_BYTES + 1)
     if len(text) > TABLE_BYTES:
@@ -301,24 +280,24 @@ def _check_room(out: Path, missing: Sequence[PackedSequence]) -> None:
         )
 
 
-def _fetch_file(source: Source, place: str, out: Path, wanted: PackedSequence) -> None:
+def _fetch_file(source: Source, place: str, out: Path, packed: PackedSequence) -> None:
     """Fetches one file; broken connections are tried again, from where they broke."""
-    target = out / wanted.file
+    target = out / packed.file
     with work_folder(target, resume=True) as work:
-        partial = work / wanted.file
+        partial = work / packed.file
         taken_up = partial.exists()
-        _fetch_rest(source, place, partial, wanted)
-        if taken_up and not is_whole(partial, wanted):  # what was left may have been of no use
+        _fetch_rest(source, place, partial, packed)
+        if taken_up and not is_whole(partial, packed):  # what was left may have been of no use
             partial.unlink()
-            _fetch_rest(source, place, partial, wanted)
-        if not is_whole(partial, wanted):
+            _fetch_rest(source, place, partial, packed)
+        if not is_whole(partial, packed):
             partial.unlink(missing_ok=True)
             raise InputError(
-                f"{place}/{wanted.file}: does not match the manifest's SHA-256: ask its publisher"
+                f"{place}/{packed.file}: does not match the manifest's SHA-256: ask its publisher"
             )
         flush(partial)
         checked = partial.stat()
-        with listing(out, {wanted.file: FileFacts(wanted.bytes, wanted.sha256)}):
+        with listing(out, {packed.file: FileFacts(packed.bytes, packed.sha256)}):
             try:
                 link_new(partial, target)
             except FileExistsError as error:
@@ -330,42 +309,39 @@ def _fetch_file(source: Source, place: str, out: Path, wanted: PackedSequence) -
             raise InputError(f"{target}: was changed while it was fetched: move it away")
 
 
-def _fetch_rest(source: Source, place: str, partial: Path, wanted: PackedSequence) -> None:
+def _fetch_rest(source: Source, place: str, partial: Path, packed: PackedSequence) -> None:
     for attempt in range(ATTEMPTS):
         try:
-            _append(source, partial, wanted)
+            _append(source, partial, packed)
         except _FAULTS:
-            if attempt + 1 == ATTEMPTS or isinstance(source, FolderSource):
-                with _as_input_error(f"{place}/{wanted.file}"):
+            if attempt + 1 == ATTEMPTS or not _is_address(place):
+                with _as_input_error(f"{place}/{packed.file}"):
                     raise
             time.sleep(_WAIT_S * 2**attempt)
         else:
             return
 
 
-def _append(source: Source, partial: Path, wanted: PackedSequence) -> None:
-    start = partial.stat().st_size if _is_only_ours(partial) else 0
-    if start == 0 or start > wanted.bytes:
+def _append(source: Source, partial: Path, packed: PackedSequence) -> None:
+    # What somebody links to, or from, is not appended to.
+    is_only_ours = partial.is_file() and not partial.is_symlink() and partial.stat().st_nlink == 1
+    start = partial.stat().st_size if is_only_ours else 0
+    if start == 0 or start > packed.bytes:
         partial.unlink(missing_ok=True)
         start = 0
-    if start == wanted.bytes:
+    if start == packed.bytes:
         return
-    content, begins = source.open(wanted.file, start, wanted.bytes)
+    content, begins = source(packed.file, start, packed.bytes)
     with content, partial.open("ab" if start else "xb") as file:
         if begins != start:  # a server that always sends all of it
             file.truncate(0)
-        left = wanted.bytes - (start if begins == start else 0)
+        left = packed.bytes - (start if begins == start else 0)
         # One byte more shows a file that is too long without reading all of it.
         while left >= 0 and (block := content.read1(min(_STEP, left + 1))):
             file.write(block)
             left -= len(block)
     if left > 0:
         raise http.client.IncompleteRead(b"", left)
-
-
-def _is_only_ours(path: Path) -> bool:
-    """Whether a file can be appended to: nobody links to it, and it is no link."""
-    return path.is_file() and not path.is_symlink() and path.stat().st_nlink == 1
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -33,8 +33,8 @@ _Path = Annotated[str, Field(pattern=rf"^{_Plain}(?:/{_Plain})*$", max_length=20
 _Bytes = Annotated[int, Field(ge=0, le=1 << 40)]
 
 
-class PackedFile(FrozenModel):
-    """One file of a sequence, as it is unpacked."""
+class PackedFile(FileEntry):
+    """One file of a sequence, as it is unpacked; only what a hash and a size can be."""
 
     sha256: _Sha256
     bytes: _Bytes
@@ -131,40 +131,39 @@ class ArchiveManifest(FrozenModel):
         return tuple(entry.seed for entry in self.sequences if entry.case == case)
 
     def chosen(
-        self, subset: str = "", cases: Iterable[str] = (), seeds: Iterable[int] | None = None
+        self, subset: str = "", cases: Sequence[str] = (), seeds: Sequence[int] | None = None
     ) -> tuple[PackedSequence, ...]:
         """The sequences of a subset, of cases or of seeds; by default all."""
         if subset and subset not in self.subsets:
             known = ", ".join(self.subsets) or "none"
             raise InputError(f"the archive has no part {subset!r}: choose from {known}")
         its_cases, its_seeds = self.subsets.get(subset, ((), ()))
-        wanted_cases, wanted_seeds = set(cases), None if seeds is None else set(seeds)
-        for case in wanted_cases - {entry.case for entry in self.sequences}:
+        for case in set(cases) - {entry.case for entry in self.sequences}:
             raise InputError(f"the archive of {self.suite} has no case {case!r}")
-        found = tuple(
+        chosen = tuple(
             entry
             for entry in self.sequences
-            if (not wanted_cases or entry.case in wanted_cases)
-            and (wanted_seeds is None or entry.seed in wanted_seeds)
+            if (not cases or entry.case in cases)
+            and (seeds is None or entry.seed in seeds)
             and (not subset or (entry.case in its_cases and entry.seed in its_seeds))
         )
-        if not found:
+        if not chosen:
             raise InputError(f"the archive of {self.suite} has none of the requested sequences")
-        return found
+        return chosen
 
 
 def parse(text: bytes | str, where: str) -> ArchiveManifest:
     """Reads a manifest that somebody else wrote."""
     try:
-        found = ArchiveManifest.model_validate_json(text)
+        manifest = ArchiveManifest.model_validate_json(text)
     except ValidationError as error:
         raise InputError(f"{where}: not an archive's manifest ({first_fault(error)})") from error
-    if found.schema_version != SCHEMA_VERSION:
+    if manifest.schema_version != SCHEMA_VERSION:
         raise InputError(
-            f"{where}: schema version {found.schema_version}, needs {SCHEMA_VERSION}: create or "
+            f"{where}: schema version {manifest.schema_version}, needs {SCHEMA_VERSION}: create or "
             "fetch the archive again"
         )
-    return found
+    return manifest
 
 
 def read(folder: Path) -> ArchiveManifest:
@@ -185,8 +184,3 @@ def write(folder: Path, manifest: ArchiveManifest) -> None:
     with files_together(folder, (FILE_NAME,)) as staged:
         text = manifest.model_dump_json(indent=1) + "\n"
         (staged / FILE_NAME).write_text(text, encoding="utf-8")
-
-
-def packed_files(entries: Mapping[str, FileEntry]) -> dict[str, PackedFile]:
-    """A sequence's files as a manifest lists them."""
-    return {n: PackedFile(sha256=e.sha256, bytes=e.bytes) for n, e in sorted(entries.items())}

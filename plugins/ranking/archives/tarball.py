@@ -9,8 +9,9 @@ import tarfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Protocol, cast
+from typing import IO, cast
 
+from eventsweep.emvs.data.manifest import FileEntry
 from eventsweep.emvs.errors import InputError, quoted
 from eventsweep.emvs.utils.files import names_full_disk
 from eventsweep.emvs.utils.inputs import check_file
@@ -29,18 +30,6 @@ _BLOCK = 512
 _PER_MEMBER = 8 * _BLOCK
 _END = 32 * _BLOCK
 _FAULTS = (tarfile.TarError, zstd.ZstdError, OSError, EOFError, ValueError, OverflowError)
-
-
-class Expected(Protocol):
-    """What is known of a file before it is unpacked; an empty hash: only how large it may be."""
-
-    @property
-    def sha256(self) -> str:
-        """Of its content."""
-
-    @property
-    def bytes(self) -> int:
-        """Its size; where the hash is empty, the most that it may be."""
 
 
 def pack(path: Path, folder: Path, names: Iterable[str]) -> tuple[str, int]:
@@ -67,7 +56,7 @@ def pack(path: Path, folder: Path, names: Iterable[str]) -> tuple[str, int]:
     return packed.sha256, packed.bytes
 
 
-def unpack(path: Path, out: Path, expected: Mapping[str, Expected]) -> None:
+def unpack(path: Path, out: Path, expected: Mapping[str, FileEntry]) -> None:
     """Writes exactly the files that are expected into an empty folder.
 
     Names in the archive are only compared with those expected; links, folders, devices, a name
@@ -77,7 +66,7 @@ def unpack(path: Path, out: Path, expected: Mapping[str, Expected]) -> None:
     Args:
         path: the archive.
         out: an empty folder.
-        expected: size and hash by name.
+        expected: size and hash by name; where a hash is empty, the most bytes that may come.
     """
     most = sum(entry.bytes + _PER_MEMBER for entry in expected.values()) + _END
     seen: set[str] = set()
@@ -98,8 +87,8 @@ def first_member(path: Path, name: str, most_bytes: int) -> bytes:
     with _opened(path, most_bytes + _PER_MEMBER + _END) as tar:
         member = tar.next()
         if member is None or member.name != name or not member.isreg():
-            found = "nothing" if member is None else quoted(member.name)
-            raise InputError(f"{path}: begins with {found}, needs {name} first: create it again")
+            first = "nothing" if member is None else quoted(member.name)
+            raise InputError(f"{path}: begins with {first}, needs {name} first: create it again")
         if member.size > most_bytes:
             raise InputError(f"{path}: {name} of {member.size} bytes, at most {most_bytes}")
         return _file(tar, member).read()
@@ -110,7 +99,7 @@ def sha256_of(path: Path) -> str:
     return hashed(path).sha256
 
 
-def _check_expected(path: Path, member: tarfile.TarInfo, expected: Mapping[str, Expected]) -> None:
+def _check_expected(path: Path, member: tarfile.TarInfo, expected: Mapping[str, FileEntry]) -> None:
     name = quoted(member.name)
     if member.name not in expected:
         raise InputError(f"{path}: contains {name}, which does not belong there: create it again")
@@ -130,7 +119,7 @@ def _file(tar: tarfile.TarFile, member: tarfile.TarInfo) -> IO[bytes]:
     return file
 
 
-def _copy(path: Path, content: IO[bytes], place: Path, expected: Expected) -> None:
+def _copy(path: Path, content: IO[bytes], place: Path, expected: FileEntry) -> None:
     digest = hashlib.sha256()
     place.parent.mkdir(parents=True, exist_ok=True)
     # "x": nothing that is there, link or not, is written through.
@@ -170,9 +159,9 @@ class _Bounded(io.RawIOBase):
         return True
 
     def read(self, size: int = -1) -> bytes:
-        wanted = self._left + 1 if size < 0 else min(size, self._left + 1)
-        found = self._stream.read(wanted)
-        self._left -= len(found)
+        most = self._left + 1 if size < 0 else min(size, self._left + 1)
+        content = self._stream.read(most)
+        self._left -= len(content)
         if self._left < 0:
             raise InputError(f"{self._path}: unpacks to more than its limit: create it again")
-        return found
+        return content

@@ -6,8 +6,7 @@ from pathlib import Path
 from eventsweep.eval.suite.definition import load
 from eventsweep.plugins.ranking import summary
 from eventsweep.plugins.ranking.entries import DATA_NAME, read_data
-from page_counts import numbers_in
-from places import ROOT, page
+from places import ROOT, numbers_in, page
 from ranking_table import DATA, main, ranking_block
 
 PAGE, FOLDER = page("ranking.md"), ROOT / DATA

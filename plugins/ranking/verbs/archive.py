@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, QUIET, Common, Force, Quiet, SuiteName
+from eventsweep.eval.cli.app import COMMON, QUIET, Common, Force, Quiet, SuiteName
 from eventsweep.eval.cli.help import HELP_FLAGS, Program
 from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
 
@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from eventsweep.eval.cli.console import Console
     from eventsweep.plugins.ranking.archives.manifest import ArchiveManifest, PackedSequence
 
-Cases = Annotated[tuple[str, ...], NO_NEGATIVE]
+Cases = Annotated[tuple[str, ...], Parameter(negative=(), help="Only this case, repeatable.")]
+Part = Annotated[str, Parameter(help="Subset of the suite, such as quick.")]
+Seeds = Annotated[str | None, Parameter(help="Only these seeds, such as 0,1,2.")]
+Made = Annotated[Path, Parameter(help="Folder of `archive make` or `fetch`.")]
 
 archive = Program(
     name="archive",
@@ -46,7 +49,6 @@ def make(
         name: Such as suite-v4, quick, or FILE.toml.
         out: Folder to write: archive.json and a file for each case and seed.
         seeds: Seeds instead of the suite's own, such as 0,1,2; with --secret, numbers.
-        case: Only this case, repeatable.
         truth: Include ground truth; without it methods can read the sequences, but nobody can score
             them.
         secret: File from which the seeds of a hidden part are drawn; only its hash is written.
@@ -78,8 +80,8 @@ def fetch(
     /,
     *,
     out: Path,
-    part: str = "",
-    seeds: str | None = None,
+    part: Part = "",
+    seeds: Seeds = None,
     case: Cases = (),
     version: Annotated[str, Parameter(name="--version-is")] = "",
     common: Common = COMMON,
@@ -89,29 +91,22 @@ def fetch(
     Args:
         source: Address or folder that holds archive.json.
         out: Folder to write the files into.
-        part: Subset of the suite, such as quick.
-        seeds: Only these seeds, such as 0,1,2.
-        case: Only this case, repeatable.
         version: Refuse any archive but this one, such as 0123456789abcdef.
     """
     from eventsweep.plugins.ranking.archives.fetch import fetch as fetched
 
     console = common.console()
-    manifest, wanted = fetched(
+    manifest, chosen = fetched(
         source, out, console.progress, subset=part, cases=case,
         seeds=seed_numbers(seeds, "--seeds"), version=version,
     )  # fmt: skip
-    _show(console, manifest, wanted)
+    _show(console, manifest, chosen)
     console.wrote(out)
 
 
 @archive.command
-def verify(folder: Path, /, *, common: Common = COMMON) -> None:
-    """Read every file of an archive and compare its hash.
-
-    Args:
-        folder: Folder of `archive make` or `fetch`.
-    """
+def verify(folder: Made, /, *, common: Common = COMMON) -> None:
+    """Read every file of an archive and compare its hash."""
     from eventsweep.plugins.ranking.archives.fetch import verify as verified
 
     _show(common.console(), *verified(folder))
@@ -119,12 +114,12 @@ def verify(folder: Path, /, *, common: Common = COMMON) -> None:
 
 @archive.command
 def unpack(
-    folder: Path,
+    folder: Made,
     /,
     *,
     out: Path,
-    part: str = "",
-    seeds: str | None = None,
+    part: Part = "",
+    seeds: Seeds = None,
     case: Cases = (),
     force: Force = False,
     common: Quiet = QUIET,
@@ -132,18 +127,14 @@ def unpack(
     """Unpack sequences for your program: CASE/seedN, each as a mapper may read it.
 
     Args:
-        folder: Folder of `archive make` or `fetch`.
         out: Folder to write.
-        part: Subset of the suite, such as quick.
-        seeds: Only these seeds, such as 0,1,2.
-        case: Only this case, repeatable.
     """
     from eventsweep.plugins.ranking.archive import unpack_recordings
     from eventsweep.plugins.ranking.archives.manifest import read
 
     console = common.console()
-    wanted = read(folder).chosen(part, case, seed_numbers(seeds, "--seeds"))
-    unpack_recordings(folder, wanted, out, console.progress, force=force)
+    chosen = read(folder).chosen(part, case, seed_numbers(seeds, "--seeds"))
+    unpack_recordings(folder, chosen, out, console.progress, force=force)
     console.wrote(out)
 
 

@@ -5,11 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from cyclopts import Parameter
+
 from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, SuiteName
 from eventsweep.eval.cli.help import HELP_FLAGS, Program
 
 if TYPE_CHECKING:
     from eventsweep.plugins.ranking.submission import Asked, SubmissionFacts
+
+Maps = Annotated[
+    Path, Parameter(help="Depth maps as CASE/seedN/TIME.npz, beside them submission.toml.")
+]
+Archive = Annotated[
+    Path | None,
+    Parameter(help="Folder of the archive whose sequences were read: its cases and seeds."),
+]
 
 submission = Program(
     name="submission",
@@ -20,55 +30,49 @@ submission = Program(
 
 @submission.command
 def make(
-    folder: Path,
+    folder: Maps,
     /,
     *,
     suite: SuiteName,
     out: Path,
-    archive: Path | None = None,
+    archive: Archive = None,
     force: Force = False,
     common: Common = COMMON,
 ) -> None:
     """Check depth maps and pack them into a file; any fault is reported in one line.
 
     Args:
-        folder: Depth maps as CASE/seedN/TIME.npz, beside them submission.toml.
         suite: Such as suite-v4, quick, or FILE.toml.
         out: File to write, such as mine.tar.zst.
-        archive: Folder of the archive whose sequences were read: its cases and seeds.
     """
     from eventsweep.plugins.ranking.submission import make_submission
 
     asked = _asked(suite, archive)
-    manifest = make_submission(folder, asked, out, force=force)
-    _show(common, manifest.facts, asked)
+    _show(common, make_submission(folder, asked, out, force=force).facts, asked)
     common.console().wrote(out)
 
 
 @submission.command
 def enter(
-    folder: Path,
+    folder: Maps,
     /,
     *,
     suite: SuiteName,
     out: Path,
-    archive: Path | None = None,
+    archive: Archive = None,
     force: Force = False,
     common: Common = COMMON,
 ) -> None:
     """Check depth maps and make an entry to a public ranking: a folder for a pull request.
 
     Args:
-        folder: Depth maps as CASE/seedN/TIME.npz, beside them submission.toml.
         suite: Such as suite-v4 or quick.
         out: Folder to write, such as submissions/mine: entry.toml and maps.tar.zst.
-        archive: Folder of the archive whose sequences were read: its cases and seeds.
     """
     from eventsweep.plugins.ranking.entry import make_entry
 
     asked = _asked(suite, archive)
-    facts = make_entry(folder, asked, out, force=force)
-    _show(common, facts, asked)
+    _show(common, make_entry(folder, asked, out, force=force), asked)
     common.console().wrote(out)
 
 
@@ -78,7 +82,7 @@ def check(
     /,
     *,
     suite: SuiteName | None = None,
-    archive: Path | None = None,
+    archive: Archive = None,
     common: Common = COMMON,
 ) -> None:
     """Check whole submissions, without truth; any fault is reported in one line.
@@ -86,7 +90,6 @@ def check(
     Args:
         paths: Files of `submission make`, the folders they are made of, or entries: submissions/*.
         suite: Such as suite-v4, quick, or FILE.toml; an entry names its own.
-        archive: Folder of the archive whose sequences were read: its cases and seeds.
     """
     from eventsweep.plugins.ranking.archives.manifest import read
     from eventsweep.plugins.ranking.entry import check_apart, check_entry, is_entry
@@ -125,7 +128,7 @@ def _checked(path: Path, suite: str | None, archive: Path | None) -> tuple[Submi
 
 
 def _show(common: Common, facts: SubmissionFacts, asked: Asked) -> None:
-    """Prints what a submission is, once all of it was found to be right."""
+    """Prints what a submission is, once all of it has been checked."""
     maps, cost = len(asked.views()), facts.cost
     line = (
         f"{facts.method} by {', '.join(facts.authors)}, {facts.licence}: {maps} depth maps for "

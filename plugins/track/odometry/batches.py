@@ -24,7 +24,6 @@ _USUAL_COLUMNS = 400
 _MAP_EVENTS_PER_COLUMN, _LEAST_MAP_EVENTS = 170, 60_000
 
 
-@dataclass(frozen=True)
 class Sizes:
     """Numbers that follow from the cameras' sizes.
 
@@ -38,28 +37,15 @@ class Sizes:
         map: events of each camera that make a map.
     """
 
-    events: int
-    own_time: int
-    still: int
-    lines: int
-    distances: int
-    levels: int
-    map: int
-
-    @classmethod
-    def of(cls, rig: Rig) -> Sizes:
-        """Numbers for a rig."""
+    def __init__(self, rig: Rig) -> None:
         columns = max(camera.width_px for camera in rig.cameras)
         pixels = sum(camera.width_px * camera.height_px for camera in rig.cameras)
-        return cls(
-            events=_EVENTS_PER_COLUMN * columns,
-            own_time=1250,
-            still=round(_STILL_PER_PIXEL * pixels),
-            lines=_POINTS_PER_COLUMN * columns,
-            distances=1000,
-            levels=2 + max(0, round(math.log2(columns / _USUAL_COLUMNS))),
-            map=max(_LEAST_MAP_EVENTS, _MAP_EVENTS_PER_COLUMN * columns),
-        )
+        self.events = _EVENTS_PER_COLUMN * columns
+        self.own_time, self.distances = 1250, 1000
+        self.still = round(_STILL_PER_PIXEL * pixels)
+        self.lines = _POINTS_PER_COLUMN * columns
+        self.levels = 2 + max(0, round(math.log2(columns / _USUAL_COLUMNS)))
+        self.map = max(_LEAST_MAP_EVENTS, _MAP_EVENTS_PER_COLUMN * columns)
 
 
 @dataclass(frozen=True, eq=False)

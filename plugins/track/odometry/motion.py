@@ -7,7 +7,7 @@ section 11.1, with a spectral density that covers the heads of people and small 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,10 +115,6 @@ class Motion:
         covariance[:6, :6] = self.covariance[:6, :6]
         covariance[6:, 6:] = np.diag(np.repeat([_STILL_M_S, _STILL_RAD_S], 3) ** 2)
         return replace(self, t_us=t_us, twist=np.zeros(6), covariance=covariance)
-
-    def state(self) -> State:
-        """Its attributes."""
-        return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def seen_from(self, T_new_world: Matrix) -> Motion:
         """The motion in another world frame."""

@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
@@ -26,13 +28,14 @@ from eventsweep.emvs.reference_view import depth_range_m
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.emvs.windows import Window, check_poses
 from eventsweep.plugins.track.odometry.checkpoint import State
-from eventsweep.plugins.track.odometry.cloud import MapCloud, points_of
 from eventsweep.plugins.track.odometry.config import TrackConfig
 from eventsweep.plugins.track.odometry.stream import Arrived
 
+Matrix = NDArray[np.float64]
 _DELAY_US, _DELAY_OF_STRIDE = 120_000, 0.6
 _PLANES = 40, 100
 _MOST_VIEW_COLUMNS = 640
+_FADE = 0.8  # weight of each older map among the points that are tracked
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,12 +154,64 @@ class OnlineMapper:
         return OnlineMap(window, result, reason, self._until_us - window.t1_us)
 
 
+class MapCloud:
+    """Points of at most `maps` depth maps."""
+
+    def __init__(self, maps: int) -> None:
+        self._maps: deque[Matrix] = deque(maxlen=maps)
+        self._added = 0
+
+    def __len__(self) -> int:
+        """Points of all maps."""
+        return sum(map(len, self._maps))
+
+    def add(self, points_world: Matrix) -> None:
+        """Takes the (N, 3) points of a further map; the oldest may go for it."""
+        self._maps.append(points_world)
+        self._added += 1
+
+    def replace(self, points_world: Matrix) -> None:
+        """Takes a map instead of all before."""
+        self._maps.clear()
+        self.add(points_world)
+
+    def state(self) -> State:
+        """All points, map by map."""
+        return {"maps": list(self._maps), "added": self._added}
+
+    def restore(self, state: State) -> None:
+        """Takes what `state` gave."""
+        self._maps.clear()
+        self._maps.extend(state["maps"])
+        self._added = state["added"]
+
+    def chosen(self, most: int) -> Matrix:
+        """At most so many points, at random, but the same in every run; newer maps count more."""
+        points = np.concatenate(self._maps)
+        if len(points) <= most:
+            return points
+        newest_first = enumerate(reversed(self._maps))
+        shares = [np.full(len(m), _FADE**age / max(len(m), 1)) for age, m in newest_first]
+        weights = np.concatenate(shares[::-1])
+        rng = np.random.default_rng(self._added)
+        at = rng.choice(len(points), most, replace=False, p=weights / weights.sum(), shuffle=True)
+        return points[at]
+
+
+def points_of(depth_map: DepthMap) -> Matrix:
+    """The (N, 3) points of a depth map in the world, m."""
+    rows, columns = np.nonzero(depth_map.mask)
+    bearing = depth_map.camera.unproject(np.stack([columns, rows], axis=-1).astype(np.float64))
+    z_m = depth_map.depth_m[rows, columns].astype(np.float64)[:, None]
+    return se3.transform(depth_map.T_world_rv, np.hstack([bearing * z_m, z_m]))
+
+
 @dataclass(frozen=True, eq=False)
 class Made:
     """A map, and the (N, 3) points to track from it on; None where there is nothing new."""
 
     online: OnlineMap
-    points: NDArray[np.float64] | None
+    points: Matrix | None
 
 
 class BackgroundMaps:
@@ -206,7 +261,7 @@ class BackgroundMaps:
             Made(online, self._points(online)) for online in self.mapper.push(events, t_us, poses)
         ]
 
-    def _points(self, online: OnlineMap) -> NDArray[np.float64] | None:
+    def _points(self, online: OnlineMap) -> Matrix | None:
         if online.result is None:
             return None
         for depth_map in online.result.depth_maps.values():

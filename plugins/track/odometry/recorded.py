@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.data.tables import ImuSamples
+from eventsweep.emvs.datasets import opened
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -19,9 +21,9 @@ from eventsweep.plugins.track.odometry.checkpoint import Checkpoints, State
 from eventsweep.plugins.track.odometry.config import TrackConfig
 from eventsweep.plugins.track.odometry.motion import Motion
 from eventsweep.plugins.track.odometry.online import OnlineMap
-from eventsweep.plugins.track.odometry.past import Past
 from eventsweep.plugins.track.odometry.pose import Pose, Status, smoothed
 from eventsweep.plugins.track.odometry.registration.fit import Fit
+from eventsweep.plugins.track.odometry.start import Past
 from eventsweep.plugins.track.odometry.tracker import Tracker
 
 _PACKET_US, _READ_US = 50_000, 200_000
@@ -64,7 +66,7 @@ class Tracked:
 
 
 def track(
-    recording: Recording,
+    recording: Recording | str | Path,
     config: TrackConfig | None = None,
     *,
     first_map: DepthMap | None = None,
@@ -76,7 +78,8 @@ def track(
     """Finds the poses of a recording from its events and calibration alone.
 
     Args:
-        recording: events and calibration; its poses are not read.
+        recording: what `open_recording` gave, a recording of your own, or the path of one; its
+            poses are not read.
         config: rates, sizes of maps, depth range.
         first_map: a depth map of what is seen first, in whose world the poses are; needed with one
             camera.
@@ -85,10 +88,14 @@ def track(
         progress: called with `track`, milliseconds done and all.
         checkpoints: where the state is kept, and taken up from: the poses are the same.
 
+    Returns:
+        `trajectory`, the status of every pose, and when and why the status changed.
+
     Raises:
         InputError: no events, one camera without a first map, a gyroscope that is asked for and not
             there, or no place to begin from in all of the recording; says why.
     """
+    recording = opened(recording)
     imu = _imu(recording) if TrackConfig.or_default(config).gyroscope else None
     done = _Done()
     cameras = range(len(recording.rig))
@@ -195,7 +202,7 @@ class _Done:
             "status": [pose.status.value for pose in poses],
             "fit": [list(astuple(pose.fit)) for pose in poses],
             "smooth": self._smooth,
-            "beliefs": [pose.belief and pose.belief.state() for pose in poses[self._smooth :]],
+            "beliefs": [pose.belief and vars(pose.belief) for pose in poses[self._smooth :]],
         }
 
     def restore(self, state: State) -> None:

@@ -6,39 +6,63 @@ poses and tracked anew, from the middle again. Nothing of the stereo map remains
 
 A stretch in which the rig has hardly moved has no parallax to map: it grows until it has, up to
 `LONGEST_START_US`, so that its poses are found in the end.
+
+What came before is tracked on the first map as if time ran backwards, from the first motion to the
+first events, or as far as events and map agree. However long that is, memory holds one stretch of
+it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.windows import Window
-from eventsweep.plugins.track.odometry.batches import Batch, Sizes
-from eventsweep.plugins.track.odometry.cloud import points_of
+from eventsweep.plugins.track.odometry.batches import (
+    COMPANY_US,
+    LONGEST_US,
+    Batch,
+    Sizes,
+    batch_before,
+    never_fired,
+    without_lone,
+)
 from eventsweep.plugins.track.odometry.motion import Motion
-from eventsweep.plugins.track.odometry.registration.fit import LEAST_INLIERS, Fit, Registration
-from eventsweep.plugins.track.odometry.stream import Arrived
+from eventsweep.plugins.track.odometry.online import points_of
+from eventsweep.plugins.track.odometry.pose import Status
+from eventsweep.plugins.track.odometry.registration.fit import (
+    AGREES,
+    LEAST_INLIERS,
+    Fit,
+    Registration,
+)
+from eventsweep.plugins.track.odometry.stream import Arrived, Stream
 
 Matrix = NDArray[np.float64]
+Past = Callable[[int, int], Sequence[Events]]
+"""The events of every camera with `t0_us <= t < t1_us`."""
+Found = tuple[Motion, Fit, Status]
 START_US, LONGEST_START_US = 200_000, 400_000
 LEAST_POINTS = 500
 _STEREO = "SGM/ts"
 _ROUNDS, _EVERY = 2, 2  # of mapping the stretch, on poses of every so many batches
 _SETTLING = 3  # registrations of the first batch, whose twist nothing predicts
 _LEAST_SHARE = 0.6  # of the batches, around the middle one
+_STRETCH_US = 400_000
 
 
 def begin(
     arrived: Arrived, batches: Sequence[Batch], registration: Registration, sizes: Sizes,
-    config: MapperConfig, given: tuple[Motion, Matrix] | None = None, reach: float = 1.0,
+    config: MapperConfig, known: tuple[Motion, Matrix] | None = None, reach: float = 1.0,
 ) -> tuple[list[Motion], list[Fit], Matrix] | str:  # fmt: skip
     """Motions at the batches, how well each fits, and the (N, 3) points of the map.
 
@@ -48,30 +72,30 @@ def begin(
         registration: what registers; in the end it uses the map that is returned.
         sizes: numbers that follow from the sensor.
         config: of the maps.
-        given: a pose and the points of a map, instead of static stereo; it begins there.
+        known: a pose and the points of a map, instead of static stereo; it begins there.
         reach: of motions.
 
     Returns:
         A reason where there is no beginning yet.
     """
     times = np.array([batch.t_us for batch in batches])
-    k_start = len(batches) // 2 if given is None else int(np.abs(times - given[0].t_us).argmin())
+    k_start = len(batches) // 2 if known is None else int(np.abs(times - known[0].t_us).argmin())
     middle = batches[k_start]
     try:
-        start, points = _stereo(arrived, middle, config, reach) if given is None else given
+        start, points = _stereo(arrived, middle, config, reach) if known is None else known
     except InputError as error:
         return str(error)
     if len(points) < LEAST_POINTS:
         return f"the first map has {len(points)} points: needs {LEAST_POINTS}"
-    for _ in range(_ROUNDS if given is None else 0):
-        found = _tracked(batches, k_start, _EVERY, start, points, registration, sizes)
-        if isinstance(found, str):
-            return found
-        start, points = _mapped(arrived, found[0], middle, config, reach)
+    for _ in range(_ROUNDS if known is None else 0):
+        tracked = _tracked(batches, k_start, _EVERY, start, points, registration, sizes)
+        if isinstance(tracked, str):
+            return tracked
+        start, points = _mapped(arrived, tracked[0], middle, config, reach)
         if len(points) < LEAST_POINTS:
             return f"the map of the first poses has {len(points)} points: needs {LEAST_POINTS}"
-    found = _tracked(batches, k_start, 1, start, points, registration, sizes)
-    return found if isinstance(found, str) else (*found, points)
+    tracked = _tracked(batches, k_start, 1, start, points, registration, sizes)
+    return tracked if isinstance(tracked, str) else (*tracked, points)
 
 
 def _tracked(
@@ -151,3 +175,54 @@ def _both_ways(
             break
         motions, fits = [motion, *motions], [fit, *fits]
     return motions, fits
+
+
+def earlier(
+    past: Past, rig: Rig, registration: Registration, sizes: Sizes, first: Motion, ends_us: range
+) -> list[Found]:
+    """Motions before the `first`, in order of time, as far as the map goes.
+
+    Args:
+        past: gives the events.
+        rig: the cameras.
+        registration: what registers, with the map.
+        sizes: numbers that follow from the sensor.
+        first: a motion on that map.
+        ends_us: where batches may end, falling down to the first event.
+    """
+    motions: list[Found] = []
+    here = first
+    for batch in _falling(past, rig, sizes, first.t_us, ends_us):
+        if len(batch) < sizes.still:
+            here = here.held(batch.t_us)
+            motions.append((here, Fit(), Status.STILL))
+            continue
+        here, fit = registration(batch.events, here.at(batch.t_us))
+        if not fit.is_good(AGREES):
+            break
+        motions.append((here, fit, Status.TRACKING))
+    return motions[::-1]
+
+
+def _falling(past: Past, rig: Rig, sizes: Sizes, before_us: int, ends_us: range) -> Iterator[Batch]:
+    """Batches earlier than `before_us`, the last one first; few events of a short time are none."""
+    since_us, count = ends_us.stop, max(1, _STRETCH_US // -ends_us.step)
+    for k in range(0, len(ends_us), count):
+        ends = ends_us[k : k + count]
+        streams = _streams(past, rig, max(since_us, ends[-1] - LONGEST_US), ends[0])
+        for end_us in ends:
+            batch = batch_before(streams, end_us, sizes.events, since_us)
+            is_short = end_us - since_us < LONGEST_US and len(batch) < sizes.still
+            if batch.t_us < before_us and not is_short:
+                before_us = batch.t_us
+                yield batch
+
+
+def _streams(past: Past, rig: Rig, first_us: int, last_us: int) -> list[Stream]:
+    """Events that have company, of every camera."""
+    streams = [Stream() for _ in rig.cameras]
+    packets = past(first_us - COMPANY_US, last_us)
+    for stream, camera, packet in zip(streams, rig.cameras, packets, strict=True):
+        stream.push(without_lone(packet, never_fired(camera)))
+        stream.drop_before(first_us)
+    return streams

@@ -27,18 +27,18 @@ from eventsweep.plugins.track.odometry.batches import (
     without_lone,
 )
 from eventsweep.plugins.track.odometry.checkpoint import State
-from eventsweep.plugins.track.odometry.cloud import MapCloud, points_of
 from eventsweep.plugins.track.odometry.config import TrackConfig
 from eventsweep.plugins.track.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion, reach_for
 from eventsweep.plugins.track.odometry.online import (
     BackgroundMaps,
+    MapCloud,
     OnlineMap,
     OnlineMapper,
     check_packet,
     map_config,
+    points_of,
     window_us,
 )
-from eventsweep.plugins.track.odometry.past import Found, Past, earlier
 from eventsweep.plugins.track.odometry.pose import Pose, Status
 from eventsweep.plugins.track.odometry.registration.fit import (
     AGREES,
@@ -50,7 +50,10 @@ from eventsweep.plugins.track.odometry.registration.views import View
 from eventsweep.plugins.track.odometry.start import (
     LONGEST_START_US,
     START_US,
+    Found,
+    Past,
     begin,
+    earlier,
     few,
     trajectory_of,
 )
@@ -97,10 +100,10 @@ class Tracker:
                 "rig of 1 camera: one camera cannot determine scale; give a first_map of the scene"
             )
         self._rig, self._config = rig, TrackConfig.or_default(config)
-        self._sizes, self._first_map = Sizes.of(rig), first_map
+        self._sizes, self._first_map = Sizes(rig), first_map
         self._origin = np.eye(4) if T_world_body is None else np.asarray(T_world_body, np.float64)
         self._past, self._on_pose, self._on_map = past, on_pose, on_map
-        views = [View.of(c, T) for c, T in zip(rig.cameras, rig.T_body_cam, strict=True)]
+        views = [View(c, T) for c, T in zip(rig.cameras, rig.T_body_cam, strict=True)]
         self._registration = Registration(views, self._sizes.levels, self._sizes.own_time)
         self._map_events = self._config.map_events or self._sizes.map
         self._arrived = Arrived(rig, depth_range_m, most_events=self._map_events)
@@ -171,7 +174,7 @@ class Tracker:
             "cloud": self._cloud.state(),
             "mapper": None if maps is None else maps.mapper.state(),
             "registration": self._registration.state(),
-            "motion": None if self._motion is None else self._motion.state(),
+            "motion": None if self._motion is None else vars(self._motion),
             "seen_from": list(self._seen_from),
         }
 
@@ -261,18 +264,18 @@ class Tracker:
             return None
         motions, fits, points = begun
         before = self._before(motions[0], t_us)
-        found = [*before, *((m, f, Status.TRACKING) for m, f in zip(motions, fits, strict=True))]
+        stretch = [*before, *((m, f, Status.TRACKING) for m, f in zip(motions, fits, strict=True))]
         if self._first_map is None:
-            T_new_old = self._origin @ se3.inverse(found[0][0].T_world_body)
-            found = [(motion.seen_from(T_new_old), fit, status) for motion, fit, status in found]
+            T_new_old = self._origin @ se3.inverse(stretch[0][0].T_world_body)
+            stretch = [(m.seen_from(T_new_old), fit, status) for m, fit, status in stretch]
             points = se3.transform(T_new_old, points)
-        motions = [motion for motion, _, _ in found[len(before) :]]
+        motions = [motion for motion, _, _ in stretch[len(before) :]]
         self._cloud.replace(points)
         self._use_points(self._cloud.chosen(self._sizes.lines))
         self._maps = self._background(motions[0].t_us)
         self._fed_us = begin_us
-        self._change(Status.TRACKING, "", found[0][0].t_us)
-        for motion, fit, status in found:
+        self._change(Status.TRACKING, "", stretch[0][0].t_us)
+        for motion, fit, status in stretch:
             self._found(motion, fit, status)
         self._feed_mapper(t_us, trajectory_of(motions))
         return self._poses[-1]
@@ -303,8 +306,7 @@ class Tracker:
         if batch.t_us <= self._motion.t_us:
             return None
         if len(batch) < self._sizes.still:
-            held = self._motion.held(batch.t_us)
-            return self._go_on(held, Fit(), Status.STILL, t_us)
+            return self._go_on(self._motion.held(batch.t_us), Fit(), Status.STILL, t_us)
         motion, fit = self._registered(batch, t_us)
         if fit.is_good(AGREES):
             return self._go_on(motion, fit, Status.TRACKING, t_us, filtered=True)

@@ -27,9 +27,8 @@ from eventsweep.eval.studies.curves import POSE_METRICS
 from eventsweep.eval.studies.definitions import study_named
 from eventsweep.eval.studies.run import run_study
 from eventsweep.plugins.ranking.entries import entry_of
-from eventsweep.plugins.track.odometry.pose import Status
-from eventsweep.plugins.track.odometry.recorded import Change, Tracked
 from in_process import in_process
+from line_world import tracked_truly
 from refusals import command_refused
 from small_pair import small_sequence
 from small_suite import case, suite_text
@@ -63,9 +62,9 @@ def test_on_the_true_poses_maps_are_the_same_bits(mapped, tmp_path):
     own, estimates = on(recording.trajectory, mapped, tmp_path / "own")
     assert not own.info.skipped
     assert len(estimates) == len(stored.windows) == 4
-    for window, found in zip(stored.windows, estimates, strict=True):
+    for window, own in zip(stored.windows, estimates, strict=True):
         for method in CONFIG.methods:
-            true, mine = window.depth_map(method), found[method_on_own_poses(method)]
+            true, mine = window.depth_map(method), own[method_on_own_poses(method)]
             np.testing.assert_array_equal(true.mask, mine.mask)
             np.testing.assert_array_equal(true.depth_m, mine.depth_m)
 
@@ -76,8 +75,8 @@ def test_another_world_changes_no_depth(mapped, tmp_path):
     true = recording.trajectory
     elsewhere = se3.exp([3.0, -2, 1, 0.4, -0.2, 2.0]) @ true.at(true.t_us)
     _, estimates = on(Trajectory.from_matrices(true.t_us, elsewhere), mapped, tmp_path / "own")
-    for window, found in zip(stored.windows, estimates, strict=True):
-        mine, map_ = found["Alg1/H track"], window.depth_map("Alg1/H")
+    for window, own in zip(stored.windows, estimates, strict=True):
+        mine, map_ = own["Alg1/H track"], window.depth_map("Alg1/H")
         both = mine.mask & map_.mask
         assert both.sum() > 0.9 * max(mine.mask.sum(), map_.mask.sum()) > 0
         close = np.isclose(mine.depth_m[both], map_.depth_m[both], rtol=1e-3)
@@ -91,7 +90,7 @@ def test_a_window_without_poses_is_an_empty_map_and_one_with_some_uses_those(map
     own, estimates = on(late, mapped, tmp_path / "own")
     (skipped,) = own.info.skipped
     assert "no pose at the reference time, 20000 µs" in skipped.reason
-    assert not any(one.mask.any() for one in estimates[0].values())
+    assert not any(depth_map.mask.any() for depth_map in estimates[0].values())
     assert own.info.windows[0].t0_us == true.t_us[3]
     assert own.info.windows[0].t_ref_us == stored.info.windows[1].t_ref_us
     np.testing.assert_array_equal(
@@ -104,8 +103,8 @@ def test_no_poses_are_a_score_of_nothing_covered(mapped, tmp_path, reason):
     """Also where there are too few of them."""
     recording, stored, *_ = mapped
     true = recording.trajectory
-    found = reason or Trajectory(true.t_us[:1], true.positions_m[:1], true.quats_xyzw[:1])
-    rows, notes = pose_rows("room", true, found)
+    poses = reason or Trajectory(true.t_us[:1], true.positions_m[:1], true.quats_xyzw[:1])
+    rows, notes = pose_rows("room", true, poses)
     values = {row.metric: row.value for row in each(rows)}
     assert values.pop("time_covered") == 0
     assert {"ate_rmse", "drift", "way"} <= set(values)
@@ -113,16 +112,7 @@ def test_no_poses_are_a_score_of_nothing_covered(mapped, tmp_path, reason):
     assert len(notes) == 1
     own, estimates = on(reason or "none", mapped, tmp_path / "own")
     assert len(own.info.skipped) == len(stored.windows)
-    assert not any(one.mask.any() for window in estimates for one in window.values())
-
-
-def perfect(recording, *_arguments, **_settings):
-    """What a tracker without errors finds, in a world of its own."""
-    poses, span_us = recording.trajectory, recording.event_span_us(0)
-    T_own_world = se3.inverse(poses.at(poses.t_us[0]))
-    own = Trajectory.from_matrices(poses.t_us, T_own_world @ poses.at(poses.t_us))
-    began = Change(span_us[0], Status.TRACKING, "")
-    return Tracked(own, (Status.TRACKING,) * len(own), (began,), span_us, 0)
+    assert not any(depth_map.mask.any() for window in estimates for depth_map in window.values())
 
 
 def no_place(*_arguments, **_settings):
@@ -146,7 +136,7 @@ def run_with(tracker, out):
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    return run_with(perfect, tmp_path_factory.mktemp("run") / "out")
+    return run_with(tracked_truly, tmp_path_factory.mktemp("run") / "out")
 
 
 def test_a_run_scores_poses_and_maps_beside_the_true_ones_and_again_alike(run):
@@ -162,7 +152,7 @@ def test_a_run_scores_poses_and_maps_beside_the_true_ones_and_again_alike(run):
     page = (run / "report.html").read_text("utf-8")
     assert "Alg1/H track" in page
     assert 'href="planes/track/report.html"' in page
-    assert any("Poses found from events" in one for one in findings(results.rows, "mean_error"))
+    assert any("Poses found from events" in line for line in findings(results.rows, "mean_error"))
     before = read_results(run).rows
     assert main(["score", str(run), "--quiet"]) == 0
     assert read_results(run).rows.equals(before)
@@ -187,7 +177,7 @@ def test_a_mapper_called_track_would_be_mistaken_for_poses(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tracker", [perfect, no_place])
+@pytest.mark.parametrize("tracker", [tracked_truly, no_place])
 def test_a_suite_may_ask_for_poses_of_its_own(tmp_path, monkeypatch, jobs_in_this_process, tracker):
     monkeypatch.setattr("eventsweep.plugins.track.tracker.track_poses", tracker)
     mappers = {
@@ -199,14 +189,14 @@ def test_a_suite_may_ask_for_poses_of_its_own(tmp_path, monkeypatch, jobs_in_thi
     flags = ["--cache", str(tmp_path / "cache"), "--workers", "1", "--quiet"]
     assert main(["suite", str(tmp_path / "s.toml"), "--out", str(tmp_path / "o"), *flags]) == 0
     result = read_results(tmp_path / "o")
-    rows, found = result.rows, tracker is perfect
-    assert values_of(rows, "track")["time_covered"] == pytest.approx(100 * found, abs=1)
+    rows, tracks = result.rows, tracker is tracked_truly
+    assert values_of(rows, "track")["time_covered"] == pytest.approx(100 * tracks, abs=1)
     for method, own in (("Alg1/H", "Alg1/H track"), ("Alg1/H few", "Alg1/H track few")):
         true, mine = (values_of(rows, name)["points"] for name in (method, own))
-        assert mine == (pytest.approx(true, rel=0.05) if found else 0)
+        assert mine == (pytest.approx(true, rel=0.05) if tracks else 0)
     assert "ate_rmse" in result.samples[0].metrics
     ranked = entry_of(result, "here")
-    assert ranked.poses["track"]["time_covered"]["wall"] == pytest.approx([100 * found], abs=1)
+    assert ranked.poses["track"]["time_covered"]["wall"] == pytest.approx([100 * tracks], abs=1)
     assert ranked.units["time_covered"] == ("%", "higher")
     assert ranked.units["ate_share"] == ("%", "lower")
     assert ranked.versions_of_metrics["ate_share"]
@@ -217,11 +207,11 @@ def test_a_suite_may_ask_for_poses_of_its_own(tmp_path, monkeypatch, jobs_in_thi
 @pytest.mark.slow
 def test_a_study_may_ask_for_poses_of_its_own(tmp_path, monkeypatch):
     """Its errors are those of the calibration that the tracker is given, too."""
-    given = []
+    extrinsics = []
 
     def asked(recording, *_rest):
-        given.append(recording.rig.T_body_cam[1])
-        return perfect(recording)
+        extrinsics.append(recording.rig.T_body_cam[1])
+        return tracked_truly(recording)
 
     monkeypatch.setattr("eventsweep.plugins.track.tracker.track_poses", asked)
     study = study_named("stereo-yaw")
@@ -232,6 +222,6 @@ def test_a_study_may_ask_for_poses_of_its_own(tmp_path, monkeypatch):
     names = {(curve.metric, curve.method) for curve in result.curves}
     assert {(metric, "track") for metric in POSE_METRICS} <= names
     assert ("mean_error", "Alg1/H track") in names
-    assert not np.allclose(given[0], given[1])
+    assert not np.allclose(extrinsics[0], extrinsics[1])
     covered = next(curve for curve in result.curves if curve.metric == "time_covered")
     assert covered.mean.min() > 99

@@ -2,8 +2,6 @@
 
 import json
 import signal
-import subprocess
-import sys
 from pathlib import Path
 from unittest import mock
 
@@ -11,21 +9,19 @@ import numpy as np
 import pytest
 
 import line_world
-import point_world as world
 from eventsweep.emvs.data.poses import read_poses, write_tum
 from eventsweep.eval.cli.main import main
 from eventsweep.plugins.track import (
     folder as odometry,
 )  # before what it opens recordings by is patched
-from eventsweep.plugins.track.odometry.pose import Status
-from eventsweep.plugins.track.odometry.recorded import Change, Tracked
+from places import HELPER_FOLDERS
+from programs import python
 from refusals import command_refused
 
 
 @pytest.fixture(scope="module")
 def recording():
-    trajectory = world.swinging(turn_deg=(3, 4, 2), way_m=(0.08, 0.05, 0.04), duration_us=260_000)
-    return line_world.recorded(trajectory)
+    return line_world.swaying(260_000)
 
 
 def test_the_folder_holds_poses_facts_cloud_and_page(recording, tmp_path, monkeypatch, capsys):
@@ -48,26 +44,13 @@ def test_the_folder_holds_poses_facts_cloud_and_page(recording, tmp_path, monkey
     assert "exists" in command_refused(capsys, *command)
 
 
-class InterruptedRecording:
+class InterruptedRecording(line_world.Wrapped):
     """A recording in whose reading an interrupt comes."""
-
-    def __init__(self, recording):
-        self._recording = recording
-
-    def __getattr__(self, name):
-        return getattr(self._recording, name)
 
     def events(self, camera, t0_us, t1_us):
         if t0_us >= 150_000:
             raise KeyboardInterrupt
         return self._recording.events(camera, t0_us, t1_us)
-
-
-def found(recording):
-    """What a tracker that makes no error would find."""
-    poses, span_us = recording.trajectory, recording.event_span_us(0)
-    began = Change(span_us[0], Status.TRACKING, "")
-    return Tracked(poses, (Status.TRACKING,) * len(poses), (began,), span_us, 0)
 
 
 @pytest.mark.parametrize("stage", ["reading", "writing"])
@@ -80,36 +63,32 @@ def test_an_interrupt_leaves_nothing_and_the_same_command_starts_again(
     with monkeypatch.context() as patched:
         patched.setattr("eventsweep.emvs.datasets.open_recording", lambda _path: opened)
         if stage == "writing":  # the poses are in the hidden folder then
-            patched.setattr(odometry, "track", lambda *_, **__: found(recording))
+            patched.setattr(odometry, "track", line_world.tracked_truly)
             interrupted = mock.Mock(side_effect=KeyboardInterrupt)
             patched.setattr(odometry, "track_page", interrupted)
         assert main(command) == 130
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
     monkeypatch.setattr("eventsweep.emvs.datasets.open_recording", lambda _path: recording)
-    monkeypatch.setattr(odometry, "track", lambda *_, **__: found(recording))
+    monkeypatch.setattr(odometry, "track", line_world.tracked_truly)
     assert main(command) == 0
     assert len(read_poses(out / "trajectory.txt")) == len(recording.trajectory)
 
 
 KILLED = """
 import os, signal, sys
-sys.path.insert(0, sys.argv[1])
-import line_world, point_world as world
+import line_world
 from eventsweep.emvs import datasets
 from eventsweep.plugins.track import folder as odometry
 from eventsweep.eval.cli.main import main
-trajectory = world.swinging(turn_deg=(3, 4, 2), way_m=(0.08, 0.05, 0.04), duration_us=600_000)
-recording, out, kill_us = line_world.recorded(trajectory), sys.argv[2], int(sys.argv[3])
-class Deadly:
-    def __getattr__(self, name):
-        return getattr(recording, name)
+recording, out, kill_us = line_world.swaying(600_000), sys.argv[1], int(sys.argv[2])
+class Deadly(line_world.Wrapped):
     def events(self, camera, t0_us, t1_us):
         print(t0_us, flush=True)
         if t0_us >= kill_us:
             os.kill(os.getpid(), signal.SIGKILL)
         return recording.events(camera, t0_us, t1_us)
-datasets.open_recording = lambda _path: Deadly()
+datasets.open_recording = lambda _path: Deadly(recording)
 odometry._KEEP_EVERY_S, odometry._KEEP_SHARE = 0.0, 1e9
 main(["track", "recording", "--out", out, "--planes", "40", "--map-s", "0.2", "--quiet"])
 """
@@ -117,15 +96,15 @@ main(["track", "recording", "--out", out, "--planes", "40", "--map-s", "0.2", "-
 
 @pytest.mark.slow
 def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(tmp_path):
-    helpers = Path(line_world.__file__).parent
+    folders = [Path(line_world.__file__).parent, *HELPER_FOLDERS]
 
     def run(out, kill_us):
-        command = [sys.executable, "-c", KILLED, str(helpers), str(tmp_path / out), str(kill_us)]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        words = ["-c", KILLED, tmp_path / out, kill_us]
+        done = python(*words, path=folders, cwd=tmp_path, timeout=None)
         return done.returncode, int(done.stdout.split()[0])
 
     assert run("whole", 1 << 40) == (0, 7)
-    code, _ = run("out", 500_000)
+    code, _ = run("out", 400_000)  # recordings are read 0.2 s at a time
     assert code == -signal.SIGKILL
     assert not (tmp_path / "out").exists()
     code, began_us = run("out", 1 << 40)

@@ -19,8 +19,8 @@ from eventsweep.plugins.video.frames import open_frames
 from eventsweep.plugins.video.record import record
 from eventsweep.sim.config import PixelConfig, VideoConfig
 from eventsweep.sim.sensor_presets import SensorConfig
-from grey_frames import grey_video
 from refusals import refused
+from sensor_runs import grey_video
 from video_files import decoded, drifting, events_of, rows, write_folder, write_video
 
 LINEAR = VideoConfig(encoding="linear")

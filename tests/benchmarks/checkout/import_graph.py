@@ -51,7 +51,7 @@ def read_modules(root: Path) -> dict[str, Module]:
     files = (path for package in PACKAGES for path in (root / package).rglob("*.py"))
     paths = [path for path in files if "tests" not in path.relative_to(root).parts]
     modules = [_module(path, root) for path in paths]
-    return {module.name: module for module in sorted(modules, key=lambda one: one.name)}
+    return {module.name: module for module in sorted(modules, key=lambda module: module.name)}
 
 
 def _module(path: Path, root: Path) -> Module:
@@ -64,7 +64,7 @@ def _module(path: Path, root: Path) -> Module:
 def import_graph(modules: Mapping[str, Module]) -> Graph:
     """Module name -> names of the product's modules that it imports."""
     return {
-        name: {found for found in _imported(module, modules) if found != name}
+        name: {target for target in _imported(module, modules) if target != name}
         for name, module in modules.items()
     }
 
@@ -124,13 +124,13 @@ def importers(graph: Graph) -> Graph:
 
 def components(graph: Graph) -> list[tuple[str, ...]]:
     """Strongly connected components, each sorted; what is imported comes before what imports it."""
-    turned, left, found = importers(graph), set(graph), []
+    turned, left, groups = importers(graph), set(graph), []
     for name in reversed(_finished(graph)):
         if name in left:
-            members = reachable({one: turned[one] & left for one in left}, name)
+            members = reachable({other: turned[other] & left for other in left}, name)
             left -= members
-            found.append(tuple(sorted(members)))
-    return found[::-1]
+            groups.append(tuple(sorted(members)))
+    return groups[::-1]
 
 
 def _finished(graph: Graph) -> list[str]:
@@ -141,7 +141,7 @@ def _finished(graph: Graph) -> list[str]:
         stack = [] if start in seen else [(start, iter(sorted(graph[start])))]
         seen.add(start)
         while stack:
-            target = next((one for one in stack[-1][1] if one not in seen), None)
+            target = next((other for other in stack[-1][1] if other not in seen), None)
             if target is None:
                 order.append(stack.pop()[0])
             else:
@@ -152,7 +152,8 @@ def _finished(graph: Graph) -> list[str]:
 
 def circles(graph: Graph) -> list[tuple[str, ...]]:
     """Groups of names that import each other in a circle, the largest first."""
-    return sorted((one for one in components(graph) if len(one) > 1), key=lambda one: -len(one))
+    groups = (members for members in components(graph) if len(members) > 1)
+    return sorted(groups, key=len, reverse=True)
 
 
 def floors(graph: Graph) -> dict[str, int]:
@@ -160,7 +161,8 @@ def floors(graph: Graph) -> dict[str, int]:
     height: dict[str, int] = {}
     for members in components(graph):
         below = {target for name in members for target in graph[name]} - set(members)
-        height.update(dict.fromkeys(members, 1 + max((height[one] for one in below), default=0)))
+        lower = max((height[target] for target in below), default=0)
+        height.update(dict.fromkeys(members, 1 + lower))
     return height
 
 
@@ -194,7 +196,7 @@ def subpackage_graph(graph: Graph) -> Graph:
         if "." in name or name in ("eventsweep", "scenes"):
             own = parts.setdefault(subpackage(name), set())
             own |= {subpackage(target) for target in targets if _is_part(target)}
-    return {part: {one for one in targets if one != part} for part, targets in parts.items()}
+    return {part: targets - {part} for part, targets in parts.items()}
 
 
 def _is_part(name: str) -> bool:

@@ -75,18 +75,18 @@ def read_size(printed: str) -> tuple[str, int, int, int]:
     Raises:
         InputError: it printed something else.
     """
-    found = LAST_LINE.search(printed)
-    if found is None:
+    match = LAST_LINE.search(printed)
+    if match is None:
         raise InputError("install_size printed no sum; run it by itself")
-    return found["python"], int(found["count"]), int(found["mb"]), int(found["unused"])
+    return match["python"], int(match["count"]), int(match["mb"]), int(match["unused"])
 
 
 def tried(python: str, wheel: Path, extra: str, folder: Path) -> Trial:
     """Installs a wheel into an empty environment, weighs that and runs the main job in it."""
     home = Path(tempfile.mkdtemp(prefix="env-", dir=folder))
     done(python, "-m", "venv", home)
-    wanted = f"{wheel}[{extra}]" if extra else str(wheel)
-    done(home / "bin/pip", "install", "--quiet", wanted)
+    package = f"{wheel}[{extra}]" if extra else str(wheel)
+    done(home / "bin/pip", "install", "--quiet", package)
     size = read_size(done(home / "bin/python", SIZE))
     run = folder / f"run-{home.name}"
     done(
@@ -113,17 +113,19 @@ def install_block() -> str:
     return f"```sh\n{whole:{len(mesh)}}  # all but meshes\n{mesh}  # with meshes\n```\n"
 
 
-def size_block(one: Trial, before: str) -> str:
+def size_block(trial: Trial, before: str) -> str:
     """The table of what was tried; lines of other interpreters and systems stay as they are.
 
     Args:
-        one: what was tried here.
+
+        trial: what was tried here.
         before: the page.
     """
     system = f"{platform.system()} {platform.machine()}"
     rows = {key_of(row): row for row in ROW.findall(before)}
-    extra = f"`{one.extra}`" if one.extra else "–"
-    row = f"| {one.python} | {system} | {extra} | {one.count} | {one.size_mb} | {one.unused} |"
+    extra = f"`{trial.extra}`" if trial.extra else "–"
+    cells = trial.python, system, extra, trial.count, trial.size_mb, trial.unused
+    row = f"| {' | '.join(map(str, cells))} |"
     rows[key_of(row)] = row
     head = (
         "| Python | System | Extra | Packages | MB | Never imported |\n|---|---|---|--:|--:|--:|\n"

@@ -53,16 +53,16 @@ def normal(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def weigh(one: metadata.Distribution) -> Weighed:
+def weigh(package: metadata.Distribution) -> Weighed:
     """Sums up what a distribution says that it installed."""
-    paths = [Path(str(one.locate_file(file))) for file in one.files or ()]
+    paths = [Path(str(package.locate_file(file))) for file in package.files or ()]
     there = [path.resolve() for path in paths if path.is_file()]
-    needs = [line for line in one.requires or () if "extra ==" not in line]
+    needs = [line for line in package.requires or () if "extra ==" not in line]
     names = {normal(re.split(r"[^\w.-]", line, maxsplit=1)[0]) for line in needs}
     size = sum(path.stat().st_size for path in there)
-    tops = {file.parts[0].partition(".")[0] for file in one.files or ()}
+    tops = {file.parts[0].partition(".")[0] for file in package.files or ()}
     return Weighed(
-        normal(one.name), size, frozenset(map(str, there)), frozenset(tops), frozenset(names)
+        normal(package.name), size, frozenset(map(str, there)), frozenset(tops), frozenset(names)
     )
 
 
@@ -79,7 +79,7 @@ def _named(node: ast.AST) -> list[str]:
     if isinstance(node, ast.ImportFrom) and node.module and not node.level:
         return [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
     if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
-        return [str(one.value) for one in node.args if isinstance(one, ast.Constant)]
+        return [str(argument.value) for argument in node.args if isinstance(argument, ast.Constant)]
     return []
 
 
@@ -107,32 +107,33 @@ def own_folders() -> list[Path]:
     return [home, *(path for path in home.iterdir() if path.is_symlink())]
 
 
-def imported(found: Sequence[Weighed], loaded: set[str]) -> dict[str, str]:
+def imported(packages: Sequence[Weighed], loaded: set[str]) -> dict[str, str]:
     """How each distribution is imported: `at once`, `by X, on demand`, or `never`."""
-    how = {one.name: "at once" if one.files & loaded else "never" for one in found}
-    users = [one for one in found if how[one.name] == "at once"]
+    how = {package.name: "at once" if package.files & loaded else "never" for package in packages}
+    users = [package for package in packages if how[package.name] == "at once"]
     while users:  # what they import on demand may import more
         user = users.pop()
-        waiting = [one for one in found if how[one.name] == "never" and one.name in user.requires]
+        unused = [package for package in packages if how[package.name] == "never"]
+        waiting = [package for package in unused if package.name in user.requires]
         if not waiting:
             continue
         code = named_modules(Path(file) for file in user.files if file.endswith(".py"))
         named = {name.partition(".")[0] for name in code}
-        for one in (one for one in waiting if one.modules & named):
-            how[one.name] = f"by {user.name}, on demand"
-            users.append(one)
+        for package in (package for package in waiting if package.modules & named):
+            how[package.name] = f"by {user.name}, on demand"
+            users.append(package)
     return how
 
 
-def lines(found: Sequence[Weighed], how: Mapping[str, str], *, brief: bool) -> Iterator[str]:
+def lines(packages: Sequence[Weighed], how: Mapping[str, str], *, brief: bool) -> Iterator[str]:
     """The table, largest first; `brief` leaves out what is imported and below 10 MB."""
     yield "| distribution | MB | imported | required by |"
     yield "|---|--:|---|---|"
-    for one in sorted(found, key=lambda one: -one.size_bytes):
-        if brief and how[one.name] != "never" and one.size_bytes < 10e6:
+    for package in sorted(packages, key=lambda package: -package.size_bytes):
+        if brief and how[package.name] != "never" and package.size_bytes < 10e6:
             continue
-        by = ", ".join(sorted(other.name for other in found if one.name in other.requires))
-        yield f"| {one.name} | {one.size_bytes / 1e6:.1f} | {how[one.name]} | {by} |"
+        by = ", ".join(sorted(user.name for user in packages if package.name in user.requires))
+        yield f"| {package.name} | {package.size_bytes / 1e6:.1f} | {how[package.name]} | {by} |"
 
 
 def main() -> int:
@@ -143,17 +144,17 @@ def main() -> int:
     asked = parser.parse_args()
     site = sysconfig.get_path("purelib")
     everything = map(weigh, metadata.distributions(path=[site]))
-    found = [one for one in everything if one.name not in INSTALLERS]
+    packages = [package for package in everything if package.name not in INSTALLERS]
     if not (folders := own_folders()):
         parser.error("eventsweep is not installed here: run this by the environment's own Python")
     load(named_modules(path for folder in folders for path in folder.rglob("*.py")))
-    how = imported(found, loaded_files())
-    unused = [one for one in found if how[one.name] == "never"]
-    total_mb = sum(one.size_bytes for one in found) / 1e6
-    sys.stdout.write("\n".join(lines(found, how, brief=asked.brief)))
+    how = imported(packages, loaded_files())
+    unused = [package for package in packages if how[package.name] == "never"]
+    total_mb, unused_mb = (sum(p.size_bytes for p in some) / 1e6 for some in (packages, unused))
+    sys.stdout.write("\n".join(lines(packages, how, brief=asked.brief)))
     sys.stdout.write(
-        f"\n\nPython {sys.version.split()[0]}: {len(found)} distributions, {total_mb:.0f} MB; "
-        f"never imported: {len(unused)}, {sum(one.size_bytes for one in unused) / 1e6:.0f} MB\n"
+        f"\n\nPython {sys.version.split()[0]}: {len(packages)} distributions, {total_mb:.0f} MB; "
+        f"never imported: {len(unused)}, {unused_mb:.0f} MB\n"
     )
     return int(asked.most is not None and total_mb > asked.most)
 

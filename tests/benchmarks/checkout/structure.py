@@ -54,8 +54,8 @@ def measure(root: Path) -> dict[str, Any]:
         **{name: _sizes(files) for name, files in files_by_kind(root).items()},
         "median_module_lines": median(module.lines for module in modules.values()),
         "packages": {
-            name: _sizes([modules[one].path for one in within(graph, name)])
-            for name in (*PACKAGES, *sorted({one for one in parts if one.startswith("plugins.")}))
+            name: _sizes([modules[part].path for part in within(graph, name)])
+            for name in (*PACKAGES, *sorted(part for part in parts if part.startswith("plugins.")))
         },
         "into_plug_ins": into_plug_ins(graph),
         "folders": {
@@ -127,24 +127,24 @@ def small_with_one_importer(modules: dict[str, Module], graph: Graph) -> dict[st
     }
 
 
-def rows(found: dict[str, Any]) -> dict[str, str]:
+def rows(figures: dict[str, Any]) -> dict[str, str]:
     """The table's rows: what was measured -> the value as it is shown."""
     return {
-        "product: modules, lines": _size(found["product"]),
-        "core (all but `plugins`): modules, lines": _size(found["core"]),
-        "imports into plug-ins from outside them": str(len(found["into_plug_ins"])),
-        "tests: modules, lines": _size(found["tests"]),
-        "tests of developer tools among them": _size(found["tests of tools"]),
-        "developer tools: modules, lines": _size(found["tools"]),
-        "median module, lines": f"{found['median_module_lines']:g}",
-        **{f"`{name}`: modules, lines": _size(size) for name, size in found["packages"].items()},
-        "fullest folders": ", ".join(f"`{k}` {n}" for k, n in found["fullest_folders"].items()),
-        **{f"floors, {name}": str(len(one)) for name, one in found["chains"].items()},
-        "circles of modules (modules in each)": _circle_sizes(found["circles"]),
-        **{f"floors of parts, {name}": str(len(one)) for name, one in found["part_chains"].items()},
-        "subpackages": str(found["subpackages"]),
-        "circles of subpackages (parts in each)": _circle_sizes(found["subpackage_circles"]),
-        "small modules with one importer": str(len(found["small_with_one_importer"])),
+        "product: modules, lines": _size(figures["product"]),
+        "core (all but `plugins`): modules, lines": _size(figures["core"]),
+        "imports into plug-ins from outside them": str(len(figures["into_plug_ins"])),
+        "tests: modules, lines": _size(figures["tests"]),
+        "tests of developer tools among them": _size(figures["tests of tools"]),
+        "developer tools: modules, lines": _size(figures["tools"]),
+        "median module, lines": f"{figures['median_module_lines']:g}",
+        **{f"`{name}`: modules, lines": _size(size) for name, size in figures["packages"].items()},
+        "fullest folders": ", ".join(f"`{k}` {n}" for k, n in figures["fullest_folders"].items()),
+        **{f"floors, {name}": str(len(chain)) for name, chain in figures["chains"].items()},
+        "circles of modules (modules in each)": _circle_sizes(figures["circles"]),
+        **{f"floors of parts, {k}": str(len(chain)) for k, chain in figures["part_chains"].items()},
+        "subpackages": str(figures["subpackages"]),
+        "circles of subpackages (parts in each)": _circle_sizes(figures["subpackage_circles"]),
+        "small modules with one importer": str(len(figures["small_with_one_importer"])),
     }
 
 
@@ -152,25 +152,26 @@ def _size(size: dict[str, int]) -> str:
     return f"{size['modules']}, {size['lines']:,}"
 
 
-def _circle_sizes(found: list[tuple[str, ...]]) -> str:
-    return f"{len(found)} ({', '.join(str(len(one)) for one in found)})" if found else "0"
+def _circle_sizes(groups: list[tuple[str, ...]]) -> str:
+    return f"{len(groups)} ({', '.join(str(len(group)) for group in groups)})" if groups else "0"
 
 
 def table(columns: dict[str, dict[str, str]]) -> str:
     """The rows as Markdown, one column for each checkout."""
     lines = ["| | " + " | ".join(columns) + " |", "|---|" + "---|" * len(columns)]
     names = list(next(iter(columns.values())))
-    cells = ([row, *(one[row] for one in columns.values())] for row in names)
+    cells = ([row, *(column[row] for column in columns.values())] for row in names)
     return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in cells)])
 
 
-def details(found: dict[str, Any]) -> str:
+def details(figures: dict[str, Any]) -> str:
     """What stands behind the counts: chains, circles, small modules."""
-    parts = [f"Longest chain, {k}: {' -> '.join(v)}" for k, v in found["chains"].items()]
-    parts += [f"Subpackages, {k}: {' -> '.join(v)}" for k, v in found["part_chains"].items()]
-    parts += [f"Circle: {', '.join(one)}" for one in found["circles"]]
-    parts += [f"Circle of subpackages: {', '.join(one)}" for one in found["subpackage_circles"]]
-    small = found["small_with_one_importer"].items()
+    parts = [f"Longest chain, {k}: {' -> '.join(v)}" for k, v in figures["chains"].items()]
+    parts += [f"Subpackages, {k}: {' -> '.join(v)}" for k, v in figures["part_chains"].items()]
+    parts += [f"Circle: {', '.join(members)}" for members in figures["circles"]]
+    circles_of_parts = figures["subpackage_circles"]
+    parts += [f"Circle of subpackages: {', '.join(members)}" for members in circles_of_parts]
+    small = figures["small_with_one_importer"].items()
     parts += [f"Small: {name}, imported by {by} only" for name, by in small]
     return "\n".join(f"- {part}" for part in parts)
 
@@ -191,9 +192,9 @@ def main() -> None:
     names += [str(root) for root in asked.root[2:]]
     text = json.dumps(dict(zip(names, measured, strict=True)), indent=1)
     if not asked.json:
-        text = table({name: rows(found) for name, found in zip(names, measured, strict=True)})
+        text = table({name: rows(figures) for name, figures in zip(names, measured, strict=True)})
         lists = measured if asked.list else []
-        text = "\n\n".join([text, *(details(one) for one in lists)])
+        text = "\n\n".join([text, *(details(figures) for figures in lists)])
     print(text)  # noqa: T201
 
 

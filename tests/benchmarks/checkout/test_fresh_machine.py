@@ -14,10 +14,10 @@ SCRIPT = TOOLS / "checkout" / "fresh_machine.sh"
 def tools_without(tmp_path: Path, names: tuple[str, ...]) -> str:
     """A search path with these tools and no others."""
     for name in names:
-        found = shutil.which(name)
-        if found is None:
+        program = shutil.which(name)
+        if program is None:
             pytest.skip(f"no {name} here")
-        (tmp_path / name).symlink_to(found)
+        (tmp_path / name).symlink_to(program)
     return str(tmp_path)
 
 

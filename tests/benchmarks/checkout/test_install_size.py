@@ -43,19 +43,19 @@ def test_what_nothing_imports_is_told_from_what_is_imported_later(tmp_path):
     (tmp_path / "used.py").write_text("def f():\n    import later\n")
     (tmp_path / "later.py").write_text("import last\n")
     used, later = str(tmp_path / "used.py"), str(tmp_path / "later.py")
-    found = [
+    packages = [
         weighed("used", files=[used], modules=["used"], requires=["later", "web"]),
         weighed("later", files=[later], modules=["later"], requires=["last"]),
         weighed("last", modules=["last"]),
         weighed("web", 30_000_000, modules=["web"]),
         weighed("stray", modules=["stray"]),
     ]
-    how = imported(found, {used})
+    how = imported(packages, {used})
     assert how == {
         "used": "at once", "later": "by used, on demand", "last": "by later, on demand",
         "web": "never", "stray": "never",
     }  # fmt: skip
-    table = list(lines(found, how, brief=True))
+    table = list(lines(packages, how, brief=True))
     assert table[2:] == ["| web | 30.0 | never | used |", "| stray | 0.0 | never |  |"]
 
 

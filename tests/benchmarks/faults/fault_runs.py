@@ -40,9 +40,9 @@ def gate(copy, cache, *arguments, cases=()):
     only = [word for case in cases for word in ("--case", case)]
     some = ("--cache", cache, "--no-speed", "--force", *only)
     run(copy, "suite", "quick", "--out", place, *some, *arguments)
-    told = ("--baseline", copy.parent / "baseline.json", "--result", place, "--strict", "--json")
+    held = ("--baseline", copy.parent / "baseline.json", "--result", place, "--strict", "--json")
     timeless(BASELINE, copy.parent / "baseline.json")
-    code, text = run(copy, "gate", *told, *only)
+    code, text = run(copy, "gate", *held, *only)
     return code, json.loads(text)
 
 
@@ -74,23 +74,23 @@ def run(copy, *arguments):
 def timeless(baseline, path):
     """Copies a baseline without its series of speed."""
     content = json.loads(baseline.read_text(encoding="utf-8"))
-    series = [one for one in content["series"] if one["metric"] != SPEED_METRIC]
+    series = [each for each in content["series"] if each["metric"] != SPEED_METRIC]
     path.write_text(json.dumps({**content, "series": series}), encoding="utf-8")
 
 
 def red(verdicts):
     """The verdicts that make a gate fail."""
-    return [one for one in verdicts if one["decides"] and one["status"] in RED]
+    return [verdict for verdict in verdicts if verdict["decides"] and verdict["status"] in RED]
 
 
 def line(fault: Fault, verdicts):
     """What the gate says of a fault, as a line of the page's table."""
-    found = red(verdicts)
+    reds = red(verdicts)
     first = "nothing"
-    if found:
-        one = found[0]
-        first = " ".join(one[part] for part in ("case", "method", "metric") if one[part])
-    return f"| {fault.name} | `{fault.file}` | {len(found)} | {first} |"
+    if reds:
+        verdict = reds[0]
+        first = " ".join(verdict[part] for part in ("case", "method", "metric") if verdict[part])
+    return f"| {fault.name} | `{fault.file}` | {len(reds)} | {first} |"
 
 
 def table(cache):
@@ -102,7 +102,7 @@ def table(cache):
             lines.append(line(fault, verdicts))
             sys.stdout.write(lines[-1] + "\n")
             sys.stdout.flush()
-    deciding = sum(one["decides"] and one["status"] != "new" for one in verdicts)
+    deciding = sum(verdict["decides"] and verdict["status"] != "new" for verdict in verdicts)
     head = [f"| Fault | File | Red, of {deciding} that decide | First |", "|---|---|--:|---|"]
     return "\n".join([*head, *lines]) + "\n"
 

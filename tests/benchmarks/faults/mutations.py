@@ -102,20 +102,20 @@ def drawn(seed: int = SEED) -> list[tuple[str, Mutation]]:
 
     Lots are hashes of seed and mutation: an edit elsewhere changes no other line's lot.
     """
-    found = []
+    chosen = []
     for area, (count, patterns) in AREAS.items():
         files = sorted({path for pattern in patterns for path in ROOT.glob(pattern)})
         names = [path.relative_to(ROOT).as_posix() for path in files]
-        ours = [one for name in names if name not in LEFT_OUT for one in candidates(name)]
+        ours = [mutation for name in names if name not in LEFT_OUT for mutation in candidates(name)]
         lines: dict[tuple[str, str], Mutation] = {}
-        for one in sorted(ours, key=lambda one: _lot(seed, one)):
-            lines.setdefault((one.file, one.before.strip()), one)
-        found += [(area, one) for one in list(lines.values())[:count]]
-    return sorted(found, key=lambda pair: _lot(seed, pair[1]))
+        for mutation in sorted(ours, key=lambda mutation: _lot(seed, mutation)):
+            lines.setdefault((mutation.file, mutation.before.strip()), mutation)
+        chosen += [(area, mutation) for mutation in list(lines.values())[:count]]
+    return sorted(chosen, key=lambda pair: _lot(seed, pair[1]))
 
 
-def _lot(seed: int, one: Mutation) -> str:
-    return hashlib.sha256(f"{seed} {one.digest}".encode()).hexdigest()
+def _lot(seed: int, mutation: Mutation) -> str:
+    return hashlib.sha256(f"{seed} {mutation.digest}".encode()).hexdigest()
 
 
 @cache
@@ -127,9 +127,9 @@ def candidates(name: str) -> list[Mutation]:
     for change in _changes(ast.parse(text), lines):
         line = lines[change.number - 1]
         after = line[: change.start] + change.text + line[change.end :]
-        one = Mutation(name, change.number, line, after)
-        if after != line and _is_python(one.applied(text)):
-            made.append(one)
+        mutation = Mutation(name, change.number, line, after)
+        if after != line and _is_python(mutation.applied(text)):
+            made.append(mutation)
     return made
 
 
@@ -235,7 +235,7 @@ def _name(function: ast.expr) -> str:
 def _dropped(node: ast.Expr | ast.Assign | ast.AugAssign) -> Iterator[_Change]:
     """A statement whose absence breaks no name: a call, an assignment into something, or a sum."""
     targets = node.targets if isinstance(node, ast.Assign) else []
-    parts = [part for one in targets for part in getattr(one, "elts", [one])]
+    parts = [part for target in targets for part in getattr(target, "elts", [target])]
     is_name = any(isinstance(part, ast.Name) for part in parts)
     if node.lineno == node.end_lineno and not is_name:
         yield _Change(node.lineno, node.col_offset, node.end_col_offset or 0, "pass")

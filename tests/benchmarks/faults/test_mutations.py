@@ -19,20 +19,20 @@ def some():
 def test_at_least_twenty_are_drawn_of_all_areas(some):
     assert len(some) == sum(count for count, _ in AREAS.values()) >= 20
     assert {area for area, _ in some} == set(AREAS)
-    assert len({one.digest for _, one in some}) == len(some)
-    assert len({(one.file, one.number) for _, one in some}) == len(some)
+    assert len({mutation.digest for _, mutation in some}) == len(some)
+    assert len({(mutation.file, mutation.number) for _, mutation in some}) == len(some)
     assert drawn() == some
     assert drawn(seed=1) != some
 
 
 @pytest.mark.slow
 def test_each_changes_what_one_line_means(some):
-    for _, one in some:
-        text = (ROOT / one.file).read_text(encoding="utf-8")
-        after = one.applied(text)
+    for _, mutation in some:
+        text = (ROOT / mutation.file).read_text(encoding="utf-8")
+        after = mutation.applied(text)
         changed = [k for k, pair in enumerate(zip(*map(str.splitlines, (text, after)), strict=True))
                    if pair[0] != pair[1]]  # fmt: skip
-        assert changed == [one.number - 1]
+        assert changed == [mutation.number - 1]
         assert ast.dump(ast.parse(after)) != ast.dump(ast.parse(text))
 
 
@@ -47,22 +47,22 @@ def test_every_operator_is_known(tmp_path, monkeypatch):
         f'def f(a: int = 1, b=2):\n    "doc"\n{body}\n    f(c)\n    return c\n'
     )
     monkeypatch.setattr("mutations.ROOT", tmp_path)
-    found = {(one.before.strip(), one.after.strip()) for one in candidates("m.py")}
+    changed = {(mutation.before.strip(), mutation.after.strip()) for mutation in candidates("m.py")}
     (tmp_path / "guards.py").write_text(
         "def check_size(a):\n    return a < 1\n\n\ndef f(a):\n    self._check(a, 1)\n    lap(1)\n"
     )
     assert candidates("guards.py") == []
-    assert found == {*((f"c = {a}", f"c = {b}") for a, b in lines.items()), ("f(c)", "pass")}
+    assert changed == {*((f"c = {a}", f"c = {b}") for a, b in lines.items()), ("f(c)", "pass")}
 
 
 @pytest.mark.slow
 def test_a_copy_has_the_mutation_and_what_else_is_asked_for(tmp_path, some):
-    one = some[0][1]
-    copy = broken_copy(tmp_path / "copy", one, more=("pyproject.toml",))
-    assert one.after in (copy / one.file).read_text(encoding="utf-8")
+    mutation = some[0][1]
+    copy = broken_copy(tmp_path / "copy", mutation, more=("pyproject.toml",))
+    assert mutation.after in (copy / mutation.file).read_text(encoding="utf-8")
     assert (copy / "pyproject.toml").is_file()
     with pytest.raises(ValueError, match="says something else by now"):
-        one.applied("\n" * one.number)
+        mutation.applied("\n" * mutation.number)
 
 
 def test_the_nearest_unit_tests_come_first():
@@ -95,7 +95,7 @@ class Told:
 def test_a_stopped_run_goes_on_and_the_table_adds_up(tmp_path, monkeypatch):
     monkeypatch.setattr(mutation_runs, "VERDICTS", tmp_path / "v.jsonl")
     order = [("mapper", Mutation("a.py", k, f"a + {k}", f"a - {k}")) for k in range(5)]
-    names = [one.digest for _, one in order]
+    names = [mutation.digest for _, mutation in order]
     quick = dict.fromkeys(names, ("green", "")) | {names[0]: ("red", "desk events")}
     first = {name: quick[name] for name in names[:2]}
     with pytest.raises(KeyError):

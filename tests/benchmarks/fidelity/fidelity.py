@@ -16,8 +16,9 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -70,7 +71,7 @@ def draw(recalls: Mapping[str, Mapping[str, NDArray[np.float64]]], path: Path) -
     figure.supylabel("true events with a partner so near (%)")
     handles, names = panels[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper center", ncols=len(names))
-    with atomic_path(path) as partial, partial.open("wb") as file:
+    with atomic_path(path) as part, part.open("wb") as file:
         figure.savefig(file, format="png")
 
 
@@ -140,11 +141,19 @@ def view_of(clip: Clip) -> tuple[Scene, Rig]:
     return scene, Rig(whole.name, (camera,), (whole.T_body_cam[0],), ("left",))
 
 
-def truth(clip: Clip, kept: Path) -> Events:
-    """The events of the finest pictures; from `kept` where they have been made before."""
-    if kept.exists():
-        stored = np.load(kept)
-        return Events(*(stored[name] for name in ("x", "y", "t", "p")))
+def kept_events(path: Path, kind: type, make: Callable[[], Any]) -> Any:
+    """Events from a file, where they have been made before."""
+    if path.exists():
+        stored = np.load(path)
+        return kind(*(stored[name] for name in ("x", "y", "t", "p")))
+    events = make()
+    with atomic_path(path) as part, part.open("wb") as file:
+        np.savez(file, x=events.x, y=events.y, t=events.t_us, p=events.p)
+    return events
+
+
+def finest(clip: Clip) -> Events:
+    """The events of the finest pictures."""
     scene, rig = view_of(clip)
     config = scene.configured(
         SimConfig(sampling="linear", max_displacement_px=FINEST_PX, min_frame_interval_us=1)
@@ -164,10 +173,7 @@ def truth(clip: Clip, kept: Path) -> Events:
                 pixels.start(frame.frames[0].intensity, frame.t_us)
             else:
                 parts.append(pixels.step(frame.frames[0].intensity, frame.t_us))
-    events = Events.concat(parts)
-    with atomic_path(kept) as partial, partial.open("wb") as file:
-        np.savez(file, x=events.x, y=events.y, t=events.t_us, p=events.p)
-    return events
+    return Events.concat(parts)
 
 
 def simulated(clip: Clip, settings: dict[str, Any]) -> Events:
@@ -177,17 +183,6 @@ def simulated(clip: Clip, settings: dict[str, Any]) -> Events:
     clipped = replace(scene, motion=lambda _s, seed: scene.motion(scene.duration_s, seed))
     config = SimConfig(duration_s=1e-6 * clip.duration_us, **settings)
     return cast(Events, simulated_events(clipped, rig, config))
-
-
-def ray_truth(case: PanelCase, kept: Path) -> PixelEvents:
-    """The events of a world of panels; from `kept` where they have been made before."""
-    if kept.exists():
-        stored = np.load(kept)
-        return PixelEvents(*(stored[name] for name in ("x", "y", "t", "p")))
-    events = ray_events(case.world, case.duration_s, log_eps=case.log_eps)
-    with atomic_path(kept) as partial, partial.open("wb") as file:
-        np.savez(file, x=events.x, y=events.y, t=events.t_us, p=events.p)
-    return events
 
 
 def simulated_panels(case: PanelCase, settings: dict[str, Any]) -> Events:
@@ -223,14 +218,17 @@ def runs(given: argparse.Namespace) -> Iterator[tuple[str, str, Any, Any]]:
         if given.rays:
             case = panel_case(name, given.drawn)
             drawn = "" if given.drawn is None else f", seed {given.drawn}"
-            true: Any = ray_truth(case, given.truth / f"rays, {name}{drawn}.npz")
+            world, seconds, log_eps = case.world, case.duration_s, case.log_eps
+            cast_rays = partial(ray_events, world, seconds, log_eps=log_eps)
+            true = kept_events(given.truth / f"rays, {name}{drawn}.npz", PixelEvents, cast_rays)
             ways = RAY_WAYS if given.drawn is None else DRAWN_WAYS
             for way, settings in ways.items():
                 yield name, way, simulated_panels(case, settings), true
             continue
-        true = truth(CLIPS[name], given.truth / f"{name}.npz")
+        clip = CLIPS[name]
+        true = kept_events(given.truth / f"{name}.npz", Events, partial(finest, clip))
         for way, settings in WAYS.items():
-            yield name, way, simulated(CLIPS[name], settings), true
+            yield name, way, simulated(clip, settings), true
 
 
 def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:

@@ -198,7 +198,7 @@ def stage_cases() -> list[Case]:
 
 def stage_table(cases: list[Case]) -> str:
     """Processor time per simulated second, by stage."""
-    found = [measured(one) for one in cases]
+    measurements = [measured(one) for one in cases]
     lines = [
         "Processor seconds per simulated second; without imports and the scene's making, see "
         "[above](#before-the-first-picture).",
@@ -207,11 +207,11 @@ def stage_table(cases: list[Case]) -> str:
         f"|---|{'--:|' * len(cases)}",
     ]
     for stage in ORDER:
-        cells = [f"{one.stages_s.get(stage, 0) / one.seconds:.1f}" for one in found]
+        cells = [f"{one.stages_s.get(stage, 0) / one.seconds:.1f}" for one in measurements]
         lines.append(f"| {stage} | {' | '.join(cells)} |")
-    totals = [f"**{one.total_s / one.seconds:.1f}**" for one in found]
-    rates = [f"{one.frames / one.seconds:.0f}" for one in found]
-    events = [f"{one.events / one.seconds / 1e6:.1f}" for one in found]
+    totals = [f"**{one.total_s / one.seconds:.1f}**" for one in measurements]
+    rates = [f"{one.frames / one.seconds:.0f}" for one in measurements]
+    events = [f"{one.events / one.seconds / 1e6:.1f}" for one in measurements]
     lines += [
         f"| **together** | {' | '.join(totals)} |",
         f"| frames per camera and second | {' | '.join(rates)} |",

@@ -42,7 +42,7 @@ SETTINGS = (
 )
 """Case, ending of the names of H and of the single camera, and what the table calls both."""
 
-Found = Mapping[Key, Series]
+Scores = Mapping[Key, Series]
 
 
 def main() -> int:
@@ -84,24 +84,24 @@ def report(result: Results) -> str:
     Args:
         result: of the suite, whichever of its cases were run.
     """
-    found = measured_of(result).series
+    scores = measured_of(result).series
     flights = len(result.seeds)
     return "\n".join(
         [
             f"Means over {flights} flights (seeds) of two windows each, of 1 s unless said; in "
             "brackets the least and the greatest of a single flight.\n",
-            *_ratio_lines(found),
+            *_ratio_lines(scores),
             "",
-            *_order_lines(_case(found, "mvsec-flying")),
+            *_order_lines(_case(scores, "mvsec-flying")),
             "",
             "With noise and imperfect geometry (`mvsec`):\n",
-            *_order_lines(_case(found, "imperfect")),
+            *_order_lines(_case(scores, "imperfect")),
             "",
         ]
     )
 
 
-def _ratio_lines(found: Found) -> list[str]:
+def _ratio_lines(scores: Scores) -> list[str]:
     published = " | ".join(f"{H.value(m) / MONO.value(m):.2f}" for m in RATIOS)
     lines = [
         f"| H / mono | {' | '.join(RATIOS.values())} | points |",
@@ -110,7 +110,7 @@ def _ratio_lines(found: Found) -> list[str]:
     ]
     for case, of_h, of_mono, name in SETTINGS:
         ours = [
-            (_values(found, case, H.ours + of_h, m), _values(found, case, MONO.ours + of_mono, m))
+            (_values(scores, case, H.ours + of_h, m), _values(scores, case, MONO.ours + of_mono, m))
             for m in (*RATIOS, "points")
         ]
         if all(top.size and bottom.size for top, bottom in ours):
@@ -118,9 +118,9 @@ def _ratio_lines(found: Found) -> list[str]:
     return lines
 
 
-def _values(found: Found, case: str, method: str, metric: str) -> NDArray[np.float64]:
+def _values(scores: Scores, case: str, method: str, metric: str) -> NDArray[np.float64]:
     """One value per flight, in the order of seeds; none where the method did not run."""
-    series = found.get(Key(case, method, metric))
+    series = scores.get(Key(case, method, metric))
     values = series.values if series is not None else {}
     return np.array([values[seed] for seed in sorted(values)], dtype=np.float64)
 
@@ -131,13 +131,14 @@ def _ratio(top: NDArray[np.float64], bottom: NDArray[np.float64]) -> str:
     return f"{top.mean() / bottom.mean():.2f} ({single.min():.2f} to {single.max():.2f})"
 
 
-def _case(found: Found, case: str) -> Found:
+def _case(scores: Scores, case: str) -> Scores:
     """What one case has, as if it were the suite's only one."""
-    return {Key("", key.method, key.metric): one for key, one in found.items() if key.case == case}
+    own = ((key, series) for key, series in scores.items() if key.case == case)
+    return {Key("", key.method, key.metric): series for key, series in own}
 
 
-def _order_lines(found: Found) -> list[str]:
-    known = [line for line in TABLE if _values(found, "", line.ours, "points").size]
+def _order_lines(scores: Scores) -> list[str]:
+    known = [line for line in TABLE if _values(scores, "", line.ours, "points").size]
     if H not in known:
         return []
     lines = [
@@ -146,31 +147,31 @@ def _order_lines(found: Found) -> list[str]:
         "|---|" + "--:|" * 8,
     ]
     for line in known:
-        cells = [f"{line.mean_cm:.1f} cm", _cm(found, line, "mean_error")]
-        cells += [f"{line.median_cm:.1f} cm", _cm(found, line, "median_error")]
-        cells += [f"{line.bad_percent:.2f}", f"{_mean(found, line, 'bad_published'):.2f}"]
-        points = _mean(found, line, "points") / _mean(found, H, "points")
+        cells = [f"{line.mean_cm:.1f} cm", _cm(scores, line, "mean_error")]
+        cells += [f"{line.median_cm:.1f} cm", _cm(scores, line, "median_error")]
+        cells += [f"{line.bad_percent:.2f}", f"{_mean(scores, line, 'bad_published'):.2f}"]
+        points = _mean(scores, line, "points") / _mean(scores, H, "points")
         cells += [f"{line.points_m / H.points_m:.2f}", f"{points:.2f}"]
         lines.append(f"| {line.method}: `{line.ours}` | {' | '.join(cells)} |")
-    return [*lines, "", *(_order(found, known, metric) for metric in RATIOS)]
+    return [*lines, "", *(_order(scores, known, metric) for metric in RATIOS)]
 
 
-def _mean(found: Found, line: Published, metric: str) -> float:
-    return float(_values(found, "", line.ours, metric).mean())
+def _mean(scores: Scores, line: Published, metric: str) -> float:
+    return float(_values(scores, "", line.ours, metric).mean())
 
 
-def _cm(found: Found, line: Published, metric: str) -> str:
-    return f"{100 * _mean(found, line, metric):.1f} cm"
+def _cm(scores: Scores, line: Published, metric: str) -> str:
+    return f"{100 * _mean(scores, line, metric):.1f} cm"
 
 
-def _order(found: Found, known: Sequence[Published], metric: str) -> str:
+def _order(scores: Scores, known: Sequence[Published], metric: str) -> str:
     """Which pairs of methods stand the other way round than published."""
     pairs = list(combinations(known, 2))
     turned = [
         f"`{a.ours}` and `{b.ours}`"
         for a, b in pairs
         if (a.value(metric) < b.value(metric))
-        != (_mean(found, a, metric) < _mean(found, b, metric))
+        != (_mean(scores, a, metric) < _mean(scores, b, metric))
     ]
     same = f"{len(pairs) - len(turned)} of {len(pairs)} pairs of methods in the published order"
     end = f"; the other way round: {', '.join(turned)}" if turned else ""

@@ -62,7 +62,7 @@ def write(folder: Path, page: Path) -> None:
     for path in paths:
         with atomic_path(images / f"study_{path.stem}.png") as partial:
             shrink(path.with_suffix(".png"), partial)
-    text = overview(studies, costs) + "".join(f"\n{section(one)}" for one in studies)
+    text = overview(studies, costs) + "".join(f"\n{section(study)}" for study in studies)
     into_page(page, MARK, text)
 
 
@@ -114,8 +114,8 @@ def _breaking(study: StudyResult, method: str) -> str:
     amount = study.breaking().get(method)
     if amount is not None:
         return f"{amount:.3g}"
-    found = (c for c in study.curves if (c.method, c.metric) == (method, METRICS[0]))
-    curve = next(found, None)
+    curves = (c for c in study.curves if (c.method, c.metric) == (method, METRICS[0]))
+    curve = next(curves, None)
     if curve is None or math.isnan(curve.mean[0]):
         return "–"
     return f"never (x {max(curve.mean) / curve.mean[0]:.1f})"

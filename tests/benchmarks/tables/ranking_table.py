@@ -41,7 +41,7 @@ def _markdown(grid: Grid) -> str:
     kept = [k for k, head in enumerate(grid.heads) if head.title not in _LEFT_OUT]
     heads = [f"{h.title} \\[{h.unit}\\]" if h.unit else h.title for h in grid.heads]
     lines = [heads, ["---", *["--:"] * (len(heads) - 1)]]
-    lines += [[f"**{c.text}**" if c.kind == "best" else c.text for c in one] for one in grid.lines]
+    lines += [[f"**{c.text}**" if c.kind == "best" else c.text for c in row] for row in grid.lines]
     return "\n".join(f"| {' | '.join(line[k] for k in kept)} |" for line in lines) + "\n"
 
 

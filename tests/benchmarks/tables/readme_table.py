@@ -32,16 +32,16 @@ def results_block(baseline: Baseline) -> str:
     Args:
         baseline: means over its seeds, then over those cases on which every method was run.
     """
-    wanted = [
-        one
-        for one in baseline.series
-        if one.metric in METRICS and "/" in one.method and " " not in one.method
+    chosen = [
+        series
+        for series in baseline.series
+        if series.metric in METRICS and "/" in series.method and " " not in series.method
     ]
-    if not wanted:
+    if not chosen:
         raise InputError("the baseline holds no method's scores; `eventsweep gate --update` does")
-    found = table(mean_over_cases(means_over_seeds(wanted), "mean"), "mean_error", METRICS)
-    cases = {one.case for one in wanted}
-    return as_markdown(ranking_table(found, "")) + "\n" + _sentence(baseline, cases)
+    ranked = table(mean_over_cases(means_over_seeds(chosen), "mean"), "mean_error", METRICS)
+    cases = {series.case for series in chosen}
+    return as_markdown(ranking_table(ranked, "")) + "\n" + _sentence(baseline, cases)
 
 
 def _sentence(baseline: Baseline, cases: Iterable[str]) -> str:
@@ -57,13 +57,13 @@ def _sentence(baseline: Baseline, cases: Iterable[str]) -> str:
 def _scenes(baseline: Baseline, cases: Iterable[str]) -> str:
     """The scenes, and the length of their windows, as the suite defines them."""
     suite, _ = load(baseline.name)
-    found: dict[str, list[str]] = {}
+    by_windows: dict[str, list[str]] = {}
     for name in sorted(cases):
         case = suite.cases[name]
         lengths = " and ".join(f"{s:g}" for s in sorted({w.duration_s for w in case.windows}))
         about = f"{plural(len(case.windows), 'window')} of {lengths} s"
-        found.setdefault(about, []).append(case.scene)
-    return "; ".join(f"{', '.join(scenes)}: {windows} each" for windows, scenes in found.items())
+        by_windows.setdefault(about, []).append(case.scene)
+    return "; ".join(f"{', '.join(names)}: {about} each" for about, names in by_windows.items())
 
 
 def real_block(page: str) -> str:

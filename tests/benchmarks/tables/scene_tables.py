@@ -142,13 +142,13 @@ def main() -> None:
     parser.add_argument("pages", nargs="*", type=Path, help=f"some of {', '.join(PAGES)}")
     parser.add_argument("--only", nargs="+", default=(), choices=scenes.names())
     parser.add_argument("--seconds", type=float, default=0.05, help="length of each piece")
-    wanted = parser.parse_args()
-    if wanted.only:
-        print(HEAD + rows(tuple(wanted.only), wanted.seconds), end="")  # noqa: T201
-    for page in wanted.pages:
+    asked = parser.parse_args()
+    if asked.only:
+        print(HEAD + rows(tuple(asked.only), asked.seconds), end="")  # noqa: T201
+    for page in asked.pages:
         if page.name not in PAGES:
             parser.error(f"{page}: known pages are {', '.join(PAGES)}")
-        into_page(page, "figures", HEAD + rows(PAGES[page.name], wanted.seconds))
+        into_page(page, "figures", HEAD + rows(PAGES[page.name], asked.seconds))
 
 
 if __name__ == "__main__":

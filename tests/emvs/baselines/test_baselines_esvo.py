@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import naive_esvo
+import naive_baselines as naive
 from eventsweep.emvs.baselines import esvo
 from eventsweep.emvs.baselines.esvo import EsvoMap, Lines, Refined, match_blocks, refine
 from eventsweep.emvs.baselines.esvo_filter import Estimates, fuse_into, propagate, regularised
@@ -68,7 +68,7 @@ def test_blocks_against_the_twin():
     settings = Matching(coarse_px=1, least_zncc=-1)
     found, score = match_blocks(left, right, pixels, (2, 20), settings)
     for (u, v), disparity, value in zip(pixels.tolist(), found, score, strict=True):
-        known = [naive_esvo.zncc(left, right, u, v, d, (7, 3)) for d in range(1, 22)]
+        known = [naive.zncc(left, right, u, v, d, (7, 3)) for d in range(1, 22)]
         assert value == pytest.approx(max(known), abs=1e-4)
         at_the_end = int(np.argmax(known)) in (0, 20)
         assert np.isnan(disparity) == at_the_end
@@ -109,12 +109,12 @@ def test_scale_and_spread_against_the_twin():
     for k in range(10):
 
         def residuals(rho, k=k):
-            return naive_esvo.residuals(left, right, found.a[k], found.b[k], camera, rho, (7, 3))
+            return naive.residuals(left, right, found.a[k], found.b[k], camera, rho, (7, 3))
 
-        spread = naive_esvo.spread(residuals(refined.rho[k]), settings.dof, settings.scale)
+        spread = naive.spread(residuals(refined.rho[k]), settings.dof, settings.scale)
         assert refined.spread[k] == pytest.approx(spread, rel=0.1)
         low, high = (
-            naive_esvo.weighted(residuals(refined.rho[k] + step), settings.dof, refined.spread[k])
+            naive.weighted(residuals(refined.rho[k] + step), settings.dof, refined.spread[k])
             for step in (-1e-6, 1e-6)
         )
         scale = settings.scale / np.linalg.norm((high - low) / 2e-6)
@@ -138,7 +138,7 @@ def test_refinement_lowers_the_twins_cost():
     refined = refine(left, right, found, start, Refinement())
     for k in range(10):
         values = [
-            naive_esvo.cost(left, right, found.a[k], found.b[k], camera, rho, (7, 3), 2.182, 17.277)
+            naive.cost(left, right, found.a[k], found.b[k], camera, rho, (7, 3), 2.182, 17.277)
             for rho in (start[k], refined.rho[k], refined.rho[k] - 0.01, refined.rho[k] + 0.01)
         ]
         assert values[1] < values[0]
@@ -231,7 +231,7 @@ def test_regularisation_against_the_twin():
     known = Estimates(rho, scale, np.full(rho.shape, 4.0), count, np.zeros(rho.shape))
     smoothed = Regularisation(radius_px=5, least_neighbours=8)
     found = regularised(known, CleanUp(least_fusions=0), smoothed, 1.0)
-    expected = naive_esvo.smooth(rho, known.deviation, 5, 8)
+    expected = naive.smooth(rho, known.deviation, 5, 8)
     np.testing.assert_allclose(found, expected)
     assert 0 < np.isfinite(found).sum() < count.sum()
 

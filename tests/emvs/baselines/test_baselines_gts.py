@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import naive_esvo
+import naive_baselines as naive
 from depth_maps import assert_same_bits
 from eventsweep.emvs.baselines import gts
 from eventsweep.emvs.baselines.gts import Stream, pairs, time_slopes
@@ -38,8 +38,8 @@ def test_pairs_against_the_twin_choose_each_other():
     left, right = random_stream(1), random_stream(2)
     settings = Coincidence(row_px=1.0, time_us=1000.0, motion=0.5, most_energy=4.0)
     i, j, energy = pairs(left, right, (1, 12), settings)
-    to_right = naive_esvo.best_pairs(left, right, 1, 12, settings)
-    to_left = naive_esvo.best_pairs(right, left, -12, -1, settings)
+    to_right = naive.best_pairs(left, right, 1, 12, settings)
+    to_left = naive.best_pairs(right, left, -12, -1, settings)
     expected = [(k, m) for k, m in enumerate(to_right) if m >= 0 and to_left[m] == k]
     assert list(zip(i.tolist(), j.tolist(), strict=True)) == expected
     assert len(expected) > 5

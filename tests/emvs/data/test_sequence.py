@@ -14,10 +14,9 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.outputs import atomic_dir
-from folder_bytes import all_bytes
 from made_events import assert_same_events, random_events
 from point_world import stereo_rig
-from refusals import refused
+from refusals import all_bytes, refused
 
 CAMERA = Camera(20, 10, 15, 15, 9.5, 4.5)
 

@@ -136,14 +136,14 @@ def test_a_lens_without_view_depth_cannot_be_scored(tmp_path):
 MEMORY = """
 import pathlib, sys
 sys.path.insert(0, {tests!r})
-import noise_scene as t
+import mujoco_scenes as t
 from eventsweep.sim.rigs import rig
 from eventsweep.sim.simulate import simulate
 
 if __name__ == "__main__":
     out, seconds, workers = pathlib.Path(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3])
     config = t.CONFIG.model_copy(update={{"duration_s": seconds}})
-    simulate(t.scene_in(out.parent), rig("tumvie"), config, 0, out, workers=workers)
+    simulate(t.noise_scene(out.parent), rig("tumvie"), config, 0, out, workers=workers)
 """
 
 
@@ -151,7 +151,7 @@ if __name__ == "__main__":
 @pytest.mark.parametrize(("workers", "most_mb"), [(1, 1800), (2, 2700)])
 def test_1_mpx_takes_bounded_memory_and_no_more_for_longer(tmp_path, workers, most_mb):
     script = tmp_path / "memory.py"
-    script.write_text(MEMORY.format(tests=str(HELPERS)))
+    script.write_text(MEMORY.format(tests=str(HELPERS / "simulation")))
     peaks = []
     for seconds in ("0.04", "0.16"):
         command = [sys.executable, str(script), str(tmp_path / seconds), seconds, str(workers)]

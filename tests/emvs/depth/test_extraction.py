@@ -24,7 +24,7 @@ from eventsweep.emvs.depth.focus import (
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.focus_kernels import BLOCK, PAIR
 from eventsweep.emvs.dsi.maxima import FocusPeak, InFocus, Maximum
-from focus_volumes import found_in_volumes, judge, maximum_of, most_reliable
+from volumes import found_in_volumes, judge, maximum_of, most_reliable
 
 F = np.float32
 TWINS = {

@@ -12,8 +12,8 @@ from eventsweep.emvs.dsi.maxima import RunningMaxima
 from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.methods import known_methods, methods_by_name
-from fusions import FUSIONS
 from refusals import refused
+from volumes import FUSIONS
 
 ORDER = ("min", "H", "G", "A", "RMS", "max")
 

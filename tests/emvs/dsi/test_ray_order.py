@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from eventsweep.emvs.dsi.rays import BAND_ROWS, RayCounts, Rays, grouped_by_rows
-from naive_ray_order import order_by_rows
-from whole_volume import dsi
+from naive_sweep import order_by_rows
+from volumes import dsi
 
 RHO, HEIGHT_PX = 0.5, 70
 # Also what lies outside the image, and what no ray should be but a kernel must survive

@@ -11,7 +11,7 @@ from eventsweep.emvs.dsi.voting import PASS_PLANES, Scratch, batch_planes
 from eventsweep.emvs.dsi.voting_kernels import CHUNK
 from eventsweep.emvs.reference_view import inverse_depth_at, inverse_depth_planes, mcemvs_planes
 from eventsweep.emvs.utils.runtime import use_threads
-from whole_volume import dsi
+from volumes import dsi
 
 W, H = 12, 9
 NEAREST = pytest.mark.parametrize("nearest", [False, True])

@@ -7,9 +7,8 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.maps.folder import RecordingInfo, read_map, write_index, write_window
-from folder_bytes import all_bytes
 from point_world import fronto_parallel
-from refusals import refused
+from refusals import all_bytes, refused
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4, planes=20, methods=("Alg1/H", "EMVS/cam0"))
 RECORDING = RecordingInfo(name="points", path="somewhere/points", manifest_sha256="ab12")

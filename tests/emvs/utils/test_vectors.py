@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numba import njit
 
 from eventsweep.emvs.utils.vectors_kernels import WIDTH, aligned, larger, load, plus, splat, store
-from processors import NARROW, assert_same_bits
+from programs import NARROW, assert_same_bits
 
 SAME = """
 import numpy as np

@@ -2,7 +2,7 @@
 
 import pytest
 
-from program import COMMANDS, command
+from programs import COMMANDS, command
 from refusals import command_refused
 
 REPLACE = {

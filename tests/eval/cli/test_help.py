@@ -10,7 +10,7 @@ from rich.console import Console
 from eventsweep.eval.cli.help import ALL, readable
 from eventsweep.eval.cli.main import app, main
 from places import needs_plugins
-from program import COMMANDS, command
+from programs import COMMANDS, command
 from refusals import command_refused
 
 EVERY = sorted(COMMANDS)

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import noise_scene
 import rover
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.scenes import prepared
@@ -14,7 +13,7 @@ from eventsweep.sim.config import ModelConfig, ReplayConfig, SimConfig
 from eventsweep.sim.model.scenes import scene_of
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.simulate import simulate
-from refusals import refused
+from refusals import all_bytes, refused
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -34,7 +33,7 @@ def test_dynamics_become_a_sequence_that_any_number_of_workers_makes(rover_xml, 
     assert pickle.loads(pickle.dumps(scene)).name == "rover"
     for workers in (1, 2):
         simulate(scene, rig, config, 0, tmp_path / f"{workers}", workers=workers)
-    assert noise_scene.contents(tmp_path / "1") == noise_scene.contents(tmp_path / "2")
+    assert all_bytes(tmp_path / "1") == all_bytes(tmp_path / "2")
     sequence = Sequence.open(tmp_path / "1")
     assert len(sequence.events(0, 0, 20_000)) > 100
     start, end = sequence.trajectory.at(np.array([0, 20_000]))[:, :3, 3]

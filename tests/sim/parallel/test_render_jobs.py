@@ -22,9 +22,9 @@ from eventsweep.sim.parallel.workers import slot_count
 from eventsweep.sim.sensor.labels import Label
 from eventsweep.sim.sensor_presets import SensorConfig
 from eventsweep.sim.simulate import check_disk, make_job, simulate
-from noise_scene import CONFIG, Killed, contents, motion, stop_at, textures
+from mujoco_scenes import CONFIG, Killed, motion, stop_at, textures
 from places import HELPERS
-from refusals import refused
+from refusals import all_bytes, refused
 from tiers import often
 
 
@@ -50,7 +50,7 @@ def test_a_stopped_run_goes_on_where_it_was(folder, scene, whole, t_us):
         scene, made.tiny_rig(), CONFIG, 0, out, notice=lines.append,
         progress=lambda done_us, _total_us, events: seen.append((done_us, events)),
     )  # fmt: skip
-    assert contents(out) == contents(whole)
+    assert all_bytes(out) == all_bytes(whole)
     assert len(lines) == 1
     assert "resuming" in lines[0]
     assert all(done_us > t_us - 10_000 for done_us, _ in seen)
@@ -74,7 +74,7 @@ def test_a_sensor_with_noise_goes_on_as_if_never_stopped(folder, scene):
         scene, made.tiny_rig(), noisy, 0, out, workers=2, commit_s=0,
         progress=lambda done_us, *_: times_us.append(done_us),
     )  # fmt: skip
-    assert contents(out) == contents(once)
+    assert all_bytes(out) == all_bytes(once)
     assert times_us == sorted(set(times_us))
     assert times_us[-1] == 50_000
     assert not checkpoint_path(out).exists()
@@ -121,7 +121,7 @@ def test_a_damaged_part_is_made_again(folder, scene, whole, unfinished, name, in
     content[len(content) // 2] ^= 1
     file.write_bytes(content)
     simulate(scene, made.tiny_rig(), CONFIG, 0, out, notice=lines.append)
-    assert contents(out) == contents(whole)
+    assert all_bytes(out) == all_bytes(whole)
     assert "damaged" in lines[0]
 
 
@@ -129,16 +129,16 @@ def test_work_of_another_configuration_is_not_taken_up(folder, scene, whole):
     out = folder / "other"
     other = CONFIG.model_copy(update={"contrast_threshold_pos": 0.3})
     stopped(scene, out, 22_000, other)
-    kept = contents(checkpoint_path(out))
+    kept = all_bytes(checkpoint_path(out))
     refused("resume=False", simulate, scene, made.tiny_rig(), CONFIG, 0, out)
     moved = replace(scene, motion=lambda duration_s, seed: motion(duration_s, seed + 1))
     refused("resume=False", simulate, moved, made.tiny_rig(), other, 0, out)
     mjcf = folder / "wider.xml"
     mjcf.write_text(scene.mjcf.read_text().replace('size=".1 .1 .1"', 'size=".1 .1 .12"'))
     refused("resume=False", simulate, replace(scene, mjcf=mjcf), made.tiny_rig(), other, 0, out)
-    assert contents(checkpoint_path(out)) == kept
+    assert all_bytes(checkpoint_path(out)) == kept
     simulate(scene, made.tiny_rig(), CONFIG, 0, out, resume=False)
-    assert contents(out) == contents(whole)
+    assert all_bytes(out) == all_bytes(whole)
 
 
 def test_a_target_is_worked_on_once_at_a_time(folder, scene):
@@ -158,11 +158,10 @@ KILLED = """
 import os, pathlib, random, signal, sys, time
 sys.path.insert(0, {tests!r})
 import mujoco_scenes as made
-import noise_scene as t
 from eventsweep.sim.simulate import simulate as simulated
 
 def simulate(out, workers):
-    simulated(t.scene_in(out.parent), made.tiny_rig(), t.CONFIG, 0, out,
+    simulated(made.noise_scene(out.parent), made.tiny_rig(), made.CONFIG, 0, out,
               commit_s=0, workers=workers)
 
 def main(out, workers, seed):
@@ -192,12 +191,12 @@ if __name__ == "__main__":
 @pytest.mark.parametrize("workers", [1, 2])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, whole, workers):
     script = tmp_path / "killed.py"
-    script.write_text(KILLED.format(tests=str(HELPERS), patience=0.1 * workers**2))
+    script.write_text(KILLED.format(tests=str(HELPERS / "simulation"), patience=0.1 * workers**2))
     command = [sys.executable, str(script), str(tmp_path / "s"), str(workers), "3"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 0
-    assert contents(tmp_path / "s") == contents(whole)
+    assert all_bytes(tmp_path / "s") == all_bytes(whole)
     # Killed between the end of the work and its removal, the work may stay: it is whole; and a
     # claim that nobody holds.
     done_with = {checkpoint_path(tmp_path / "s").name, ".s.lock"}
@@ -222,7 +221,7 @@ def test_a_worker_that_dies_is_told_and_loses_nothing(folder, scene, monkeypatch
         simulate(scene, made.tiny_rig(), many, 0, out, workers=2, commit_s=0, progress=kill)
     assert checkpoint_path(out).exists()
     simulate(scene, made.tiny_rig(), many, 0, out)
-    assert contents(out) == contents(folder / "not-killed")
+    assert all_bytes(out) == all_bytes(folder / "not-killed")
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mujoco_scenes as made
-import naive_pixels
+import naive_sensor
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
@@ -48,7 +48,7 @@ def sideways(speed_m_s: float) -> HeadSway:
 def moved_both_ways(rig, a, b):
     """Largest exact displacement of any pixel of any camera, forwards and backwards."""
     both = [
-        naive_pixels.displacements_px(
+        naive_sensor.displacements_px(
             rig, [f.nearest_depth_m for f in x.frames], x.T_world_body, y.T_world_body
         )
         for x, y in ((a, b), (b, a))
@@ -161,7 +161,7 @@ def test_displacement_equals_its_twin(seed):
     pose_a = look_at(rng.normal(size=3), rng.normal(9, 1, size=3))
     motion = HeadSway.seeded(pose_a, (0.02,) * 3, (3, 3, 3), (1.0,), seed)
     pose_b = motion.T_world_body(0.1)
-    expected = max(m.max() for m in naive_pixels.displacements_px(rig, depths_m, pose_a, pose_b))
+    expected = max(m.max() for m in naive_sensor.displacements_px(rig, depths_m, pose_a, pose_b))
     assert largest_displacement_px(rig, depths_m, pose_a, pose_b) == pytest.approx(
         expected, rel=1e-5
     )

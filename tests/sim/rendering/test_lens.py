@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import mujoco_scenes as made
 import naive_lens
-import naive_pixels
+import naive_sensor
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
@@ -312,7 +312,7 @@ def test_displacement_equals_exact_projection(camera):
         b[:3, :3] = a[:3, :3] @ Rotation.from_rotvec([0.3 * turned_rad, turned_rad, 0]).as_matrix()
         b[:3, 3] += moved_m
         found_px = largest_displacement_px(rig, depths_m, a, b)
-        exact_px = max(d.max() for d in naive_pixels.displacements_px(rig, depths_m, a, b))
+        exact_px = max(d.max() for d in naive_sensor.displacements_px(rig, depths_m, a, b))
         assert found_px == pytest.approx(exact_px, rel=1e-2)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mujoco_scenes as made
-import naive_pixels
+import naive_sensor
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim import graphics
@@ -216,7 +216,7 @@ def test_average_equals_its_twin(supersample):
     window_depth = rng.random(shape, np.float32)
     intensity, nearest = np.empty((5, 7), np.float32), np.empty((5, 7), np.float32)
     pixel_kernels.average(rgb, window_depth, supersample, intensity, nearest)
-    expected = naive_pixels.average(rgb, window_depth, supersample)
+    expected = naive_sensor.average(rgb, window_depth, supersample)
     np.testing.assert_allclose(intensity, expected[0], rtol=0, atol=1e-6)
     assert np.array_equal(nearest, expected[1])
 

@@ -8,8 +8,8 @@ from eventsweep.sim.config import ShutterConfig, SimConfig
 from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.sensor.frame_camera import Exposure, develop
-from exposed import captured_light, mean_light
 from refusals import refused
+from sensor_runs import captured_light, mean_light
 
 
 def frames(times_us):

@@ -24,9 +24,9 @@ from eventsweep.sim.sensor.frame_camera import (
 )
 from eventsweep.sim.sensor.lens_blur import blurred
 from eventsweep.sim.simulate import make_job, simulate
-from exposed import captured_light, mean_light
-from noise_scene import Killed, contents, stop_at
-from refusals import refused
+from mujoco_scenes import Killed, stop_at
+from refusals import all_bytes, refused
+from sensor_runs import captured_light, mean_light
 
 # The shutter is open across chunks, parts and truth times.
 FRAMES = FramesConfig(rate_hz=100, exposure_us=9_000)
@@ -66,8 +66,8 @@ def test_a_stored_picture_is_the_light_of_the_frames_that_made_the_events(scene,
 
 def test_events_and_truth_do_not_depend_on_the_pictures(folder, scene, whole):
     without = CONFIG.model_copy(update={"frames": FramesConfig(rate_hz=0)})
-    other = contents(simulate(scene, made.tiny_rig(), without, 0, folder / "without"))
-    with_them = contents(whole)
+    other = all_bytes(simulate(scene, made.tiny_rig(), without, 0, folder / "without"))
+    with_them = all_bytes(whole)
     photos = {f"cam{k}/frames.h5" for k in range(2)}
     assert with_them.keys() - other.keys() == photos
     differ = {name for name in other if other[name] != with_them[name]}
@@ -83,7 +83,7 @@ def test_a_stopped_run_goes_on_with_the_shutter_open(folder, scene, whole, t_us,
     with pytest.raises(Killed):
         simulate(scene, made.tiny_rig(), CONFIG, 0, out, commit_s=0, progress=stop_at(t_us))
     simulate(scene, made.tiny_rig(), CONFIG, 0, out, workers=workers)
-    assert contents(out) == contents(whole)
+    assert all_bytes(out) == all_bytes(whole)
 
 
 @given(st.floats(1, 2_000), st.integers(1, 3_000), st.integers(2, 200_000))

@@ -12,9 +12,8 @@ import naive_esim
 from eventsweep.emvs.data.events import Events
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.sensor.esim import EventSimulator
-from grey_frames import grey_video
 from sensor_runs import config as sensor_config
-from sensor_runs import rows_of
+from sensor_runs import grey_video, rows_of
 from sensor_runs import run as run_sensor
 
 H, W = 2, 3

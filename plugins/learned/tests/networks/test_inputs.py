@@ -7,8 +7,8 @@ from eventsweep.emvs.depth.kept_votes import LANES, KeptVotes, votes_of_codes
 from eventsweep.emvs.methods import methods_by_name
 from eventsweep.plugins.learned.networks.inputs import Candidates, as_patches, channels
 from eventsweep.plugins.learned.networks.network import CHANNELS, CUES, DEPTH, SIDE_PX
-from fusions import FUSIONS
 from lanes import as_rays
+from volumes import FUSIONS
 
 
 def some_candidates(count, planes, height, width, seed=3, halved=0.0):

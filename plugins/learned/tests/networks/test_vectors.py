@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from processors import NARROW, assert_same_bits
+from programs import NARROW, assert_same_bits
 
 SAME = """
 import numpy as np

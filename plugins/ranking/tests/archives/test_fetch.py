@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-import archive_sizes
 from eventsweep.emvs.utils.files import MARK
 from eventsweep.emvs.utils.output_manifest import strangers
 from eventsweep.emvs.utils.outputs import claimed
@@ -391,13 +390,3 @@ def test_a_manifest_lists_each_once():
     newer = text | {"schema_version": 9}
     for content, words in ((twice, "listed twice"), (newer, "schema version 9")):
         assert words in line_of(parse, json.dumps(content), "here")
-
-
-def test_the_page_says_how_large_an_archive_is(published, tmp_path, capsys):
-    page = tmp_path / "page.md"
-    page.write_text("Sizes:\n\n<!-- sizes: begin -->\n<!-- sizes: end -->\n")
-    assert archive_sizes.main([str(published), "--page", str(page)]) == 0
-    every = sum(map(len, CONTENT.values())) / 1e6
-    assert f"| `tiny` | 4 | {every:,.1f} MB | 0.0 MB |" in page.read_text()
-    assert "| `quick` | 2 | 0.0 MB |" in capsys.readouterr().out
-    assert archive_sizes.main([str(tmp_path / "nowhere")]) == 2

@@ -70,16 +70,6 @@ class Fit:
             "map points near lines of events"
         )
 
-    @property
-    def events_share(self) -> float:
-        """Share of events near a line of the map."""
-        return self.events_near / max(self.events, 1)
-
-    @property
-    def points_share(self) -> float:
-        """Share of map points near a line of the events."""
-        return self.points_near / max(self.points, 1)
-
 
 class Registration:
     """Registers batches with a map; keeps its drawing while the body has moved little.
@@ -151,8 +141,8 @@ class Registration:
         # Rounding errors of products of poses would otherwise grow from batch to batch.
         T_world_body = se3.nearest_rigid(se3.inverse(T_now_drawn @ T_drawn_world))
         covariance = np.linalg.inv(H)
-        found = replace(expected, T_world_body=T_world_body, twist=twist, covariance=covariance)
-        return found, Fit.of(counts)
+        motion = replace(expected, T_world_body=T_world_body, twist=twist, covariance=covariance)
+        return motion, Fit.of(counts)
 
     def _draw_map(self, T_body_world: Matrix, levels: int) -> Matrix:
         """Draws the map at a pose, unless it is drawn at one nearby; returns where."""

@@ -1,24 +1,110 @@
-"""What the tracker sees of a camera: events in its undistorted image, and the map in it."""
+"""What the tracker sees of a camera: events in its undistorted image, and the map in it, as lines.
+
+A line is a moving least squares fit (Levin, *The approximation power of moving least-squares*,
+Mathematics of Computation 1998): mean and covariance of the points around, weighted by a Gaussian.
+Its normal is the covariance's minor axis. Each is computed only where it is looked up, and once: so
+an image of any size costs what its points cost.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.utils.vectors_kernels import aligned
 from eventsweep.plugins.track.odometry.registration.events_kernels import draw
-from eventsweep.plugins.track.odometry.registration.lines import DepthFields, LineFields
-from eventsweep.plugins.track.odometry.registration.lines_kernels import point_normals, project
+from eventsweep.plugins.track.odometry.registration.lines_kernels import (
+    MARGIN,
+    REACH,
+    SUMS,
+    add_inverse_depth,
+    add_points,
+    empty,
+    point_normals,
+    project,
+)
 
 Matrix = NDArray[np.float64]
+_DEPTH_CELL_PX, _DEPTH_BOX = 4, 7
+_LINE = 8
 
 
-@dataclass(frozen=True, eq=False)
+class LineFields:
+    """Lines of (u, v, rho) points in images at several scales; made again by every drawing.
+
+    Attributes:
+        places: (C, L, 4) int64, where each image's cells lie at each scale.
+        field: the arrays, see `lines_kernels`.
+        drawing: number of the last drawing.
+    """
+
+    def __init__(self, sizes_px: Sequence[tuple[int, int]], levels: int) -> None:
+        self.places = np.empty((len(sizes_px), levels, 4), np.int64)
+        cells = 0
+        for k, (width_px, height_px) in enumerate(sizes_px):
+            for level in range(levels):
+                rows, columns = -(-height_px >> level) + 1, -(-width_px >> level) + 1
+                before = REACH * (columns + MARGIN + 1)
+                self.places[k, level] = cells + before, rows, columns, 1 << level
+                cells += 2 * before + rows * (columns + MARGIN)
+        lines = aligned(_LINE * cells).reshape(cells, _LINE)
+        made = lines.view(np.int32)[:, -1]  # beside the line: one cache line for both
+        self.field = (
+            aligned(SUMS * cells), np.zeros(cells + 1, np.int32), made, lines, aligned(6 * SUMS),
+        )  # fmt: skip
+        self.drawing = 0
+
+    def begin(self) -> None:
+        """Begins a drawing: whatever was in the fields is gone."""
+        self.drawing += 1
+        empty(self.field)
+
+    def fill(self, image: int, points: Matrix, count: int, levels: int) -> None:
+        """Adds the first `count` rows of (N, 3) points to an image, at its finest `levels`."""
+        for place in self.places[image, :levels]:
+            add_points(points, count, place, self.field)
+
+
+class DepthFields:
+    """Inverse depth around every place of images: the mean of the points near it.
+
+    Attributes:
+        places: (C, 4) int64, each image's first cell, rows, columns, and the size of a cell, px.
+        rho: (N,) float64, 1/m; above 0 everywhere, far from all points their mean.
+    """
+
+    def __init__(self, sizes_px: Sequence[tuple[int, int]]) -> None:
+        cell_px, self.places = _DEPTH_CELL_PX, np.empty((len(sizes_px), 4), np.int64)
+        cells = 0
+        for k, (width_px, height_px) in enumerate(sizes_px):
+            rows, columns = height_px // cell_px + 2, width_px // cell_px + 2
+            self.places[k] = cells, rows, columns, cell_px
+            cells += rows * columns
+        self.rho = np.ones(cells)
+
+    def image(self, image: int) -> Matrix:
+        """The (h, w) part of `rho` of an image."""
+        first, rows, columns, _ = self.places[image]
+        return self.rho[first : first + rows * columns].reshape(rows, columns)
+
+    def fill(self, image: int, points: Matrix, count: int) -> None:
+        """Takes the first `count` rows (u, v, rho), at least one, instead of those before."""
+        rho = self.image(image)
+        total, number = np.zeros_like(rho), np.zeros_like(rho)
+        add_inverse_depth(points, count, float(_DEPTH_CELL_PX), total, number)
+        mean, box = float(points[:count, 2].mean()), (_DEPTH_BOX, _DEPTH_BOX)
+        around, near = (
+            cv2.blur(sums, box, borderType=cv2.BORDER_CONSTANT) for sums in (total, number)
+        )
+        np.divide(around + 1e-4 * mean, near + 1e-4, out=rho)
+
+
 class View:
     """One camera of the rig as an undistorted pinhole of the same size.
 
@@ -31,25 +117,16 @@ class View:
         adjoint: (6, 6), the camera's twist from the body's.
     """
 
-    size: Matrix
-    intrinsics: Matrix
-    table: NDArray[np.float32]
-    T_body_cam: Matrix
-    T_cam_body: Matrix
-    adjoint: Matrix
-
-    @classmethod
-    def of(cls, camera: Camera, T_body_cam: Matrix) -> View:
-        """The view of a camera that sits so on the body."""
+    def __init__(self, camera: Camera, T_body_cam: Matrix) -> None:
         focal_px, middle_px = (camera.fx_px, camera.fy_px), (camera.cx_px, camera.cy_px)
-        size = np.array([camera.width_px, camera.height_px], np.float64)
+        self.size = np.array([camera.width_px, camera.height_px], np.float64)
+        self.intrinsics = np.array([*focal_px, *middle_px])
         uv = camera.bearing_table() * focal_px + middle_px
         with np.errstate(invalid="ignore"):
-            inside = ((uv >= 0) & (uv <= size - 1)).all(axis=-1, keepdims=True)
-        table = np.where(inside, uv, -1).astype(np.float32)
-        intrinsics = np.array([*focal_px, *middle_px])
-        T_cam_body = se3.inverse(T_body_cam)
-        return cls(size, intrinsics, table, T_body_cam, T_cam_body, se3.adjoint(T_cam_body))
+            inside = ((uv >= 0) & (uv <= self.size - 1)).all(axis=-1, keepdims=True)
+        self.table: NDArray[np.float32] = np.where(inside, uv, -1).astype(np.float32)
+        self.T_body_cam, self.T_cam_body = T_body_cam, se3.inverse(T_body_cam)
+        self.adjoint = se3.adjoint(self.T_cam_body)
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -87,12 +164,12 @@ class DrawnMap:
 
     def normals(self, points_world: Matrix, T_body_world: Matrix) -> Matrix:
         """(C, N, 2) normals of the lines that (N, 3) points lie on where the map is drawn, or 0."""
-        found = np.zeros((len(self._views), len(points_world), 2))
+        normals = np.zeros((len(self._views), len(points_world), 2))
         for k, view in enumerate(self._views):
             T_cam_world = view.T_cam_body @ T_body_world
             lines = self.lines.places[k, 0], self.lines.drawing, self.lines.field
-            point_normals(points_world, T_cam_world, view.intrinsics, *lines, found[k])
-        return found
+            point_normals(points_world, T_cam_world, view.intrinsics, *lines, normals[k])
+        return normals
 
 
 class DrawnEvents:

@@ -8,17 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import line_world
-import point_world as world
 from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.geometry import se3
-from eventsweep.plugins.track.odometry.config import TrackConfig
-from eventsweep.plugins.track.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion
+from eventsweep.plugins.track.odometry.motion import Gyroscope, Motion
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import track
+from line_world import Wrapped, worst_m
 from refusals import refused
 
 T_BODY_IMU = se3.exp([0.1, 0.02, -0.05, 0.3, -1.2, 0.8])
-CONFIG = TrackConfig(map_rate_hz=8, map_s=0.2, planes=40, gyroscope=True)
+CONFIG = line_world.CONFIG.model_copy(update={"gyroscope": True})
 END_US = 400_000
 
 
@@ -44,29 +43,6 @@ def test_what_is_known_is_that_of_the_information_form():
     np.testing.assert_allclose(moved, change[:6], atol=1e-6)
 
 
-def test_a_rate_that_is_expected_moves_nothing_and_one_that_is_sure_is_taken():
-    before = expected(1)
-    same = before.turning(before.twist[3:], SIGMA_RAD_S)
-    np.testing.assert_allclose(same.T_world_body, before.T_world_body, atol=1e-12)
-    rate = np.array([3.0, -2.0, 1.0])
-    np.testing.assert_allclose(before.turning(rate, 1e-9).twist[3:], rate, atol=1e-6)
-
-
-def test_a_growing_rate_is_predicted_better_with_a_gyroscope():
-    """The body speeds up by 40 rad/s²; after 10 ms it has turned 2 mrad more than expected."""
-    known = np.diag(np.repeat([1e-4, 1e-4, 0.01, 0.01], 3) ** 2)
-    rate, more = np.array([0.0, 1.0, 0.0]), np.array([0.0, 40.0, 0.0])
-    begun = Motion(0, np.eye(4), np.r_[np.zeros(3), rate], known)
-    truth = se3.exp(np.r_[np.zeros(3), rate * 0.01 + more * 0.01**2 / 2])
-    guessed = begun.at(10_000)
-    updated = guessed.turning(rate + more * 0.01, 0.02)
-    errors = [
-        np.linalg.norm(se3.log(se3.inverse(truth) @ m.T_world_body)) for m in (guessed, updated)
-    ]
-    assert errors[0] == pytest.approx(2e-3, rel=0.01)
-    assert errors[1] < 0.3 * errors[0]
-
-
 def samples_of(trajectory, rate_hz=1000, end_us=END_US, T_body_imu=T_BODY_IMU):
     """What an exact gyroscope in another frame reports along a trajectory."""
     t_us = np.arange(500, end_us - 1000, round(1e6 / rate_hz))
@@ -83,15 +59,15 @@ def test_a_rate_lies_between_its_neighbours_and_never_comes_from_later(steps, t_
     gyroscope = Gyroscope()
     gyroscope.push(ImuSamples(times, rates, np.zeros_like(rates)))
     known_us = t_us + 5000
-    found = gyroscope.rate_at(t_us, known_us)
+    rate = gyroscope.rate_at(t_us, known_us)
     earlier = times[times < known_us]
     near = earlier[np.abs(earlier - t_us) <= 20_000]
-    if found is None:
+    if rate is None:
         before, after = earlier[earlier <= t_us][-1:], earlier[earlier > t_us][:1]
         assert max(np.abs(np.r_[before, after] - t_us), default=1 << 40) > 20_000
     else:
-        assert near.min() <= found[0] <= near.max()
-        assert found[1] == -found[0]
+        assert near.min() <= rate[0] <= near.max()
+        assert rate[1] == -rate[0]
 
 
 def test_times_must_rise_and_memory_is_bounded():
@@ -103,41 +79,32 @@ def test_times_must_rise_and_memory_is_bounded():
     assert len(gyroscope) == 1
 
 
-class WithImu:
-    """A recording with inertial samples, and without poses."""
+class WithImu(Wrapped):
+    """A recording with inertial samples."""
 
     has_imu = True
 
     def __init__(self, recording, samples):
-        self._recording, self._samples = recording, samples
+        super().__init__(recording)
+        self._samples = samples
 
     def imu(self):
         return self._samples
 
-    def __getattr__(self, name):
-        assert name != "trajectory", "the poses of the recording were read"
-        return getattr(self._recording, name)
-
-
-def worst_m(trajectory, truth):
-    G, E = truth.at(trajectory.t_us), trajectory.at(trajectory.t_us)
-    off = se3.inverse(se3.inverse(G[0]) @ G) @ (se3.inverse(E[0]) @ E)
-    return float(np.linalg.norm(off[:, :3, 3], axis=1).max())
-
 
 @pytest.mark.slow
 def test_tracking_with_a_gyroscope_is_as_good_and_goes_on_where_it_ends():
-    trajectory = world.swinging(turn_deg=(3, 4, 2), way_m=(0.08, 0.05, 0.04), duration_us=END_US)
-    recording = line_world.recorded(trajectory)
+    recording = line_world.swaying(END_US)
+    trajectory = recording.trajectory
     whole = samples_of(trajectory)
     ended = samples_of(trajectory, end_us=300_000)
     for samples in (whole, ended):
-        found = track(WithImu(recording, samples), CONFIG)
-        assert {*found.statuses} == {Status.TRACKING}
-        assert found.covered > 0.9
-        assert worst_m(found.trajectory, trajectory) < 0.006
+        tracked = track(WithImu(recording, samples), CONFIG)
+        assert {*tracked.statuses} == {Status.TRACKING}
+        assert tracked.covered > 0.9
+        assert worst_m(tracked.trajectory, trajectory) < 0.006
     refused("has no inertial samples", track, recording, CONFIG)
     without = track(recording, CONFIG.model_copy(update={"gyroscope": False}))
-    assert not np.array_equal(without.trajectory.positions_m, found.trajectory.positions_m)
+    assert not np.array_equal(without.trajectory.positions_m, tracked.trajectory.positions_m)
     wrong = replace(whole, T_body_imu=np.eye(4))  # the frame of the samples matters
     assert np.abs(whole.gyro_rad_s @ T_BODY_IMU[:3, :3].T - wrong.gyro_rad_s).max() > 0.1

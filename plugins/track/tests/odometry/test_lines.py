@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from eventsweep.plugins.track.odometry.registration.lines import DepthFields, LineFields
 from eventsweep.plugins.track.odometry.registration.lines_kernels import line_at
+from eventsweep.plugins.track.odometry.registration.views import DepthFields, LineFields
 
 WIDTH, HEIGHT = 120, 90
 
@@ -85,14 +85,6 @@ def test_a_line_is_that_of_the_points_around(level):
             np.testing.assert_allclose([n_u, n_v], side * normal, atol=1e-3)
             assert off == pytest.approx(side * distance, abs=2e-3 * (1 << level))
     assert compared > 20
-
-
-def test_a_heap_of_points_is_no_line_and_far_from_all_there_is_none():
-    rng = np.random.default_rng(0)
-    heap = np.c_[rng.uniform(20, 100, (6000, 2)), np.ones(6000)]
-    fields = field_of(heap)
-    assert line(fields, 0, 60.0, 60.0)[0] < 0.3
-    assert line(fields, 0, 5.0, 5.0)[0] == 0
 
 
 def test_a_field_forgets_what_was_in_it_and_images_are_apart():

@@ -4,24 +4,20 @@ import numpy as np
 import pytest
 
 import line_world
-import point_world as world
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry import se3
-from eventsweep.plugins.track.odometry.config import TrackConfig
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import track
 from eventsweep.plugins.track.odometry.start import LONGEST_START_US, begin
-from eventsweep.plugins.track.odometry.tracker import Tracker
+from line_world import CONFIG, Wrapped, tracker_of, worst_m
 
-CONFIG = TrackConfig(map_rate_hz=8, map_s=0.2, planes=40)
 END_US = 650_000
 STILL_US = 600_000
 
 
 @pytest.fixture(scope="module")
 def recording():
-    trajectory = world.swinging(turn_deg=(3, 4, 2), way_m=(0.08, 0.05, 0.04), duration_us=END_US)
-    return line_world.recorded(trajectory)
+    return line_world.swaying(END_US)
 
 
 @pytest.fixture
@@ -39,34 +35,25 @@ def late(monkeypatch):
 def test_poses_begin_with_the_events_however_late_the_first_map_is(recording, late):
     """Law: no pose is missing at the start, and those before the first map are true."""
     start = se3.exp([0.3, -0.2, 0.1, 0.2, 0.1, -0.3])
-    found = track(recording, CONFIG, T_world_body=start)
-    poses, truth = found.trajectory, recording.trajectory
+    tracked = track(recording, CONFIG, T_world_body=start)
+    poses, truth = tracked.trajectory, recording.trajectory
     assert poses.t_us[0] < 20_000
-    assert found.covered > 0.93
+    assert tracked.covered > 0.93
     assert np.diff(poses.t_us).max() <= 25_000
     np.testing.assert_allclose(poses.at(poses.t_us[0]), start, atol=1e-12)
-    assert found.changes[-1].status is Status.TRACKING
-    assert found.changes[-1].t_us < 20_000
-    G, E = truth.at(poses.t_us), poses.at(poses.t_us)
-    off = se3.inverse(se3.inverse(G[-1]) @ G) @ (se3.inverse(E[-1]) @ E)
-    assert np.linalg.norm(off[:, :3, 3], axis=1).max() < 0.008
+    assert tracked.changes[-1].status is Status.TRACKING
+    assert tracked.changes[-1].t_us < 20_000
+    assert worst_m(poses, truth, -1) < 0.008
 
 
 def test_a_tracker_that_is_pushed_cannot_look_back(recording, late):
-    poses = []
-    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+    tracker, poses = tracker_of(recording)
     tracker.push([recording.events(k, 0, END_US) for k in (0, 1)], END_US)
     assert END_US - LONGEST_START_US - 100_000 < poses[0].t_us < END_US - 300_000
 
 
-class After:
+class After(Wrapped):
     """A recording after a time in which hardly a pixel fires, now and then with a neighbour."""
-
-    def __init__(self, recording):
-        self._recording = recording
-
-    def __getattr__(self, name):
-        return getattr(self._recording, name)
 
     def event_span_us(self, camera):
         return 0, self._recording.event_span_us(camera)[1] + STILL_US
@@ -80,10 +67,10 @@ class After:
 
 
 def test_who_stands_still_at_first_was_there_all_the_time(recording):
-    found = track(After(recording), CONFIG)
-    before = found.trajectory.t_us < STILL_US - 40_000
-    assert found.trajectory.t_us[0] < 50_000
-    assert {s for s, b in zip(found.statuses, before, strict=True) if b} == {Status.STILL}
-    assert found.covered > 0.93
-    there = found.trajectory.at(found.trajectory.t_us[before])
+    tracked = track(After(recording), CONFIG)
+    before = tracked.trajectory.t_us < STILL_US - 40_000
+    assert tracked.trajectory.t_us[0] < 50_000
+    assert {s for s, b in zip(tracked.statuses, before, strict=True) if b} == {Status.STILL}
+    assert tracked.covered > 0.93
+    there = tracked.trajectory.at(tracked.trajectory.t_us[before])
     np.testing.assert_allclose(there, np.broadcast_to(np.eye(4), there.shape), atol=1e-12)

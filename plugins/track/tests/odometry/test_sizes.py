@@ -25,7 +25,7 @@ def test_a_map_has_a_plane_per_pixel_of_disparity(width_px, focal_px, baseline_m
 
 def test_more_columns_need_more_events_and_levels():
     small, large = (
-        Sizes.of(world.stereo_rig(world.pinhole(width=w, height=w * 3 // 4, f=w), 0.1, 2))
+        Sizes(world.stereo_rig(world.pinhole(width=w, height=w * 3 // 4, f=w), 0.1, 2))
         for w in (320, 1280)
     )
     assert large.events == 4 * small.events

@@ -17,10 +17,10 @@ def test_one_camera_keeps_its_way_and_its_scale_on_a_real_slider(shared_data):
     start_s = (recording.trajectory.span_us[0] - recording.event_span_us(0)[0]) / 1e6
     config = MapperConfig(methods=("Focus/cam0",), start_s=start_s, duration_s=0.3)
     first_map = map_window(recording, config).depth_maps["Focus/cam0"]
-    found = track(recording, first_map=first_map)
-    assert Status.LOST not in {change.status for change in found.changes}
-    scores = score_poses(recording.trajectory, found.trajectory).values
+    tracked = track(recording, first_map=first_map)
+    assert Status.LOST not in {change.status for change in tracked.changes}
+    scores = score_poses(recording.trajectory, tracked.trajectory).values
     assert scores["ate_share"] < 1.2
     assert scores["scale_error"] < 4
     assert scores["time_covered"] > 98
-    assert np.ptp(found.trajectory.positions_m, axis=0).max() > 0.9
+    assert np.ptp(tracked.trajectory.positions_m, axis=0).max() > 0.9

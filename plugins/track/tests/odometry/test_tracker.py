@@ -12,21 +12,19 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.plugins.track.odometry.checkpoint import read_state, write_state
-from eventsweep.plugins.track.odometry.config import TrackConfig
 from eventsweep.plugins.track.odometry.pose import Status, smoothed
 from eventsweep.plugins.track.odometry.recorded import track
 from eventsweep.plugins.track.odometry.start import LONGEST_START_US, begin
 from eventsweep.plugins.track.odometry.tracker import Tracker
+from line_world import CONFIG, Wrapped, tracker_of, worst_m
 from refusals import refused
 
-CONFIG = TrackConfig(map_rate_hz=8, map_s=0.2, planes=40)
 END_US = 450_000
 
 
 @pytest.fixture(scope="module")
 def recording():
-    trajectory = world.swinging(turn_deg=(3, 4, 2), way_m=(0.08, 0.05, 0.04), duration_us=END_US)
-    return line_world.recorded(trajectory)
+    return line_world.swaying(END_US)
 
 
 @pytest.fixture(scope="module")
@@ -34,16 +32,17 @@ def tracked(recording):
     return track(recording, CONFIG)
 
 
-class WithoutPoses:
-    """A recording that has no poses to look at."""
-
-    def __init__(self, recording):
-        self._recording = recording
+class Unreadable:
+    """Poses that nobody may look at."""
 
     def __getattr__(self, name):
-        if name == "trajectory":
-            raise AssertionError("the poses of the recording were read")
-        return getattr(self._recording, name)
+        raise AssertionError(f"{name} of the recording's poses was read")
+
+
+class WithoutPoses(Wrapped):
+    """A recording with such poses."""
+
+    trajectory = Unreadable()
 
 
 def run(recording, steps, tracker, changed=lambda camera, events: events):
@@ -56,13 +55,6 @@ def run(recording, steps, tracker, changed=lambda camera, events: events):
         said.append(tracker.status)
         before_us = t_us
     return said
-
-
-def worst_m(trajectory, truth):
-    """Largest error of position relative to the first pose, m."""
-    G, E = truth.at(trajectory.t_us), trajectory.at(trajectory.t_us)
-    off = se3.inverse(se3.inverse(G[0]) @ G) @ (se3.inverse(E[0]) @ E)
-    return float(np.linalg.norm(off[:, :3, 3], axis=1).max())
 
 
 def test_it_finds_the_way_and_begins_at_the_origin(recording, tracked):
@@ -86,8 +78,7 @@ def test_poses_of_the_recording_are_never_read(recording, tracked):
     pytest.param([1, 333_333], marks=pytest.mark.slow, id="large"),
 ])  # fmt: skip
 def test_packets_of_any_size_give_the_same_poses(recording, tracked, steps):
-    poses = []
-    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+    tracker, poses = tracker_of(recording)
     run(recording, [*steps, tracked.span_us[1] + 1], tracker)
     tracker.finish()
     expected = tracked.trajectory
@@ -120,14 +111,12 @@ class Kept:
         return None if self.taken is None else read_state(self.folder / f"{self.taken}.npz")
 
 
-class ReadFrom:
+class ReadFrom(Wrapped):
     """A recording whose earlier events may not be read again."""
 
     def __init__(self, recording, t_us):
-        self._recording, self._t_us = recording, t_us
-
-    def __getattr__(self, name):
-        return getattr(self._recording, name)
+        super().__init__(recording)
+        self._t_us = t_us
 
     def events(self, camera, t0_us, t1_us):
         assert t0_us >= self._t_us
@@ -158,8 +147,7 @@ def test_threads_change_no_bit(recording, tracked):
 
 def test_without_events_it_stands_still_and_says_so(recording):
     """For as long as one likes; memory does not grow, and it goes on from there."""
-    poses = []
-    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+    tracker, poses = tracker_of(recording)
     run(recording, range(50_000, 300_001, 50_000), tracker)
     for t_us in range(350_000, 2_000_000, 50_000):
         tracker.push([Events.empty()] * 2, t_us)
@@ -180,8 +168,7 @@ def test_what_was_seen_before_the_first_map_is_tracked_too(recording, monkeypatc
         return "nothing to see yet" if len(tries) < 3 else begin(*arguments)
 
     monkeypatch.setattr("eventsweep.plugins.track.odometry.tracker.begin", begin_later)
-    poses = []
-    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+    tracker, poses = tracker_of(recording)
     run(recording, [290_000, 310_000], tracker)
     assert len(tries) == 3
     assert poses[0].t_us < 20_000
@@ -200,7 +187,7 @@ def test_the_first_stereo_sees_every_event_however_few_make_a_map(recording, mon
 
     monkeypatch.setattr("eventsweep.plugins.track.odometry.start.map_window", mapped)
     few = CONFIG.model_copy(update={"map_events": 1000})
-    run(recording, [250_000], Tracker(recording.rig, few, depth_range_m=(0.5, 4.0)))
+    run(recording, [250_000], tracker_of(recording, few)[0])
     counts, there = shown["SGM/ts"]
     assert counts == there
     assert min(there) > 1000
@@ -214,7 +201,7 @@ def test_until_it_begins_it_holds_a_bounded_stretch(recording, monkeypatch):
         return "nothing to see"
 
     monkeypatch.setattr("eventsweep.plugins.track.odometry.tracker.begin", never)
-    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0))
+    tracker, _ = tracker_of(recording)
     run(recording, range(50_000, END_US + 1, 50_000), tracker)
     assert spans_us[0] < spans_us[1] < max(spans_us) <= LONGEST_START_US
     oldest_us = min(stream.between(0, END_US).t_us[0] for stream in tracker._arrived.streams)
@@ -227,8 +214,7 @@ def test_until_it_begins_it_holds_a_bounded_stretch(recording, monkeypatch):
 ])  # fmt: skip
 def test_packets_may_be_missing(recording, gap_us, held):
     """All of both cameras for a while, and of each camera a tenth, at its own times."""
-    poses = []
-    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+    tracker, poses = tracker_of(recording)
 
     def dropped(k, events):
         some = events.take((events.t_us // 1000 + 5 * k) % 10 != 0)
@@ -249,8 +235,7 @@ def test_packets_may_be_missing(recording, gap_us, held):
     "camera", [pytest.param(0, id="left is silent"), pytest.param(1, id="right is silent")]
 )
 def test_one_camera_may_be_silent_for_a_while(recording, camera):
-    poses = []
-    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+    tracker, _ = tracker_of(recording)
 
     def silent(k, events):
         quiet = (events.t_us > 220_000) & (events.t_us < 420_000)
@@ -277,7 +262,7 @@ def noise(rng, packet, rate, camera):
 @pytest.mark.slow
 def test_hot_pixels_and_a_burst_of_noise_do_not_lead_it_astray(recording):
     rng = np.random.default_rng(0)
-    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0))
+    tracker, _ = tracker_of(recording)
 
     def disturbed(k, events):
         burst = len(events) and 300_000 <= events.t_us[0] < 320_000
@@ -298,8 +283,7 @@ def test_hot_pixels_and_a_burst_of_noise_do_not_lead_it_astray(recording):
 def test_what_the_map_does_not_show_is_lost_with_a_reason_and_the_place_found_again(recording):
     """The world is another one for 0.14 s; then it is the old one again."""
     elsewhere = line_world.recorded(recording.trajectory, seed=7)
-    poses = []
-    tracker = Tracker(recording.rig, CONFIG, depth_range_m=(0.5, 4.0), on_pose=poses.append)
+    tracker, poses = tracker_of(recording)
     run(recording, range(10_000, 260_001, 10_000), tracker)
     said = {}
     for t_us in range(270_000, END_US + 1, 10_000):
@@ -309,10 +293,10 @@ def test_what_the_map_does_not_show_is_lost_with_a_reason_and_the_place_found_ag
     assert said[Status.LOST][0] <= 400_000
     assert "events and map agree to" in said[Status.LOST][1]
     assert tracker.status is Status.TRACKING
-    found = [pose for pose in poses if pose.t_us > 410_000]
-    assert found
+    later = [pose for pose in poses if pose.t_us > 410_000]
+    assert later
     assert worst_m(tracker.known(), recording.trajectory) < 0.05
-    first, last = poses[0], found[-1]
+    first, last = poses[0], later[-1]
     G = recording.trajectory.at([first.t_us, last.t_us])
     off = se3.inverse(se3.inverse(G[0]) @ G[1]) @ se3.inverse(first.T_world_body)
     assert np.linalg.norm((off @ last.T_world_body)[:3, 3]) < 0.01

@@ -63,16 +63,16 @@ def points_world(count=700, seed=3):
 def events_of(camera, T_world_cam, t_us):
     """An event per point and change of pixel; `T_world_cam` (T, 4, 4) at `t_us` (T,)."""
     points = points_world()
-    before, found = None, []
+    before, parts = None, []
     for T, t in zip(T_world_cam, t_us.tolist(), strict=True):
         uv = camera.project(se3.transform(se3.inverse(T), points))
         px = np.rint(np.nan_to_num(uv, nan=-9)).astype(np.int64)
         inside = ((px >= 0) & (px < (camera.width_px, camera.height_px))).all(axis=1)
         if before is not None:
             k = np.flatnonzero(inside & (px != before).any(axis=1))
-            found.append(np.column_stack([px[k], np.full(len(k), t), k % 2]))
+            parts.append(np.column_stack([px[k], np.full(len(k), t), k % 2]))
         before = px
-    x, y, t, p = np.concatenate(found).T
+    x, y, t, p = np.concatenate(parts).T
     return Events(x.astype(np.uint16), y.astype(np.uint16), t.copy(), p.astype(np.uint8))
 
 
@@ -106,7 +106,7 @@ def write_sequence(path: Path, model: str, cameras: int = 2, steps: int = STEPS)
 
 
 def rewritten(ours: Path, out: Path, kind: str) -> Path:
-    found = open_readable(ours)
-    sources = tuple(source for _, source in found.streams)
-    write_recording(RecordingExport(found.recording, sources, 0, lambda _: None), out, kind)
+    readable = open_readable(ours)
+    sources = tuple(source for _, source in readable.streams)
+    write_recording(RecordingExport(readable.recording, sources, 0, lambda _: None), out, kind)
     return out

@@ -7,16 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from eventsweep.emvs.data.tables import Geom
-from eventsweep.emvs.geometry import se3
 from eventsweep.sim.motion.curves import HeadSway
 from eventsweep.sim.rendering.base import Frame, Samples
 from eventsweep.sim.scene import Scene
+from painted_planes import Plane, rays_through, seen
 
 WALL_M, SPEED_M_S = 2.0, 2.0
-
-
-def radiance(x_m, y_m):
-    return 0.5 + 0.3 * np.sin(9 * x_m) * np.cos(7 * y_m + 1)
 
 
 class Wall(AbstractContextManager):
@@ -46,48 +42,32 @@ class Wall(AbstractContextManager):
         return np.eye(4)[None]
 
     def frame(self, camera, T_world_body):
+        if self._border_px is None:
+            return self.glance(camera, T_world_body)
         depth_m = self.depth(camera, T_world_body)
-        samples = self._samples(camera, T_world_body)
-        if samples is None:
-            return Frame(self._seen(camera, T_world_body, *self._pixels(camera)), depth_m)
         n, b, (height, width) = self._grid, self._border_px, depth_m.shape
-        blocks = samples.light.reshape(height + 2 * b, n, width + 2 * b, n).mean((1, 3))
+        columns, rows = ((np.arange(n * (s + 2 * b)) + 0.5) / n - b - 0.5 for s in (width, height))
+        light = self._light(camera, T_world_body, columns, rows)
+        blocks = light.reshape(height + 2 * b, n, width + 2 * b, n).mean((1, 3))
+        samples = Samples(light, np.full_like(light, 1 / (WALL_M - T_world_body[2, 3])))
         return Frame(blocks[b : b + height, b : b + width].copy(), depth_m, samples)
 
     def glance(self, camera, T_world_body):
-        return Frame(
-            self._seen(camera, T_world_body, *self._pixels(camera)),
-            self.depth(camera, T_world_body),
-        )
+        depth_m = self.depth(camera, T_world_body)
+        columns, rows = map(np.arange, depth_m.shape[::-1])
+        return Frame(self._light(camera, T_world_body, columns, rows), depth_m)
 
     def depth(self, camera, T_world_body, view=None, *, border=False):
-        seen = view or self.rig.cameras[camera]
-        return np.full((seen.height_px, seen.width_px), WALL_M - T_world_body[2, 3], np.float32)
+        its = view or self.rig.cameras[camera]
+        return np.full((its.height_px, its.width_px), WALL_M - T_world_body[2, 3], np.float32)
 
     def segmentation(self, camera, T_world_body, *, border=False):
-        return np.zeros(self._pixels(camera)[0].shape, np.int32)
+        return np.zeros(self.depth(camera, T_world_body).shape, np.int32)
 
-    def _pixels(self, camera):
-        seen = self.rig.cameras[camera]
-        return np.meshgrid(np.arange(seen.width_px), np.arange(seen.height_px))
-
-    def _samples(self, camera, T_world_body):
-        if self._border_px is None:
-            return None
-        seen, b, n = self.rig.cameras[camera], self._border_px, self._grid
-        columns, rows = (
-            (np.arange(n * (size + 2 * b)) + 0.5) / n - b - 0.5
-            for size in (seen.width_px, seen.height_px)
-        )
-        light = self._seen(camera, T_world_body, *np.meshgrid(columns, rows))
-        return Samples(light, np.full_like(light, 1 / (WALL_M - T_world_body[2, 3])))
-
-    def _seen(self, camera, T_world_body, columns, rows):
-        bearing = self.rig.cameras[camera].unproject(np.stack([columns, rows], -1).astype(float))
-        points = np.concatenate([bearing, np.ones((*bearing.shape[:-1], 1))], -1) * WALL_M
+    def _light(self, camera, T_world_body, columns, rows):
+        rays = rays_through(self.rig.cameras[camera], columns, rows)
         T_world_cam = T_world_body @ self.rig.T_body_cam[camera]
-        at_m = se3.transform(T_world_cam, points.reshape(-1, 3)).reshape(points.shape)
-        return radiance(at_m[..., 0], at_m[..., 1]).astype(np.float32)
+        return seen(Plane(WALL_M), T_world_cam, 0.0, rays)[0].astype(np.float32)
 
 
 @dataclass(frozen=True)

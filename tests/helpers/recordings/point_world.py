@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry.camera import Camera
@@ -114,22 +115,16 @@ def swinging(
 
     `even`: steady motion instead, whose rates never change.
     """
-    from scipy.spatial.transform import Rotation
-
     t_us = np.arange(0, duration_us + 1, step_us)
     t_s = t_us[:, None] / 1e6
-    swing = (
-        2 * (t_s - t_s.mean())
-        if even
-        else np.sin(2 * np.pi * t_s * [1.3, 1.0, 1.7] + [0.3, 1.4, 2.2])
-    )
-    place = (
-        2 * (t_s - t_s.mean())
-        if even
-        else np.sin(2 * np.pi * t_s * [1.1, 1.5, 0.9] + [2.0, 0.1, 1.0])
-    )
-    quats = Rotation.from_rotvec(swing * turn_deg, degrees=True).as_quat()
-    return Trajectory(t_us, place * np.array(way_m) * np.ones((1, 3)), quats)
+
+    def swing(rates_hz, phases):
+        return 2 * (t_s - t_s.mean()) if even else np.sin(2 * np.pi * t_s * rates_hz + phases)
+
+    turn = swing([1.3, 1.0, 1.7], [0.3, 1.4, 2.2]) * turn_deg
+    quats = Rotation.from_rotvec(turn * np.ones((1, 3)), degrees=True).as_quat()
+    place_m = swing([1.1, 1.5, 0.9], [2.0, 0.1, 1.0]) * np.array(way_m) * np.ones((1, 3))
+    return Trajectory(t_us, place_m, quats)
 
 
 def edge_points(trajectory, rig, points=300, seed=0, near_m=0.7, far_m=3.0):
@@ -156,7 +151,7 @@ def _entered(p_world, trajectory, camera, T_body_cam):
     p_cam = np.einsum("tij,pj->tpi", T_cam_world[:, :3, :3], p_world) + T_cam_world[:, None, :3, 3]
     uv = np.where(p_cam[..., 2:] > 0.1, p_cam[..., :2] / np.maximum(p_cam[..., 2:], 0.1), 1e6)
     uv = uv * [camera.fx_px, camera.fy_px] + [camera.cx_px, camera.cy_px]
-    found = []
+    parts = []
     for axis in (0, 1):
         before, after = uv[:-1, :, axis], uv[1:, :, axis]
         k, point = np.nonzero(np.floor(before) != np.floor(after))
@@ -164,8 +159,8 @@ def _entered(p_world, trajectory, camera, T_body_cam):
         share = (edge - before[k, point]) / (after[k, point] - before[k, point])
         place = (1 - share)[:, None] * uv[k, point] + share[:, None] * uv[k + 1, point]
         place[:, axis] = edge
-        found.append(np.c_[place, t_us[k] + 1000 * share])
-    u, v, t = np.concatenate(found).T
+        parts.append(np.c_[place, t_us[k] + 1000 * share])
+    u, v, t = np.concatenate(parts).T
     inside = (u > -0.5) & (v > -0.5) & (u < camera.width_px - 0.5) & (v < camera.height_px - 0.5)
     u, v, t = u[inside], v[inside], np.rint(t[inside]).astype(np.int64)
     order = np.argsort(t, kind="stable")

@@ -1,9 +1,13 @@
-"""Frames for sensors, and sensors run over them."""
+"""Frames for sensors, sensors run over them, and pictures of a frame camera."""
+
+from itertools import pairwise
 
 import numpy as np
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rendering.adaptive_sampling import adaptive_frames
+from eventsweep.sim.sensor.frame_camera import DENSE_PX, Exposure
 from eventsweep.sim.sensor.labels import LabelledEvents
 from eventsweep.sim.sensor.sensor import Sensor
 
@@ -63,3 +67,36 @@ def gaps_of(events, shape):
     order = np.lexsort([events.t_us, flat])
     gaps_us = np.diff(events.t_us[order])
     return gaps_us[np.diff(flat[order]) == 0]
+
+
+def mean_light(frames, start_us, end_us):
+    """Mean (H, W) light over a span, of frames (t_us, light) that cover it."""
+    exposing = Exposure(start_us, end_us)
+    for before, after in pairwise(frames):
+        exposing.add(before, after)
+    return exposing.light()
+
+
+def captured_light(renderer, motion, camera, start_us, config, exposure_us):
+    """Mean (H, W) light of an exposure, from frames of its own."""
+    limits = {"max_displacement_px": min(config.spacing_px, DENSE_PX)}
+    dense = config.model_copy(update={"sampling": "linear", **limits})
+    end_us = start_us + exposure_us
+    taken = adaptive_frames(renderer, motion, [start_us, end_us], dense)
+    frames = [(e.t_us, e.frames[camera].intensity) for e in taken]
+    return mean_light(frames, start_us, end_us)
+
+
+def grey_video(count, height, width):
+    """A smooth random texture that swings to and fro, in 8 bits."""
+    rng = np.random.default_rng(7)
+    waves = rng.uniform(-0.5, 0.5, (12, 2))
+    phase = rng.uniform(0, 2 * np.pi, 12)
+    y, x = np.mgrid[:height, :width]
+    frames = []
+    for k in range(count):
+        shift = 8 * np.sin(2 * np.pi * k / 80)
+        angle = waves[:, 0, None, None] * (x + shift) + waves[:, 1, None, None] * y
+        picture = np.sin(angle + phase[:, None, None]).sum(axis=0)
+        frames.append(np.rint(127.5 + 127.5 * np.tanh(picture / 4)) / 255)
+    return np.asarray(frames, np.float32)

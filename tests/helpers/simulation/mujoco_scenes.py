@@ -1,4 +1,4 @@
-"""Small scenes and rigs for the simulator's tests."""
+"""Small scenes and rigs for the simulator's tests, and how to stop a simulation."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.config import SimConfig
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.scene import Scene
@@ -14,6 +15,10 @@ DARK = '<visual><headlight ambient="0 0 0" diffuse="0 0 0" specular="0 0 0"/></v
 NOISE = (
     '<asset><texture name="noise" type="2d" builtin="flat" width="2" height="2"/>'
     '<material name="noise" texture="noise" emission="1" specular="0" texuniform="true"/></asset>'
+)
+# Every chunk is a part, so that there is something to resume after each.
+CONFIG = SimConfig(
+    truth_interval_s=0.01, truth=("flow", "segmentation", "boundary", "twist", "event_depth")
 )
 BOXES = """
 <light pos="0 0 4"/>
@@ -74,25 +79,34 @@ def polygon_moments(corners: np.ndarray) -> tuple[float, float, float]:
     )
 
 
+def textures():
+    return {"noise": np.random.default_rng(0).integers(20, 250, (64, 64, 3), np.uint8)}
+
+
+def motion(duration_s, seed):
+    rest = look_at((0, 0, 1), (2, 0, 1))
+    return HeadSway.seeded(rest, (0.03, 0.02, 0.02), (2, 3, 1), (0.8, 0.3), seed, (0.2, 0, 0))
+
+
 def noise_scene(folder: Path) -> Scene:
     """A textured box before a textured wall, and a head that sways by the seed."""
     mjcf = folder / "noise.xml"
-    mjcf.write_text(
-        _mjcf(
-            '<geom type="box" size=".1 .1 .1" pos="1 .1 1" material="noise"/>'
-            '<geom type="box" size=".1 3 3" pos="2.5 0 1" material="noise"/>',
-            NOISE,
-        )
-    )
-    pose = look_at((0, 0, 1), (2, 0, 1))
-
-    def textures():
-        return {"noise": np.random.default_rng(0).integers(20, 250, (64, 64, 3), np.uint8)}
-
-    def motion(duration_s, seed):
-        return HeadSway.seeded(pose, (0.03, 0.02, 0.02), (2, 3, 1), (0.8, 0.3), seed, (0.2, 0, 0))
-
+    box = '<geom name="box" type="box" size=".1 .1 .1" pos="1 .1 1" material="noise"/>'
+    wall = '<geom name="wall" type="box" size=".1 3 3" pos="2.5 0 1" material="noise"/>'
+    mjcf.write_text(_mjcf(box + wall, NOISE))
     return Scene("noise", "Noise on boxes.", mjcf, textures, motion, (0.7, 3.0), duration_s=0.05)
+
+
+class Killed(BaseException):
+    """Stands for what the code cannot foresee."""
+
+
+def stop_at(t_us):
+    def progress(done_us, _total_us, _events):
+        if done_us >= t_us:
+            raise Killed
+
+    return progress
 
 
 def _mjcf(geoms: str, assets: str = "") -> str:

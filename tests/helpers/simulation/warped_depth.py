@@ -63,12 +63,12 @@ def warped(
     pixels = np.stack([columns, rows], -1).astype(float)
     points_a = _lifted(camera_a.unproject(pixels), depth_a_m[use])
     points_b = se3.transform(T_b_a, points_a)
-    found = camera_b.project(points_b)
-    rho_b, clean = _sampled(1 / depth_b_m.astype(float), excluded_b, found)
+    uv_b_px = camera_b.project(points_b)
+    rho_b, clean = _sampled(1 / depth_b_m.astype(float), excluded_b, uv_b_px)
     ok = clean & (rho_b > 0)
     hidden = rho_b > (1 + 2 * jump) / np.where(points_b[:, 2] > 0, points_b[:, 2], np.inf)
     ok &= ~hidden
-    back_b = _lifted(camera_b.unproject(found[ok]), 1 / rho_b[ok])
+    back_b = _lifted(camera_b.unproject(uv_b_px[ok]), 1 / rho_b[ok])
     back = camera_a.project(se3.transform(se3.inverse(T_b_a), back_b))
     return Warped(np.linalg.norm(back - pixels[ok], axis=1), ok.sum() / max(1, len(pixels)))
 
@@ -80,8 +80,8 @@ def _sharp_fold(depth_m: NDArray[np.float32], jump: float) -> NDArray[np.bool_]:
     bend[:, 1:-1] = np.abs(rho[:, 2:] - 2 * rho[:, 1:-1] + rho[:, :-2])
     across = np.abs(rho[2:] - 2 * rho[1:-1] + rho[:-2])
     bend[1:-1] = np.maximum(bend[1:-1], across)
-    found: NDArray[np.bool_] = bend > 4 * jump * rho
-    return found
+    sharp: NDArray[np.bool_] = bend > 4 * jump * rho
+    return sharp
 
 
 def _lifted(bearing: NDArray[np.float64], depth_m: NDArray[Any]) -> NDArray[np.float64]:

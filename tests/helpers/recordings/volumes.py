@@ -1,8 +1,9 @@
-"""Extraction by focus from volumes that are kept whole, which the mapper never does."""
+"""Ray-density volumes kept whole, which the mapper never does, and focus in them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,21 @@ from eventsweep.emvs.depth.focus import (
     judge_at,
     on_surface,
 )
+from eventsweep.emvs.dsi.fusion import MEANS, Fusion, fuse
 from eventsweep.emvs.dsi.maxima import FocusPeak, Maximum
+from eventsweep.emvs.dsi.voting import Scratch
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+FUSIONS = {name: partial(fuse, Fusion(mean.code)) for name, mean in MEANS.items()}
+"""Every compiled mean as a function of (C, N, H, W) votes."""
+
+
+def dsi(rays, rho, width_px, height_px, *, nearest=False):
+    """(N, H, W) float32 votes of one camera's rays in (N,) planes `rho`, and what was counted."""
+    scratch = Scratch(1, len(rho), width_px, height_px, nearest=nearest)
+    counts = scratch.cast(0, rays, rho)
+    return scratch.images(len(rho))[0].copy(), counts
 
 
 def most_reliable(estimate: FocusEstimate, points: int, border_px: int) -> Mask:
@@ -87,7 +99,7 @@ def found_in_volumes(
     own, *cameras = (_sharpest(volume, config) for volume in (fused, *votes))
     judged = judge(
         vote_peak.value, vote_peak.position(), own.position(gaussian=True),
-        [one.position(gaussian=True) for one in cameras], disparity_px, config,
+        [camera.position(gaussian=True) for camera in cameras], disparity_px, config,
         between_the_ends(own),
     )  # fmt: skip
     return on_surface(judged, disparity_px, config)

@@ -29,51 +29,40 @@ class SampleSpec:
 
 
 _FIRST = ("planes", "desk", "boxes")
+_RIGS = {
+    "rpg-boxes": "rpg", "rpg-reader": "rpg", "rpg-monitor": "rpg", "rpg-bin": "rpg",
+    "mvsec-flying": "mvsec", "trinocular-desk": "trinocular",
+}  # fmt: skip
+"""Of the other cases it is the default."""
 _TWINS = (
-    SampleSpec("rpg-boxes", "rpg"),
-    SampleSpec("rpg-reader", "rpg"),
-    SampleSpec("rpg-monitor", "rpg"),
-    SampleSpec("rpg-bin", "rpg"),
-    SampleSpec("mvsec-flying", "mvsec"),
-    SampleSpec("tumvie-6dof"),
-    SampleSpec("tumvie-desk2"),
-    SampleSpec("tumvie-1d"),
-    SampleSpec("tumvie-3d"),
-    SampleSpec("hdr-window"),
-    SampleSpec("hdr-night"),
-    SampleSpec("moving-objects"),
-    SampleSpec("low-texture"),
-    SampleSpec("repetitive"),
-    SampleSpec("thin-structures"),
-    SampleSpec("reflective"),
-    SampleSpec("trinocular-desk", "trinocular"),
-)
+    "rpg-boxes", "rpg-reader", "rpg-monitor", "rpg-bin", "mvsec-flying", "tumvie-6dof",
+    "tumvie-desk2", "tumvie-1d", "tumvie-3d", "hdr-window", "hdr-night", "moving-objects",
+    "low-texture", "repetitive", "thin-structures", "reflective", "trinocular-desk",
+)  # fmt: skip
+
+
+def _each(*cases: str, seed: int = 0) -> tuple[SampleSpec, ...]:
+    """One motion through every case."""
+    return tuple(SampleSpec(case, _RIGS.get(case, "davis346"), seed=seed) for case in cases)
+
 
 # Chose the parameters and the reliability: one motion through every scene
-DEVELOPMENT = (*(SampleSpec(case) for case in _FIRST), *_TWINS)
+DEVELOPMENT = _each(*_FIRST, *_TWINS)
 # Took part in choosing too: other motions, of going forward as well
 FURTHER = (
-    *(SampleSpec(case, seed=1) for case in (*_FIRST, "tumvie-run", "tumvie-skate")),
-    *(
-        SampleSpec(case, seed=2)
-        for case in ("low-texture", "thin-structures", "tumvie-1d", "tumvie-3d", "hdr-window")
-    ),
-    *(
-        SampleSpec(case, seed=5)
-        for case in (*_FIRST, "low-texture", "moving-objects", "repetitive")
-    ),
-    *(SampleSpec(w.case, w.rig, w.seconds, 5) for w in _TWINS[:9]),
+    *_each(*_FIRST, "tumvie-run", "tumvie-skate", seed=1),
+    *_each("low-texture", "thin-structures", "tumvie-1d", "tumvie-3d", "hdr-window", seed=2),
+    *_each(*_FIRST, "low-texture", "moving-objects", "repetitive", seed=5),
+    *_each(*_TWINS[:9], seed=5),
 )
 # Looked at once, by the command that writes the tables: other motions through the scenes
 HELD_OUT = (
-    *(SampleSpec(case, seed=seed) for case in _FIRST for seed in (2, 3)),
-    *(SampleSpec(w.case, w.rig, w.seconds, 1) for w in _TWINS),
+    *(sample for case in _FIRST for seed in (2, 3) for sample in _each(case, seed=seed)),
+    *_each(*_TWINS, seed=1),
 )
 # Going forward, a street, and sensors of 640x480 and 1280x720: nothing was chosen on these
 OTHERS = (
-    SampleSpec("tumvie-run"),
-    SampleSpec("tumvie-skate"),
-    SampleSpec("tumvie-bike"),
+    *_each("tumvie-run", "tumvie-skate", "tumvie-bike"),
     SampleSpec("dsec-street", "dsec", 0.2),
     SampleSpec("tumvie-3d", "tumvie-kb4", 0.2),
 )
@@ -86,15 +75,11 @@ _LEFT_OUT = (
     "rpg-boxes", "rpg-reader", "rpg-monitor", "rpg-bin", "tumvie-6dof", "tumvie-desk2", "tumvie-1d",
     "tumvie-3d", "hdr-night", "low-texture", "thin-structures",
 )  # fmt: skip
-UNSEEN = tuple(one for one in HELD_OUT if one.case in _LEFT_OUT)
+UNSEEN = tuple(sample for sample in HELD_OUT if sample.case in _LEFT_OUT)
 SETS = {
-    "development": DEVELOPMENT,
-    "further": FURTHER,
-    "held-out": HELD_OUT,
-    "other": OTHERS,
-    "noisy": NOISY,
-    "unseen": UNSEEN,
-}
+    "development": DEVELOPMENT, "further": FURTHER, "held-out": HELD_OUT, "other": OTHERS,
+    "noisy": NOISY, "unseen": UNSEEN,
+}  # fmt: skip
 
 
 def chosen_samples(sets: Sequence[str], cases: Sequence[str] | None) -> list[SampleSpec]:
@@ -103,10 +88,10 @@ def chosen_samples(sets: Sequence[str], cases: Sequence[str] | None) -> list[Sam
     Raises:
         InputError: a case that no sample of these sets has.
     """
-    samples = [one for name in sets for one in SETS[name]]
+    samples = [sample for name in sets for sample in SETS[name]]
     if cases is None:
         return samples
-    names = {one: {one.case, f"{one.case}-{one.seed}"} for one in samples}
+    names = {sample: {sample.case, f"{sample.case}-{sample.seed}"} for sample in samples}
     if unknown := set(cases) - set().union(*names.values()):
         raise InputError(f"no sample {', '.join(sorted(unknown))} in {', '.join(sets)}")
-    return [one for one in samples if names[one] & set(cases)]
+    return [sample for sample in samples if names[sample] & set(cases)]
