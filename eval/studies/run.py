@@ -167,8 +167,8 @@ def window_of(change: Change, seconds: float) -> tuple[WindowSpec, dict[str, Any
 
 def values(results: Results) -> pd.DataFrame:
     """The pooled numbers that are drawn, by scene and `amount` instead of the suite's cases."""
-    about, rows = results.configuration["study"], results.rows
-    points = {case_at(c, amount): (c, amount) for c in about.cases for amount in about["amounts"]}
+    about, rows = facts_of(results), results.rows
+    points = {case_at(c, amount): (c, amount) for c in about.cases for amount in about.amounts}
     drawn = rows["metric"].isin((*METRICS, *POSE_METRICS)) & (rows["method"] != EVENTS)
     rows = rows[(rows["window"] == POOLED) & drawn]
     places = rows["case"].map(points)
