@@ -12,8 +12,8 @@ from eventsweep.plugins.diagnose.calibrate.angular_velocity import (
     turn_rates,
 )
 from eventsweep.plugins.diagnose.calibrate.objective import Objective
-from eventsweep.plugins.diagnose.calibrate.parameters import Correction, parameters_of
-from eventsweep.plugins.diagnose.calibrate.windows import WindowPlan, read_windows
+from eventsweep.plugins.diagnose.parameters import Correction, parameters_of
+from eventsweep.plugins.diagnose.windows import WindowPlan, read_windows
 from point_world import edge_points, pinhole, stereo_rig, swinging
 
 RECORDING = edge_points(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eventsweep.plugins.diagnose.calibrate.before_after import epipolar_residuals_px
-from eventsweep.plugins.diagnose.calibrate.parameters import Correction, parameters_of
+from eventsweep.plugins.diagnose.parameters import Correction, parameters_of
 from point_world import edge_points, pinhole, stereo_rig, swinging
 
 RECORDING = edge_points(

@@ -10,8 +10,8 @@ from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.formats.calibration import read_rig
 from eventsweep.emvs.formats.calibration_writers import write_kalibr, write_opencv
 from eventsweep.plugins.diagnose.calibrate.folder import INFO_FILE, write_refined
-from eventsweep.plugins.diagnose.calibrate.parameters import Correction, parameters_of
 from eventsweep.plugins.diagnose.calibrate.refine import Estimate, RefineConfig, Refinement
+from eventsweep.plugins.diagnose.parameters import Correction, parameters_of
 
 NAMES = ("stereo", "delay", "focal", "pose-delay", "hand-eye", "lever")
 VALUES = {

@@ -5,8 +5,8 @@ from itertools import pairwise
 import pytest
 
 from eventsweep.plugins.diagnose.calibrate.objective import COARSE, FINE, MIDDLE, Objective
-from eventsweep.plugins.diagnose.calibrate.parameters import Correction, parameters_of
-from eventsweep.plugins.diagnose.calibrate.windows import WindowPlan, read_windows
+from eventsweep.plugins.diagnose.parameters import Correction, parameters_of
+from eventsweep.plugins.diagnose.windows import WindowPlan, read_windows
 from point_world import edge_points, pinhole, stereo_rig, swinging
 from refusals import refused
 
@@ -19,26 +19,26 @@ def test_the_truth_is_sharper_than_what_is_wrong():
     for level in (FINE, MIDDLE, COARSE):
         function = objective.at(level)
         truth = function(Correction())
-        for one in parameters_of(("stereo", "delay", "baseline", "pose-delay"), 2):
+        for parameter in parameters_of(("stereo", "delay", "baseline", "pose-delay"), 2):
             for sign in (1, -1):
-                wrong = function(Correction({one: sign * one.reach}))
-                assert wrong.mean() < truth.mean(), (level, one.name)
+                wrong = function(Correction({parameter: sign * parameter.reach}))
+                assert wrong.mean() < truth.mean(), (level, parameter.name)
 
 
 def test_each_window_may_be_told_otherwise():
     objective = Objective(RECORDING, WINDOWS, RECORDING.depth_range_m)
-    one = parameters_of(("stereo",), 2)[0]
-    right, wrong = (objective.hypothesis(Correction({one: value})) for value in (0.0, 2.0))
+    pitch = parameters_of(("stereo",), 2)[0]
+    right, wrong = (objective.hypothesis(Correction({pitch: value})) for value in (0.0, 2.0))
     mixed = objective.sharpness([right, wrong, right, wrong])
     assert (mixed[::2] == objective(Correction())[::2]).all()
-    assert (mixed[1::2] == objective(Correction({one: 2.0}))[1::2]).all()
+    assert (mixed[1::2] == objective(Correction({pitch: 2.0}))[1::2]).all()
 
 
 def test_windows_lie_where_the_camera_travels_farthest():
     plan = WindowPlan(3, 0.1, 500)
     windows = read_windows(RECORDING, plan)
     assert len(windows) == 3
-    assert all(len(one.events[0]) <= 500 for one in windows)
+    assert all(len(window.events[0]) <= 500 for window in windows)
     first_us, last_us = RECORDING.trajectory.span_us
     assert windows[0].t0_us >= first_us + plan.margin_us
     assert windows[-1].t1_us <= last_us - plan.margin_us

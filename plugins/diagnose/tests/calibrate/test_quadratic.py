@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from eventsweep.plugins.diagnose.calibrate import quadratic
+from eventsweep.plugins.diagnose.calibrate.objective import peak_of
 from eventsweep.plugins.diagnose.calibrate.quadratic import climb, evaluations, fit
-from eventsweep.plugins.diagnose.calibrate.search import peak_of
 
 BEND = np.array([[-2.0, 0.7, 0.1], [0.7, -1.5, -0.3], [0.1, -0.3, -0.8]])
 TOP = np.array([0.3, -0.2, 0.5])

@@ -10,9 +10,9 @@ import pytest
 import eventsweep.plugins.diagnose.calibrate.refine as module
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.utils.runtime import use_threads
-from eventsweep.plugins.diagnose.calibrate.parameters import Correction, parameters_of
 from eventsweep.plugins.diagnose.calibrate.refine import RefineConfig, refine
-from eventsweep.plugins.diagnose.calibrate.windows import read_windows
+from eventsweep.plugins.diagnose.parameters import Correction, parameters_of
+from eventsweep.plugins.diagnose.windows import read_windows
 from point_world import edge_points, pinhole, sideways, stereo_rig, swinging
 from refusals import refused
 from tiers import often

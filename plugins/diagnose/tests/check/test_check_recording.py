@@ -36,7 +36,7 @@ def test_what_cannot_be_opened_is_the_finding(tmp_path):
     poses.write_text(poses.read_text().replace(" 1", " 2"))
     said = refused("", open_recording, folder)
     report = check(folder)
-    assert [one.name for one in report.findings] == ["opening"]
+    assert [finding.name for finding in report.findings] == ["opening"]
     assert report.findings[0].evidence == said
     assert report.verdict == "wrong"
 
@@ -51,7 +51,7 @@ def test_what_is_no_recording_is_refused(tmp_path, what):
 
 def test_mapping_may_be_left_out_and_then_nothing_is_called_good():
     report = check(head_recording(), mapping=False)
-    assert not any(one.name.startswith("mapping") for one in report.findings)
+    assert not any(finding.name.startswith("mapping") for finding in report.findings)
     assert report.verdict == "unchecked"
     assert [name for name, _ in report.unchecked] == ["mapping"]
 
@@ -94,9 +94,7 @@ def test_the_quick_check_never_maps_and_leaves_out_what_mapping_refuses(monkeypa
         def events(self, camera, t0_us, t1_us):
             raise InputError("damaged")
 
-    assert [
-        one.name for one in quick_check(Unreadable(head_recording(), (0, 1)), MapperConfig())
-    ] == []
+    assert quick_check(Unreadable(head_recording(), (0, 1)), MapperConfig()) == []
 
 
 def test_windows_keep_the_same_events_under_all_alternatives():
