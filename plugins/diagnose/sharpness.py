@@ -111,17 +111,15 @@ class Sharpness:
         cameras = len(hypotheses[0].rig)
         at = np.arange(len(windows))[:, None] * cameras + np.arange(cameras + 1)
         view = _view(hypotheses[0].rig.cameras[0], self.level.scale)
-        self._reserve(len(windows), cameras, view.width_px * view.height_px)
+        shape = len(windows), cameras, view.width_px * view.height_px
+        if self._grids.shape != shape:
+            self._grids = np.empty(shape, np.float32)
+            self._best = np.empty((shape[0], shape[2]), np.float32)
         sharpness_kernels.ray_maxima(  # type: ignore[call-arg]
             *map(np.concatenate, columns), begin[at], self._rho, view.width_px, view.height_px,
             self._grids, self._best,
         )  # fmt: skip
         return self._best
-
-    def _reserve(self, windows: int, cameras: int, pixels: int) -> None:
-        if self._grids.shape != (windows, cameras, pixels):
-            self._grids = np.empty((windows, cameras, pixels), np.float32)
-            self._best = np.empty((windows, pixels), np.float32)
 
     def _rays(self, window: WindowEvents, hypothesis: Hypothesis) -> list[Rays]:
         rig, clock_us = hypothesis.rig, hypothesis.clock_us or (0,) * len(hypothesis.rig)

@@ -158,7 +158,10 @@ def align(rates: TurnRates, turns: PoseTurns, so_far: Floats, spread: Floats) ->
         (4,) what to add to `so_far`; the rotation is in the first camera's frame as given.
     """
     free = spread > 0
-    whiten = np.array([_root(weight) for weight in rates.weight])
+    # The roots of the weights; unknown directions weigh nothing.
+    values, vectors = np.linalg.eigh(rates.weight)
+    roots = vectors * np.sqrt(np.maximum(values, 0))[:, None]
+    whiten = np.asarray(roots @ np.swapaxes(vectors, 1, 2))
     start, noise = _nearest(rates, turns, whiten, so_far, spread)
 
     def residual(x: Floats) -> Floats:
@@ -235,9 +238,3 @@ def _small_turn(
     weight = noise**2 / np.where(spread > 0, spread, np.inf) ** 2
     normal = slope.T @ slope + np.diag(np.where(spread > 0, weight, 1.0))
     return np.asarray(np.linalg.solve(normal, slope.T @ missing - weight * so_far))
-
-
-def _root(weight: Floats) -> Floats:
-    """(3, 3) the root of a weight; unknown directions weigh nothing."""
-    values, vectors = np.linalg.eigh(weight)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T)

@@ -20,8 +20,7 @@ from eventsweep.plugins.diagnose.check.by_mapping import check_by_mapping
 from eventsweep.plugins.diagnose.check.cameras import check_cameras, check_rectification
 from eventsweep.plugins.diagnose.check.events import check_events, pieces, read_streams
 from eventsweep.plugins.diagnose.check.findings import Finding, Report
-from eventsweep.plugins.diagnose.check.parallax import check_parallax
-from eventsweep.plugins.diagnose.check.poses import check_poses
+from eventsweep.plugins.diagnose.check.poses import check_parallax, check_poses
 
 Unchecked = list[tuple[str, str]]
 
@@ -53,12 +52,12 @@ def check(
     """
     config = MapperConfig.or_default(config)
     try:
-        given = opened(recording)
+        readable = opened(recording)
     except InputError as error:
         if isinstance(error, NoRecordingError) or not isinstance(recording, str | Path):
             raise
         return Report(Path(recording).resolve().name, (_refused("opening", error),))
-    return _checked(given, config, True, mapping, progress)
+    return _checked(readable, config, True, mapping, progress)
 
 
 def quick_check(recording: Recording, config: MapperConfig) -> list[Finding]:
@@ -138,8 +137,7 @@ def _by_mapping(
     progress: Progress,
 ) -> list[Finding]:  # fmt: skip
     wrong = [finding for finding in findings if finding.verdict == "wrong"]
-    first = [f.name for f in wrong if {f.name, f.suspect} & limits.BEFORE_MAPPING]
-    if first:
+    if first := [f.name for f in wrong if {f.name, f.suspect} & limits.BEFORE_MAPPING]:
         unchecked.append(("mapping", f"cure {', '.join(first)} first"))
         return []
     return _try("mapping", lambda: check_by_mapping(recording, config, progress), unchecked)

@@ -2,8 +2,10 @@
 
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
+from eventsweep.plugins.diagnose.calibrate.before_after import epipolar_residuals_px
 from eventsweep.plugins.diagnose.calibrate.objective import COARSE, FINE, MIDDLE, Objective
 from eventsweep.plugins.diagnose.parameters import Correction, parameters_of
 from eventsweep.plugins.diagnose.windows import WindowPlan, read_windows
@@ -58,3 +60,14 @@ def test_windows_are_shorter_and_more_where_the_camera_turns_fast(rate_deg_s):
     assert length_s == pytest.approx(min(0.2, 10 / max(rate_deg_s, 1)), rel=0.02)
     assert len(windows) >= 3
     assert len(windows) <= 24
+
+
+@pytest.mark.parametrize("pitch_deg", [0.0, 0.8])
+def test_epipolar_rows_miss_by_as_much_as_a_camera_is_pitched(pitch_deg):
+    rig = stereo_rig(pinhole(160, 120, 140.0), 0.05)
+    recording = edge_points(swinging(turn_deg=(3, 3, 3)), rig, points=900)
+    pitch = parameters_of(("stereo",), 2)[0]
+    changed = Correction({pitch: pitch_deg}).applied(recording)
+    missed_px = epipolar_residuals_px(changed, 600_000, 0.7)
+    assert len(missed_px) > 5
+    assert abs(np.median(missed_px)) == pytest.approx(140 * np.radians(pitch_deg), abs=0.6)

@@ -23,8 +23,7 @@ from eventsweep.plugins.diagnose.check.cameras import (
     image_times,
 )
 from eventsweep.plugins.diagnose.check.events import check_events, pieces, read_streams, time_unit
-from eventsweep.plugins.diagnose.check.parallax import check_parallax
-from eventsweep.plugins.diagnose.check.poses import check_poses
+from eventsweep.plugins.diagnose.check.poses import check_parallax, check_poses
 from eventsweep.plugins.diagnose.check.recording import check
 from head_world import CAMERA, DURATION_US, head_motion, head_recording
 from planting import EditedRecording
