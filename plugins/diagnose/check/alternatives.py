@@ -32,7 +32,7 @@ from eventsweep.plugins.diagnose.parameters import (
     with_second,
 )
 
-Matrix = NDArray[np.float64]
+Floats = NDArray[np.float64]
 Alter = Callable[[Recording], Recording]
 
 
@@ -276,7 +276,7 @@ def _poses(change: Callable[[Trajectory], Trajectory]) -> Alter:
     return lambda recording: AlteredRecording(recording, trajectory=altered(recording.trajectory))
 
 
-def _quats(change: Callable[[Matrix], Matrix]) -> Alter:
+def _quats(change: Callable[[Floats], Floats]) -> Alter:
     return _poses(lambda poses: replace(poses, quats_xyzw=change(poses.quats_xyzw)))
 
 
@@ -306,6 +306,6 @@ def _axes() -> list[Alternative]:
     ]  # fmt: skip
 
 
-def _turned_back(R_cam_axes: Matrix) -> Alter:
+def _turned_back(R_cam_axes: Floats) -> Alter:
     T_axes_cam = se3.from_rotation(Rotation.from_matrix(R_cam_axes.T), np.zeros(3))
     return partial(with_hand_eye, change=lambda T_body_cam: T_body_cam @ T_axes_cam)

@@ -117,7 +117,7 @@ def _frozen(r: Recording, rng: Rng) -> Recording:
     return with_poses(r, positions_m=p.positions_m[at], quats_xyzw=p.quats_xyzw[at])
 
 
-def _jumped(p: Trajectory, rng: Rng) -> pl.Matrix:
+def _jumped(p: Trajectory, rng: Rng) -> pl.Floats:
     after = np.arange(len(p)) > rng.integers(len(p) // 3, 2 * len(p) // 3)
     jump_m = rng.normal(size=3)
     jump_m *= rng.uniform(0.1, 0.5) / np.linalg.norm(jump_m)
@@ -352,9 +352,9 @@ _BY_KIND = {fault.kind: fault for fault in _KNOWN}
 
 def _pair(first: str, second: str) -> Fault:
     """Two known faults at once, by their kinds; `check` names each as it does alone."""
-    one, other = _BY_KIND[first], _BY_KIND[second]
-    names = pl.two(one.named[0], other.named[0])
-    return Fault(f"{first}, {second}", pl.both(one.plant, other.plant), names, is_new=True)
+    plant = pl.both(_BY_KIND[first].plant, _BY_KIND[second].plant)
+    names = pl.two(_BY_KIND[first].named[0], _BY_KIND[second].named[0])
+    return Fault(f"{first}, {second}", plant, names, is_new=True)
 
 
 _ENU_NED = Rotation.from_matrix(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]))

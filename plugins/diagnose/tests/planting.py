@@ -19,9 +19,9 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.trajectory import Trajectory
 
 Rng = np.random.Generator
-Matrix = NDArray[np.float64]
+Floats = NDArray[np.float64]
 Planter = Callable[[Recording, Rng], Recording]
-Change = Callable[[Matrix], Matrix]
+Change = Callable[[Floats], Floats]
 UNKNOWN = ("no single cause found",)
 EULER = tuple("".join(order) for order in permutations("xyz"))
 
@@ -61,7 +61,7 @@ def two(first: str, second: str) -> tuple[str, ...]:
     return (f"{first} and {second}", f"{second} and {first}")
 
 
-def direction(rng: Rng) -> Matrix:
+def direction(rng: Rng) -> Floats:
     way = rng.normal(size=3)
     return np.asarray(way / np.linalg.norm(way))
 
@@ -114,7 +114,7 @@ def reread(order: str, as_order: str, *, degrees: bool = False, factor: float = 
     )
 
 
-def posed_from(r: Recording, T_body_other: Matrix) -> Recording:
+def posed_from(r: Recording, T_body_other: Floats) -> Recording:
     """Poses of something that lies so on the body, taken for those of the body."""
     return AlteredRecording(r, trajectory=r.trajectory.times(T_body_other))
 
@@ -122,12 +122,12 @@ def posed_from(r: Recording, T_body_other: Matrix) -> Recording:
 # Where cameras sit, and their lenses.
 
 
-def turned(rotation: Rotation) -> Matrix:
+def turned(rotation: Rotation) -> Floats:
     """(4, 4) a rotation alone."""
     return se3.from_rotation(rotation, np.zeros(3))
 
 
-def placed(r: Recording, *T_body_cam: Matrix) -> Recording:
+def placed(r: Recording, *T_body_cam: Floats) -> Recording:
     """The first cameras stand elsewhere on the body."""
     rest = r.rig.T_body_cam[len(T_body_cam) :]
     return AlteredRecording(r, rig=replace(r.rig, T_body_cam=(*T_body_cam, *rest)))
@@ -140,13 +140,13 @@ def on_body(r: Recording, change: Change) -> Recording:
     return placed(r, *(change(T_body_0) @ T for T in inside))
 
 
-def tracked(recording: Recording, T_tracked_body: Matrix) -> Recording:
+def tracked(recording: Recording, T_tracked_body: Floats) -> Recording:
     """The same recording, with the poses of another body that the cameras sit on."""
     posed_ = posed_from(recording, se3.inverse(T_tracked_body))
     return placed(posed_, *(T_tracked_body @ T for T in recording.rig.T_body_cam))
 
 
-def hand_eye(rng: Rng) -> Matrix:
+def hand_eye(rng: Rng) -> Floats:
     """A tracked body on a camera: turned by 20 to 120 deg, up to 10 cm away."""
     turn = Rotation.from_rotvec(direction(rng) * rng.uniform(20, 120), degrees=True)
     return se3.from_rotation(turn, rng.uniform(-0.1, 0.1, 3))
@@ -187,7 +187,7 @@ def longer(low: float, high: float) -> Planter:
 def part(rows: slice, columns: slice | int, change: Change) -> Change:
     """Changes a part of a rigid motion alone."""
 
-    def changed(T: Matrix) -> Matrix:
+    def changed(T: Floats) -> Floats:
         T = T.copy()
         T[rows, columns] = change(T[rows, columns])
         return T

@@ -55,7 +55,7 @@ def test_an_interrupt_leaves_nothing(sequence, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize(("flags", "words"), [
     ("--refine yaw", "refine 'yaw' is unknown: choose from stereo"),
-    ("--refine ,", "refine is empty"), ("--refine delay --windows 1", "at least 2 windows"),
+    ("--refine delay --windows 1", "at least 2 windows"),
     ("--refine delay --min-depth-m 5 --max-depth-m 2", "depth range"),
     ("--refine delay --min-depth-m 1e-9", "must lie within"),
     ("--refine delay --force --out {}", ""),  # a folder never replaces the recording

@@ -37,7 +37,7 @@ def test_the_kernel_does_what_its_slow_twin_does(cameras):
          rng.normal(0, 2, 300), rng.uniform(-1, 1.5, 300)]
         for _ in range(2 * cameras)
     ]  # fmt: skip
-    rays = [[column.astype(np.float32) for column in one] for one in rays]
+    rays = [[column.astype(np.float32) for column in columns] for columns in rays]
     best = np.empty((2, width * height), np.float32)
     sharpness_kernels.ray_maxima(
         *map(np.concatenate, zip(*rays, strict=True)),

@@ -154,14 +154,14 @@ def test_three_cameras_are_refined_together():
 def test_any_number_of_threads_gives_the_same_bits():
     threads = numba.get_num_threads()
     try:
-        one, two = (
+        alone, both = (
             refined(("stereo",), {"cam1 pitch": 0.3}, threads=count, events=1000, windows=2)[0]
             for count in (1, 2)
         )
     finally:
         use_threads(threads)
-    assert [e.value for e in one.estimates] == [e.value for e in two.estimates]
-    assert (one.sharpness == two.sharpness).all()
+    assert [e.value for e in alone.estimates] == [e.value for e in both.estimates]
+    assert (alone.sharpness == both.sharpness).all()
 
 
 def test_progress_tells_every_stage():

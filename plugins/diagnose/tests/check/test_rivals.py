@@ -127,5 +127,5 @@ def test_another_first_cause_with_a_second_one_like_it_is_a_rival(first, after, 
         return [trial(a, ((after if a.name == inverted.name else 0.0),) * 3) for a in others]
 
     trials = SimpleNamespace(after=lambda _: SimpleNamespace(trials=trials_after))
-    found = tuple(_other_firsts(trials, (best, second), [best, other], [OTHER, *of_pair()]))
-    assert found == ((other,) if rival else ())
+    rivals = tuple(_other_firsts(trials, (best, second), [best, other], [OTHER, *of_pair()]))
+    assert rivals == ((other,) if rival else ())
