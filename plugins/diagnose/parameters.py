@@ -29,7 +29,30 @@ Kind = Literal[
     "stereo", "clock", "direction", "baseline", "focal", "pose clock", "hand-eye", "lever"
 ]
 AXES = ("x", "y", "z")
-_TURNS = dict(zip(AXES, ("pitch", "yaw", "roll"), strict=True))
+TURNS = dict(zip(AXES, ("pitch", "yaw", "roll"), strict=True))
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a calibration.
+
+    Attributes:
+        kind: what it belongs to.
+        camera: which camera it is of; 0 for what all cameras share.
+        axis: which axis of the camera, or empty.
+        name: what tables and messages call it.
+        unit: of its values.
+        reach: how far from the given calibration it is searched: two prior sigmas.
+        needed: with a larger uncertainty the recording does not determine it.
+    """
+
+    kind: Kind
+    camera: int
+    axis: str
+    name: str
+    unit: str
+    reach: float
+    needed: float
 
 
 class Search(NamedTuple):
@@ -63,8 +86,7 @@ class Row(NamedTuple):
         kind: what the numbers are of.
         axes: of the camera, or one that is empty.
         unit: of corrections.
-        reach: how far from the given calibration it is searched.
-        needed: with a larger uncertainty the recording does not determine it.
+        reach, needed: of each number, as `Parameter` says.
         of_pair: whether it concerns two cameras, and not camera 0 and its poses.
         name: of a number; `{turn}` is what the axis is called.
         search: how `check` looks for it; None where it does not.
@@ -82,8 +104,14 @@ class Row(NamedTuple):
 
     def parameters(self, cameras: int) -> list[Parameter]:
         """Of a rig of so many cameras."""
-        numbers = range(1, cameras) if self.of_pair else (0,)
-        return [Parameter(self.kind, k, axis) for k in numbers for axis in self.axes]
+        return [
+            Parameter(
+                self.kind, camera, axis,
+                self.name.format(camera=camera, turn=TURNS.get(axis, ""), axis=axis),
+                self.unit, self.reach, self.needed,
+            )
+            for camera in (range(1, cameras) if self.of_pair else (0,)) for axis in self.axes
+        ]  # fmt: skip
 
 
 def _turn(axis: int, angle_deg: float) -> Floats:
@@ -198,46 +226,7 @@ ROWS = {
     ),
 }  # fmt: skip
 """What may be off, by the names that `refine` takes."""
-_BY_KIND = {row.kind: row for row in ROWS.values()}
-_ORDER = list(_BY_KIND)
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One number of a calibration.
-
-    Attributes:
-        kind: what it belongs to.
-        camera: which camera it is of; 0 for what all cameras share.
-        axis: which axis of the camera, or empty.
-    """
-
-    kind: Kind
-    camera: int
-    axis: str
-
-    @property
-    def unit(self) -> str:
-        """Of its values."""
-        return _BY_KIND[self.kind].unit
-
-    @property
-    def reach(self) -> float:
-        """How far from the given calibration it is searched: two prior sigmas."""
-        return _BY_KIND[self.kind].reach
-
-    @property
-    def needed(self) -> float:
-        """With a larger uncertainty the recording does not determine it."""
-        return _BY_KIND[self.kind].needed
-
-    @property
-    def name(self) -> str:
-        """What tables and messages call it."""
-        turn = _TURNS.get(self.axis, "")
-        return _BY_KIND[self.kind].name.format(camera=self.camera, turn=turn, axis=self.axis)
-
-
+_ORDER = [row.kind for row in ROWS.values()]
 (POSE_CLOCK,) = ROWS["pose-delay"].parameters(1)
 """What is added to the times of the poses."""
 

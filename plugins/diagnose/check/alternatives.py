@@ -26,6 +26,7 @@ from eventsweep.plugins.diagnose.check.limits import MARGIN
 from eventsweep.plugins.diagnose.check.orientations import axes_words, rereadings, signed_axes
 from eventsweep.plugins.diagnose.parameters import (
     ROWS,
+    TURNS,
     with_baseline,
     with_hand_eye,
     with_lenses,
@@ -106,9 +107,7 @@ def amounts(*names: str) -> list[Alternative]:
             search.grid, hurts,
         )
         for row in map(ROWS.__getitem__, names) if (search := row.search)
-        for k, (turn, axis, hurts) in enumerate(
-            zip(("pitch", "yaw", "roll"), "xyz", search.hurts, strict=False)
-        )
+        for k, ((axis, turn), hurts) in enumerate(zip(TURNS.items(), search.hurts, strict=False))
     ]  # fmt: skip
 
 
