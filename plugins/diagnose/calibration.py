@@ -11,7 +11,7 @@ from eventsweep.emvs.utils.outputs import atomic_dir
 from eventsweep.eval.progress import Display
 from eventsweep.eval.report.html import REPORT_NAME
 from eventsweep.plugins.diagnose.calibrate.before_after import before_and_after
-from eventsweep.plugins.diagnose.calibrate.folder import estimate_facts, write_refined
+from eventsweep.plugins.diagnose.calibrate.folder import write_refined
 from eventsweep.plugins.diagnose.calibrate.refine import RefineConfig, Refinement, refine
 from eventsweep.plugins.diagnose.calibrate_page import page_text, summary
 
@@ -37,7 +37,7 @@ def calibrate_recording(
 def facts_of(refinement: Refinement, notes: Sequence[str]) -> dict[str, Any]:
     """Plain values for `--json`."""
     return {
-        "estimates": [estimate_facts(estimate) for estimate in refinement.estimates],
+        "estimates": [estimate.facts() for estimate in refinement.estimates],
         "sharpness": refinement.sharpness.mean(axis=0).tolist(),
         "windows": len(refinement.windows),
         "notes": list(notes),

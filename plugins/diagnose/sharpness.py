@@ -111,26 +111,26 @@ class Sharpness:
         cameras = len(hypotheses[0].rig)
         at = np.arange(len(windows))[:, None] * cameras + np.arange(cameras + 1)
         view = _view(hypotheses[0].rig.cameras[0], self.level.scale)
-        self._reserve(len(windows), cameras, view.width_px * view.height_px)
+        shape = len(windows), cameras, view.width_px * view.height_px
+        if self._grids.shape != shape:
+            self._grids = np.empty(shape, np.float32)
+            self._best = np.empty((shape[0], shape[2]), np.float32)
         sharpness_kernels.ray_maxima(  # type: ignore[call-arg]
             *map(np.concatenate, columns), begin[at], self._rho, view.width_px, view.height_px,
             self._grids, self._best,
         )  # fmt: skip
         return self._best
 
-    def _reserve(self, windows: int, cameras: int, pixels: int) -> None:
-        if self._grids.shape != (windows, cameras, pixels):
-            self._grids = np.empty((windows, cameras, pixels), np.float32)
-            self._best = np.empty((windows, pixels), np.float32)
-
     def _rays(self, window: WindowEvents, hypothesis: Hypothesis) -> list[Rays]:
         rig, clock_us = hypothesis.rig, hypothesis.clock_us or (0,) * len(hypothesis.rig)
-        near = _around(hypothesis.trajectory, window, max(map(abs, clock_us)))
+        far_us, known = max(map(abs, clock_us)), hypothesis.trajectory
+        part = around(known, window.t0_us - far_us, window.t1_us + far_us)
+        near = Trajectory(known.t_us[part], known.positions_m[part], known.quats_xyzw[part])
         poses = knots(near, near.at(window.t_ref_us) @ rig.T_body_cam[0])
         view = _view(rig.cameras[0], self.level.scale)
         each = zip(window.events, clock_us, rig.cameras, rig.T_body_cam, strict=True)
         return [
-            rays_between(_on_clock(events, late_us), camera, T, poses, view)
+            rays_between(events.shifted(late_us), camera, T, poses, view)
             for events, late_us, camera, T in each
         ]
 
@@ -144,18 +144,10 @@ def _planes(near_m: float, far_m: float, count: int) -> NDArray[np.float32]:
     return np.linspace(1 / near_m + more, 1 / far_m - more, count).astype(np.float32)
 
 
-def _on_clock(events: Events, late_us: int) -> Events:
-    return replace(events, t_us=events.t_us + late_us) if late_us else events
-
-
-def _around(trajectory: Trajectory, window: WindowEvents, more_us: int) -> Trajectory:
-    """The poses of a window and one on each side."""
-    bounds = [window.t0_us - more_us, window.t1_us + more_us]
-    first, last = np.searchsorted(trajectory.t_us, bounds)
-    part = slice(max(0, int(first) - 1), int(last) + 1)
-    return Trajectory(
-        trajectory.t_us[part], trajectory.positions_m[part], trajectory.quats_xyzw[part]
-    )
+def around(trajectory: Trajectory, t0_us: int, t1_us: int) -> slice:
+    """Which poses lie between two times, and one on each side."""
+    first, last = np.searchsorted(trajectory.t_us, [t0_us, t1_us])
+    return slice(max(0, int(first) - 1), int(last) + 1)
 
 
 def _view(camera: Camera, scale: int) -> Camera:

@@ -23,9 +23,9 @@ from scipy.spatial.transform import Rotation
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.plugins.diagnose.calibrate.objective import Objective
-from eventsweep.plugins.diagnose.calibrate.parameters import Correction
 from eventsweep.plugins.diagnose.calibrate.quadratic import Paraboloid, fit
-from eventsweep.plugins.diagnose.sharpness import Hypothesis, WindowEvents
+from eventsweep.plugins.diagnose.parameters import Correction
+from eventsweep.plugins.diagnose.sharpness import Hypothesis, WindowEvents, around
 
 Floats = NDArray[np.float64]
 _LAG_STEP_MS = 1.0
@@ -102,8 +102,7 @@ def _turning(hypothesis: Hypothesis, window: WindowEvents, rate_rad_s: Floats) -
     """The poses around a window with an additional turn of the first camera about its centre."""
     poses = hypothesis.trajectory
     length_us = window.t1_us - window.t0_us
-    first, last = np.searchsorted(poses.t_us, [window.t0_us - length_us, window.t1_us + length_us])
-    part = slice(max(0, int(first) - 1), int(last) + 1)
+    part = around(poses, window.t0_us - length_us, window.t1_us + length_us)
     t_us = poses.t_us[part]
     T_world_body = se3.from_quat_xyzw(poses.positions_m[part], poses.quats_xyzw[part])
     seconds = (t_us - window.t_ref_us) / 1e6
@@ -159,7 +158,10 @@ def align(rates: TurnRates, turns: PoseTurns, so_far: Floats, spread: Floats) ->
         (4,) what to add to `so_far`; the rotation is in the first camera's frame as given.
     """
     free = spread > 0
-    whiten = np.array([_root(weight) for weight in rates.weight])
+    # The roots of the weights; unknown directions weigh nothing.
+    values, vectors = np.linalg.eigh(rates.weight)
+    roots = vectors * np.sqrt(np.maximum(values, 0))[:, None]
+    whiten = np.asarray(roots @ np.swapaxes(vectors, 1, 2))
     start, noise = _nearest(rates, turns, whiten, so_far, spread)
 
     def residual(x: Floats) -> Floats:
@@ -236,9 +238,3 @@ def _small_turn(
     weight = noise**2 / np.where(spread > 0, spread, np.inf) ** 2
     normal = slope.T @ slope + np.diag(np.where(spread > 0, weight, 1.0))
     return np.asarray(np.linalg.solve(normal, slope.T @ missing - weight * so_far))
-
-
-def _root(weight: Floats) -> Floats:
-    """(3, 3) the root of a weight; unknown directions weigh nothing."""
-    values, vectors = np.linalg.eigh(weight)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T)

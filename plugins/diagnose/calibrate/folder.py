@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -37,7 +36,7 @@ from eventsweep.emvs.formats.opencv_calibration import is_opencv
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.utils.outputs import atomic_dir, check_output
 from eventsweep.emvs.utils.runtime import Progress, silent, versions
-from eventsweep.plugins.diagnose.calibrate.refine import Estimate, RefineConfig, Refinement, refine
+from eventsweep.plugins.diagnose.calibrate.refine import RefineConfig, Refinement, refine
 
 RIG_FILE, POSES_FILE, INFO_FILE = "rig.json", "poses.txt", "refinement.json"
 SCHEMA_VERSION = 1
@@ -68,15 +67,15 @@ def calibrate(
         InputError: no poses, nothing to refine, a rig of one camera where two are needed, too short
             a recording, or an output that exists.
     """
-    given = opened(recording)
+    readable = opened(recording)
     inputs = (recording,) if isinstance(recording, str | Path) else ()
     if out is not None:
         check_path("out", out)
         check_output(Path(out), force=force, inputs=inputs)
-    refinement = refine(given, config, progress)
+    refinement = refine(readable, config, progress)
     if out is not None:
         with atomic_dir(Path(out), force=force, inputs=inputs) as folder:
-            write_refined(folder, Path(out), given, refinement)
+            write_refined(folder, Path(out), readable, refinement)
     return refinement
 
 
@@ -93,43 +92,22 @@ def write_refined(
     write_tum(folder / POSES_FILE, refined.trajectory)
     notes = [*_own_format(folder, recording, refined.rig), *_lost(refinement)]
     notes += _descriptor(folder, out, recording, refinement)
-    text = json.dumps(provenance(recording, refinement, command, notes), indent=2, allow_nan=False)
-    (folder / INFO_FILE).write_text(text + "\n", encoding="utf-8")
-    return tuple(notes)
-
-
-def provenance(
-    recording: Recording, refinement: Refinement, command: str, notes: list[str]
-) -> dict[str, Any]:
-    """Plain values for `refinement.json`: result, recording, command, versions."""
-    return {
+    path = getattr(recording, "path", None)
+    place = "" if path is None else str(Path(path).resolve())
+    facts = {
         "schema_version": SCHEMA_VERSION,
-        "recording": {"name": recording.name, "path": _path_of(recording), **_digest(recording)},
+        "recording": {"name": recording.name, "path": place, **_digest(recording)},
         "command": command,
         "versions": versions(),
         "refine": list(refinement.config.refine),
         "windows_us": [list(span_us) for span_us in refinement.windows],
         "sharpness": refinement.sharpness.tolist(),
-        "estimates": [estimate_facts(estimate) for estimate in refinement.estimates],
+        "estimates": [estimate.facts() for estimate in refinement.estimates],
         "notes": notes,
     }
-
-
-def estimate_facts(estimate: Estimate) -> dict[str, Any]:
-    """One parameter as plain values."""
-    known = math.isfinite(estimate.uncertainty)
-    return {
-        "parameter": estimate.parameter.name,
-        "unit": estimate.parameter.unit,
-        "correction": estimate.value,
-        "uncertainty_95": estimate.uncertainty if known else None,
-        "refused": estimate.refused or None,
-    }
-
-
-def _path_of(recording: Recording) -> str:
-    path = getattr(recording, "path", None)
-    return "" if path is None else str(Path(path).resolve())
+    text = json.dumps(facts, indent=2, allow_nan=False) + "\n"
+    (folder / INFO_FILE).write_text(text, encoding="utf-8")
+    return tuple(notes)
 
 
 def _digest(recording: Recording) -> dict[str, str]:
@@ -220,7 +198,11 @@ def _written_as(folder: Path, recording: Recording, rig: Rig) -> bool:
         return False
     writers: dict[str, Callable[[], None]] = {
         "DSEC": lambda: _write_dsec(folder, rig),
-        "TUM-VIE": lambda: _write_tumvie(folder / "camera-calibrationA.json", rig),
+        # Four cameras, of which the last two are the event cameras.
+        "TUM-VIE": lambda: write_basalt(
+            folder / "camera-calibrationA.json",
+            Rig(rig.name, rig.cameras * 2, rig.T_body_cam * 2),
+        ),
         "MVSEC": lambda: write_kalibr(folder / f"camchain-imucam-{recording.name}.yaml", rig),
         FILE_NAME: lambda: _write_described(folder, recording, rig),
     }
@@ -244,12 +226,6 @@ def _write_ecd(path: Path, rig: Rig) -> None:
     path.write_text(" ".join(f"{value:.9g}" for value in values) + "\n", encoding="ascii")
 
 
-def _write_tumvie(path: Path, rig: Rig) -> None:
-    """Four cameras, of which the last two are the event cameras."""
-    four = Rig(rig.name, (*rig.cameras, *rig.cameras), (*rig.T_body_cam, *rig.T_body_cam))
-    write_basalt(path, four)
-
-
 def _write_described(folder: Path, recording: PosedRecording, rig: Rig) -> None:
     """In the format of the file that the `recording.toml` names, under its name."""
     path = recording.path / read_descriptor(recording.path / FILE_NAME).calibration.file
@@ -263,15 +239,11 @@ def _write_described(folder: Path, recording: PosedRecording, rig: Rig) -> None:
 def _lost(refinement: Refinement) -> list[str]:
     """Notes on what a calibration file cannot hold, and where it is instead."""
     kinds = {e.parameter.kind for e in refinement.estimates if not e.refused}
-    notes = []
-    if "clock" in kinds:
-        notes.append(
-            f"calibration files cannot store clock offsets: {FILE_NAME} does (time_offset_us)"
-        )
-    if "pose clock" in kinds:
-        notes.append(
-            f"calibration files cannot store clock offsets: {POSES_FILE} has the corrected times"
-        )
-    if kinds & {"hand-eye", "lever"}:
-        notes.append(f"the hand-eye is in {RIG_FILE} (T_body_cam), which {FILE_NAME} reads")
-    return notes
+    no_clock = "calibration files cannot store clock offsets"
+    lost = (
+        ({"clock"}, f"{no_clock}: {FILE_NAME} does (time_offset_us)"),
+        ({"pose clock"}, f"{no_clock}: {POSES_FILE} has the corrected times"),
+        ({"hand-eye", "lever"},
+         f"the hand-eye is in {RIG_FILE} (T_body_cam), which {FILE_NAME} reads"),
+    )  # fmt: skip
+    return [note for of, note in lost if kinds & of]

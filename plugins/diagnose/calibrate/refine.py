@@ -1,7 +1,7 @@
 """Refines a calibration from events and poses: well determined parameters first, then the rest.
 
 1. Windows with parallax, spread over the recording, are read and thinned (`windows`).
-2. Stereo rotation, camera clocks, baseline and focal length: scans on coarse DSIs (`search`), then
+2. Stereo rotation, camera clocks, baseline and focal length: scans on coarse DSIs, then
    a paraboloid through the top of the fine objective, in all of them jointly (`quadratic`).
 3. Pose clock and hand-eye: angular velocities of events and poses, matched over all windows
    (`angular_velocity`), then the same paraboloid.
@@ -16,6 +16,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,16 +35,23 @@ from eventsweep.plugins.diagnose.calibrate.angular_velocity import (
     camera_turn_rates,
     turn_rates,
 )
-from eventsweep.plugins.diagnose.calibrate.objective import COARSE, FINE, MIDDLE, Objective
-from eventsweep.plugins.diagnose.calibrate.parameters import (
+from eventsweep.plugins.diagnose.calibrate.objective import (
+    COARSE,
+    FINE,
+    MIDDLE,
+    SCANS,
+    Objective,
+    approach,
+    steps,
+)
+from eventsweep.plugins.diagnose.calibrate.quadratic import Function, climb, evaluations, higher
+from eventsweep.plugins.diagnose.parameters import (
     AXES,
     Correction,
     Parameter,
     parameters_of,
 )
-from eventsweep.plugins.diagnose.calibrate.quadratic import Function, climb, evaluations, higher
-from eventsweep.plugins.diagnose.calibrate.search import approach, scans, steps
-from eventsweep.plugins.diagnose.calibrate.windows import WindowPlan, read_windows, window_spans
+from eventsweep.plugins.diagnose.windows import WindowPlan, read_windows, window_spans
 
 Floats = NDArray[np.float64]
 _SURE = 0.975  # quantile of the two-sided 95 % that uncertainties state
@@ -64,7 +72,7 @@ class RefineConfig:
     """How calibration is refined.
 
     Attributes:
-        refine: keys of `plugins.diagnose.calibrate.parameters.NAMES`.
+        refine: keys of `plugins.diagnose.parameters.ROWS`.
         windows: how many at most; more of shorter ones.
         window_s: length of each, s; shorter where the camera turns fast.
         events: kept per camera and window, at most.
@@ -103,6 +111,15 @@ class Estimate:
     value: float
     uncertainty: float
     refused: str = ""
+
+    def facts(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        known = math.isfinite(self.uncertainty)
+        return {
+            "parameter": self.parameter.name, "unit": self.parameter.unit,
+            "correction": self.value, "uncertainty_95": self.uncertainty if known else None,
+            "refused": self.refused or None,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,28 +173,22 @@ def refine(
     objective = Objective(recording, windows, range_m)
     short = objective
     if any(parameter.kind in _POSE_KINDS for parameter in parameters):
-        short = _short(objective, replace(plan, turn_deg=_MATCHED_TURN_DEG))
-    return _Refiner(recording, objective, short, parameters, config, progress).run()
-
-
-def _short(objective: Objective, plan: WindowPlan) -> Objective:
-    """The objective with the windows of another plan; of a calm camera they are the same."""
-    recording = objective.recording
-    if window_spans(recording, plan) == [(w.t0_us, w.t1_us) for w in objective.windows]:
-        return objective
-    return objective.with_windows(read_windows(recording, plan))
+        calm = replace(plan, turn_deg=_MATCHED_TURN_DEG)
+        # Of a calm camera they are the same.
+        if window_spans(recording, calm) != [(w.t0_us, w.t1_us) for w in windows]:
+            short = Objective(recording, read_windows(recording, calm), range_m)
+    return _Refiner(objective, short, parameters, config, progress).run()
 
 
 class _Refiner:
     """One run: the objective, and the correction as it grows."""
 
     def __init__(
-        self, recording: Recording, objective: Objective, short: Objective,
-        parameters: Sequence[Parameter], config: RefineConfig, progress: Progress,
+        self, objective: Objective, short: Objective, parameters: tuple[Parameter, ...],
+        config: RefineConfig, progress: Progress,
     ) -> None:  # fmt: skip
-        self._recording, self._config, self._progress = recording, config, progress
-        self._parameters, self._cameras = tuple(parameters), len(recording.rig)
-        self._objective, self._short, windows = objective, short, objective.windows
+        self._objective, self._short, self._parameters = objective, short, parameters
+        self._config, self._progress, windows = config, progress, objective.windows
         self._best = Correction()
         self._uncertainty: dict[Parameter, float] = {}
         length_us = windows[0].t1_us - windows[0].t0_us
@@ -189,7 +200,8 @@ class _Refiner:
         pose = [p for p in self._parameters if p.kind in _POSE_KINDS]
         before = self._objective(Correction())
         if shape:
-            self._scan(shape)
+            on_scan = self._counted("scan", len(shape) * len(SCANS))
+            self._best = approach(self._objective, shape, self._best, on_scan)
             self._top("stereo", shape)
         if pose:
             self._match_turns(pose)
@@ -209,17 +221,13 @@ class _Refiner:
         done = count(1)
         return lambda: self._progress(stage, next(done), total)
 
-    def _scan(self, parameters: Sequence[Parameter]) -> None:
-        on_scan = self._counted("scan", scans(len(parameters)))
-        self._best = approach(self._objective, parameters, self._best, on_scan)
-
     def _match_turns(self, pose: Sequence[Parameter]) -> None:
         """Pose clock and hand-eye rotation by angular velocities, coarse to fine."""
         clock = [p for p in pose if p.kind == "pose clock"]
         turns = [p for p in pose if p.kind == "hand-eye"]
         spread = np.zeros(4)
-        spread[:1] = [p.spread for p in clock] or 0
-        spread[1:] = np.radians([p.spread for p in turns] or 0)
+        spread[:1] = [p.reach / 2 for p in clock] or 0
+        spread[1:] = np.radians([p.reach / 2 for p in turns] or 0)
         for done, level in enumerate(_ALIGNMENTS, 1):
             objective = self._short.at(level)
             rates = turn_rates(objective, self._best, level.scale * float(_TURN_STEP_RAD_S))
@@ -241,7 +249,7 @@ class _Refiner:
         around = steps(self._objective, parameters, self._best)
         total = _CLIMBS * (evaluations(len(parameters)) + _TRIALS)
         function = self._function(self._objective, parameters, self._counted(stage, total))
-        spread = np.array([parameter.spread for parameter in parameters])
+        spread = np.array([parameter.reach / 2 for parameter in parameters])
         start = self._best.vector(parameters)
         top = climb(function, start, around, spread, self._independent, _CLIMBS)
         self._progress(stage, total, total)
@@ -259,7 +267,7 @@ class _Refiner:
         def function(point: Floats) -> Floats:
             on_step()
             values = dict(zip(parameters, map(float, point), strict=True))
-            return np.log(objective(self._best.varied(values, self._cameras)))
+            return objective.varied(self._best, values)
 
         return function
 
@@ -284,34 +292,26 @@ class _Refiner:
         hypothesis = self._objective.hypothesis(self._best)
         rates = np.degrees(camera_turn_rates(self._objective.windows, hypothesis))
         each = ", ".join(f"{rate:.2g}" for rate in np.sqrt((rates**2).mean(axis=0)))
-        if parameter.kind == "pose clock":
-            change = float(np.sqrt(rates.var(axis=0).sum()))
-            return (
-                f"the motion is too uniform or too short; turn rates vary by only {change:.2g} "
-                "deg/s"
-            )
-        if parameter.kind == "hand-eye":
-            return (
-                f"the recording is too short, or the camera turns too little, by {each} deg/s "
-                "about x, y, z"
-            )
-        if parameter.kind == "lever":
-            return (
-                f"it can be determined only where the camera turns, here by {each} deg/s about "
-                "x, y, z"
-            )
-        return "too little texture, parallax or motion in these windows"
+        change = float(np.sqrt(rates.var(axis=0).sum()))
+        lacks: dict[str, str] = {
+            "pose clock": "the motion is too uniform or too short; turn rates vary by only "
+            f"{change:.2g} deg/s",
+            "hand-eye": "the recording is too short, or the camera turns too little, by "
+            f"{each} deg/s about x, y, z",
+            "lever": "it can be determined only where the camera turns, here by "
+            f"{each} deg/s about x, y, z",
+        }
+        return lacks.get(parameter.kind, "too little texture, parallax or motion in these windows")
 
     def _curves(self, refined: Sequence[Estimate]) -> dict[str, tuple[Floats, Floats]]:
         """Sharpness over each refined parameter, around the result and the given value."""
         curves = {}
-        for done, (parameter, value, uncertainty) in enumerate(
-            ((e.parameter, e.value, e.uncertainty) for e in refined), 1
-        ):
-            far = max(1.3 * abs(value), 4 * uncertainty, 0.2 * parameter.reach)
+        for done, estimate in enumerate(refined, 1):
+            parameter, value = estimate.parameter, estimate.value
+            far = max(1.3 * abs(value), 4 * estimate.uncertainty, 0.2 * parameter.reach)
             at = value + np.linspace(-far, far, _CURVE_POINTS)
-            each = [self._best.varied({parameter: float(x)}, self._cameras) for x in at]
-            mean = np.exp([np.log(self._objective(correction)).mean() for correction in each])
+            each = [self._objective.varied(self._best, {parameter: float(x)}) for x in at]
+            mean = np.exp([log_sharpness.mean() for log_sharpness in each])
             curves[parameter.name] = (at, np.asarray(mean / mean.max()))
             self._progress("curves", done, len(refined))
         return curves

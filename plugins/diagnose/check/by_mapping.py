@@ -16,8 +16,8 @@ import numpy as np
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.utils.runtime import Progress, silent
-from eventsweep.plugins.diagnose.check.alternatives import MARGIN, Alternative, of_pair, of_poses
-from eventsweep.plugins.diagnose.check.amounts import Amount, amounts_of_one, amounts_of_pair
+from eventsweep.plugins.diagnose.check import limits
+from eventsweep.plugins.diagnose.check.alternatives import Alternative, Amount, alternatives_of
 from eventsweep.plugins.diagnose.check.diagnosis import (
     Diagnosis,
     amount_words,
@@ -26,25 +26,9 @@ from eventsweep.plugins.diagnose.check.diagnosis import (
     percents,
 )
 from eventsweep.plugins.diagnose.check.findings import Finding
+from eventsweep.plugins.diagnose.check.limits import MARGIN
 from eventsweep.plugins.diagnose.check.trial_windows import Gains, TrialWindows
 from eventsweep.plugins.diagnose.check.trials import CameraTrials, Trial
-
-# A cure is decisive if the map becomes this much sharper in logarithms, half as much in each
-# window, and so many times as sharp as where the cameras may turn freely in the recording as given:
-# what a small free turn nearly reaches may be any small fault.
-_DECISIVE, _BEYOND_FREE = 0.1, 1.5
-# Gain where the camera, or the second one on the rig, may turn freely: more on average, or more in
-# a single window by so many times, and poses and events do not fit, before or after a cure.
-_LEFT, _LEFT_SQUINT, _LEFT_IN_ONE = 0.01, 0.03, 2.5
-# How much less well than two halves of one camera's events the cameras may agree after a cure, and
-# where nothing helps: of 43 sound recordings one reached 0.15, the others 0.06.
-_DISAGREE, _APART = 0.08, 0.2
-_NOTHING_LEFT = 0.01  # on average: then no second fault is looked for
-_FINE = 8  # alternatives that are tried on fine volumes, those that gain most
-_LIKELY, _CANDIDATES = 0.5, 4  # what may be the cause: its share of the best gain, and how many
-_CLEAR = 2  # margins: what a first cure leaves over looks like a small second fault
-_RIVAL = 0.75  # of the gain: another cause that explains as well
-_SECONDS = 3  # of two causes, the second ones that are looked at closely
 
 
 def check_by_mapping(
@@ -69,7 +53,7 @@ def check_by_mapping(
     groups: list[tuple[int, ...]] = [(0, k) for k in range(1, len(names))] or [(0,)]
     findings: list[Finding] = []
     for at, cameras in enumerate(groups):
-        alternatives = _alternatives(recording, first=at == 0, paired=len(cameras) > 1)
+        alternatives = alternatives_of(recording, first=at == 0, paired=len(cameras) > 1)
         shown = _shown(alternatives, progress, "alternatives", at, len(groups))
         diagnosis = _diagnosis(CameraTrials(windows, cameras), alternatives, shown, progress)
         names_text = " and ".join(names[k] for k in cameras)
@@ -80,31 +64,37 @@ def check_by_mapping(
 
 
 def _diagnosis(
-    trials: CameraTrials, alternatives: Sequence[Alternative | Amount],
-    shown: Iterator[Alternative | Amount], progress: Progress,
+    trials: CameraTrials, alternatives: Sequence[Alternative],
+    shown: Iterator[Alternative], progress: Progress,
 ) -> Diagnosis:  # fmt: skip
-    tried = tuple(trials.trials(shown, most=_FINE))
+    tried = tuple(trials.trials(shown, most=limits.FINE_TRIALS))
     best = trials.best(tried)
     if best.verdict == "good":
         return Diagnosis(tried, best, _unfit(trials))
     if best.verdict == "doubtful":
         return Diagnosis(tried, best, f"{_sharper([best])}, too little to be sure")
-    likely = _likely(trials, tried, best)
+    in_order = sorted(tried, key=lambda trial: trial.gain, reverse=True)
+    sharp = [t for t in in_order if t.is_sharper and t.gain >= limits.LIKELY * best.gain]
+    likely = [trial for trial in sharp[: limits.MOST_LIKELY] if trials.agrees(trial)]
     wrong = (trial for trial in likely if trial.verdict == "wrong")
     best = next((trial for trial in wrong if _explains(trials, trial)), best)
-    rivals = tuple(t for t in likely if _is_rival(t, best) and _explains(trials, t))
-    cured = trials.after(best)
+    enough = limits.RIVAL * best.gain
+    rivals = tuple(
+        trial for trial in likely
+        if trial.alternative.kind != best.alternative.kind and trial.gain >= enough
+        and _explains(trials, trial)
+    )  # fmt: skip
+    cured, causes = trials.after(best), [best]
     besides = _besides(cured, best, alternatives, progress) if best.is_cause else None
-    second = besides if besides and _is_second(besides, best) else None
+    second = besides if besides and _is_clear(besides, best) else None
     if second:
         rivals += tuple(_other_firsts(trials, (best, second), likely, alternatives))
-    if second and second.gain > best.gain:
-        rivals += _in_other_order(trials, best, second, alternatives)
-    cured = cured.after(second) if second else cured
-    causes = [best, *([second] if second else [])]
+        if second.gain > best.gain:
+            rivals += _in_other_order(trials, best, second, alternatives)
+        cured, causes = cured.after(second), [best, second]
     if undecided := _undecided(trials, causes):
         return Diagnosis(tried, best, undecided)
-    unexplained = _unexplained(cured, causes, rivals, _conventions(alternatives))
+    unexplained = _unexplained(cured, causes, rivals, alternatives)
     if not unexplained:
         unexplained = _several(trials, causes, None if second else besides, alternatives)
     return Diagnosis(tried, best, unexplained, rivals, second, decisive=True)
@@ -112,16 +102,16 @@ def _diagnosis(
 
 def _unfit(trials: CameraTrials) -> str:
     """Whether poses and events do not fit although no alternative helps, in words."""
-    if _is_much(trials.free_turn_gains, trials.margin(_LEFT)):
+    if _is_much(trials.free_turn_gains, trials.margin(limits.LEFT)):
         # Moving objects look the same.
         return (
             f"sharper by {percents(trials.free_turn_gains)} if the camera may turn freely; or "
             "most events are of moving objects"
         )
-    if _is_much(trials.free_squint_gains, _LEFT_SQUINT):
+    if _is_much(trials.free_squint_gains, limits.LEFT_SQUINT):
         gains = percents(trials.free_squint_gains)
         return f"sharper by {gains} if the second camera may turn on the rig"
-    if trials.agreement < -_APART:
+    if trials.agreement < -limits.APART:
         return f"less sharp by {percent(-trials.agreement)} than where the cameras agree"
     return ""
 
@@ -132,7 +122,7 @@ def _free_gain(trials: CameraTrials, cause: Trial) -> float:
     Angles between the cameras are not measured against the same angles that are free.
     """
     free = float(trials.free_turn_gains.mean())
-    if _kind(cause.alternative).startswith("stereo"):
+    if cause.alternative.kind.startswith("stereo"):
         return free
     return max(free, float(trials.free_squint_gains.mean()))
 
@@ -141,9 +131,9 @@ def _undecided(trials: CameraTrials, causes: Sequence[Trial]) -> str:
     """Why these causes gain too little to be named, in words; empty where they do not."""
     gains = np.sum([trial.gains for trial in causes], axis=0)
     free = _free_gain(trials, causes[0])
-    if gains.mean() < _DECISIVE or gains.min() < _DECISIVE / 2:
+    if gains.mean() < limits.DECISIVE or gains.min() < limits.DECISIVE / 2:
         return f"{_sharper(causes)}, too little to be sure"
-    if gains.mean() <= _BEYOND_FREE * free:
+    if gains.mean() <= limits.BEYOND_FREE * free:
         return f"{_sharper(causes)}, but also by {percent(free)} where a camera may turn freely"
     return ""
 
@@ -157,7 +147,7 @@ def _sharper(causes: Sequence[Trial]) -> str:
 
 def _unexplained(
     cured: CameraTrials, causes: Sequence[Trial], rivals: Sequence[Trial],
-    conventions: Sequence[Alternative],
+    alternatives: Sequence[Alternative],
 ) -> str:  # fmt: skip
     """What speaks against the causes that `cured` has cured, in words; empty where nothing does."""
     sharper = _sharper(causes)
@@ -168,15 +158,16 @@ def _unexplained(
     if _is_ambiguous(causes, rivals):
         return f"{sharper}, but about as much with {' or '.join(map(amount_words, rivals))}"
     left = cured.free_turn_gains
-    if _is_much(left, cured.margin(_LEFT)):
+    if _is_much(left, cured.margin(limits.LEFT)):
         return f"{sharper}, and then by {percents(left)} more if the camera may turn freely"
     left = cured.free_squint_gains
-    if _is_much(left, _LEFT_SQUINT):
+    if _is_much(left, limits.LEFT_SQUINT):
         return f"{sharper}, and then by {percents(left)} more if the second camera may turn"
-    if cured.agreement < -_DISAGREE:
+    if cured.agreement < -limits.DISAGREE:
         lost = percent(-cured.agreement)
         return f"{sharper}, but still less by {lost} than where the cameras agree"
-    alone = cured.gain_alone(conventions)
+    of_poses = (a for a in alternatives if not isinstance(a, Amount) and not a.of_pair)
+    alone = cured.gain_alone(of_poses)
     if alone > cured.margin(MARGIN):
         return f"{sharper}, but camera 0 alone by {percent(alone)} more with other poses"
     return ""
@@ -184,7 +175,7 @@ def _unexplained(
 
 def _several(
     trials: CameraTrials, causes: Sequence[Trial], besides: Trial | None,
-    alternatives: Sequence[Alternative | Amount],
+    alternatives: Sequence[Alternative],
 ) -> str:  # fmt: skip
     """Why something else may be wrong besides these causes, in words; empty where nothing may be.
 
@@ -193,8 +184,8 @@ def _several(
     if besides:
         more = f"{percent(besides.gain)} more with {amount_words(besides)}"
         return f"{_sharper(causes)}, and then by {more}: more than one thing is wrong"
-    named = {_kind(cause.alternative) for cause in causes} | {"hand-eye rotation"}
-    others = [a for a in alternatives if isinstance(a, Amount) and _kind(a) not in named]
+    named = {cause.alternative.kind for cause in causes} | {"hand-eye rotation"}
+    others = [a for a in alternatives if isinstance(a, Amount) and a.kind not in named]
     for cause in (cause for cause in causes if cause.amount is not None):
         rest = reduce(CameraTrials.after, (c for c in causes if c is not cause), trials)
         traded = next((other for other in others if rest.is_traded(cause, other)), None)
@@ -205,7 +196,7 @@ def _several(
 
 def _is_much(left: Gains, most: float) -> bool:
     """Whether windows could still gain more than so much on average, or one far more."""
-    return bool(left.mean() > most or left.max() > _LEFT_IN_ONE * most)
+    return bool(left.mean() > most or left.max() > limits.LEFT_IN_ONE * most)
 
 
 def _is_ambiguous(causes: Sequence[Trial], rivals: Sequence[Trial]) -> bool:
@@ -220,98 +211,71 @@ def _is_ambiguous(causes: Sequence[Trial], rivals: Sequence[Trial]) -> bool:
     return bool(rivals) and (len(causes) > 1 or len(places) > 1 or amounts)
 
 
-def _conventions(alternatives: Sequence[Alternative | Amount]) -> list[Alternative]:
-    """Mistakes about the poses, without amounts."""
-    return [a for a in alternatives if isinstance(a, Alternative) and not a.of_pair]
-
-
-def _likely(trials: CameraTrials, tried: Sequence[Trial], best: Trial) -> list[Trial]:
-    """The sharpest alternatives, those that camera 0 alone contradicts left out."""
-    in_order = sorted(tried, key=lambda trial: trial.gain, reverse=True)
-    sharp = [t for t in in_order if t.is_sharper and t.gain >= _LIKELY * best.gain]
-    return [trial for trial in sharp[:_CANDIDATES] if trials.agrees(trial)]
-
-
 def _explains(trials: CameraTrials, trial: Trial) -> bool:
     return trial.is_cause and not _is_much(
-        trials.after(trial).free_turn_gains, trials.margin(_LEFT)
+        trials.after(trial).free_turn_gains, trials.margin(limits.LEFT)
     )
 
 
-def _is_rival(trial: Trial, best: Trial) -> bool:
-    """Whether a cause of another kind explains about as much."""
-    is_other = _kind(trial.alternative) != _kind(best.alternative)
-    return is_other and trial.gain >= _RIVAL * best.gain
-
-
 def _besides(
-    cured: CameraTrials, best: Trial, alternatives: Sequence[Alternative | Amount],
+    cured: CameraTrials, best: Trial, alternatives: Sequence[Alternative],
     progress: Progress,
 ) -> Trial | None:  # fmt: skip
     """What is still wrong after the best cure; None where nothing is: then it explains all.
 
     Conventions only where free turns gain something; amounts always: they trade off with turns.
     """
-    left = max(cured.free_turn_gains.mean(), cured.free_squint_gains.mean()) >= _NOTHING_LEFT
+    left = max(cured.free_turn_gains.mean(), cured.free_squint_gains.mean()) >= limits.NOTHING_LEFT
     others = [
         other for other in alternatives
-        if _kind(other) != _kind(best.alternative)
+        if other.kind != best.alternative.kind
         and (isinstance(other, Amount) or (left and _may_be_second(other, best.alternative)))
     ]  # fmt: skip
     shown = _shown(others, progress, "after the best cure")
-    second = cured.best(cured.trials(shown, most=_SECONDS))
+    second = cured.best(cured.trials(shown, most=limits.FINE_SECONDS))
     return second if second.verdict == "wrong" else None
 
 
-def _is_second(second: Trial, best: Trial) -> bool:
-    """Whether it may be named beside the best cure, and is clear enough."""
+def _is_clear(second: Trial, best: Trial) -> bool:
+    """Whether a second cause may be named beside the best cure, and is clear enough."""
     may_be = _may_be_second(second.alternative, best.alternative)
-    return may_be and second.gain > _CLEAR * second.margin
+    return may_be and second.gain > limits.CLEAR * second.margin
 
 
 def _other_firsts(
     trials: CameraTrials, causes: tuple[Trial, Trial], likely: Sequence[Trial],
-    alternatives: Sequence[Alternative | Amount],
+    alternatives: Sequence[Alternative],
 ) -> Iterator[Trial]:  # fmt: skip
     """Other first causes that explain about as much with a second one in the second one's place.
 
     Rows counted from below and left-handed poses are the same for cameras side by side.
     """
     best, second = causes
-    enough = _RIVAL * (best.gain + second.gain)
+    enough, amount = limits.RIVAL * (best.gain + second.gain), second.alternative
+    # Of a convention all that concern the poses as well, or the cameras.
+    alike = [amount] if isinstance(amount, Amount) else [
+        a for a in alternatives if not isinstance(a, Amount) and a.of_pair == amount.of_pair
+    ]  # fmt: skip
     for first in likely:
-        if _kind(first.alternative) == _kind(best.alternative) or not first.is_cause:
+        if first.alternative.kind == best.alternative.kind or not first.is_cause:
             continue
-        cured = trials.after(first)
-        others = [
-            other for other in _in_place_of(second.alternative, alternatives)
-            if _may_be_second(other, first.alternative)
-        ]  # fmt: skip
-        gains = [trial.gain for trial in cured.trials(others, most=_SECONDS)] if others else []
-        if first.gain + max(gains, default=0.0) >= enough:
+        tried = [other for other in alike if _may_be_second(other, first.alternative)]
+        after = trials.after(first).trials(tried, most=limits.FINE_SECONDS) if tried else []
+        if first.gain + max((trial.gain for trial in after), default=0.0) >= enough:
             yield first
 
 
-def _in_place_of(
-    cause: Alternative | Amount, alternatives: Sequence[Alternative | Amount]
-) -> list[Alternative | Amount]:
-    """An amount itself; of a convention, all that concern the poses as well, or the cameras."""
-    if isinstance(cause, Amount):
-        return [cause]
-    return [a for a in alternatives if isinstance(a, Alternative) and a.of_pair == cause.of_pair]
-
-
 def _in_other_order(
-    trials: CameraTrials, first: Trial, second: Trial, alternatives: Sequence[Alternative | Amount]
+    trials: CameraTrials, first: Trial, second: Trial, alternatives: Sequence[Alternative]
 ) -> tuple[Trial, ...]:
     """Another first cause, if one is sharper once the larger second one is cured."""
     cured = trials.after(second)
     others = [other for other in alternatives if _may_be_second(other, second.alternative)]
-    again = cured.best(cured.trials(others, most=_SECONDS))
-    return (again,) if _kind(again.alternative) != _kind(first.alternative) else ()
+    again = cured.best(cured.trials(others, most=limits.FINE_SECONDS))
+    return (again,) if again.alternative.kind != first.alternative.kind else ()
 
 
-def _may_be_second(other: Alternative | Amount, first: Alternative | Amount) -> bool:
+def _may_be_second(other: Alternative, first: Alternative) -> bool:
     """Whether it can be wrong besides: poses have one convention, an amount is corrected once.
 
     A convention and a free turn of the camera on the body together, or two amounts, would fit too
@@ -319,34 +283,19 @@ def _may_be_second(other: Alternative | Amount, first: Alternative | Amount) -> 
     """
     if isinstance(other, Amount) and isinstance(first, Amount):
         return False
-    conventions = [isinstance(a, Alternative) and not a.of_pair for a in (other, first)]
-    turned = [_kind(a) == "hand-eye rotation" for a in (other, first)]
+    conventions = [not isinstance(a, Amount) and not a.of_pair for a in (other, first)]
+    turned = [a.kind == "hand-eye rotation" for a in (other, first)]
     if all(c or t for c, t in zip(conventions, turned, strict=True)):
         return False
-    return _kind(other) != _kind(first)
+    return other.kind != first.kind
 
 
 def _shown(
-    alternatives: Sequence[Alternative | Amount], progress: Progress, stage: str,
+    alternatives: Sequence[Alternative], progress: Progress, stage: str,
     group: int = 0, groups: int = 1,
-) -> Iterator[Alternative | Amount]:  # fmt: skip
+) -> Iterator[Alternative]:  # fmt: skip
     """Each alternative, and before it a step of the progress."""
     count = len(alternatives)
     for done, alternative in enumerate(alternatives, group * count):
         progress(stage, done, groups * count)
         yield alternative
-
-
-def _kind(alternative: Alternative | Amount) -> str:
-    """What an alternative corrects; of a rotation whatever its axis."""
-    return alternative.name.partition(" about ")[0]
-
-
-def _alternatives(recording: Recording, *, first: bool, paired: bool) -> list[Alternative | Amount]:
-    """All that is tried with some cameras; what concerns camera 0 only with the first of them."""
-    alternatives: list[Alternative | Amount] = []
-    if first:
-        alternatives += [*of_poses(recording), *amounts_of_one(paired=paired)]
-    if paired:
-        alternatives += [*of_pair(), *amounts_of_pair()]
-    return alternatives

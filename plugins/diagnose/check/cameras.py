@@ -11,29 +11,12 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.plugins.diagnose.check import limits
 from eventsweep.plugins.diagnose.check.events import worst_camera
-from eventsweep.plugins.diagnose.check.findings import Finding, Series, Verdict, above, judged
+from eventsweep.plugins.diagnose.check.findings import Finding, Series, judged
+from eventsweep.plugins.diagnose.check.limits import LIMITS, verdict_of
 
 Floats = NDArray[np.float64]
-# Pixels of event cameras are square; calibrations of data sets have fx / fy within 1 %.
-_RATIO = (0.03, 0.25)
-# How far the principal point is from the middle, in halves of the image: within 0.15 in data sets.
-_CENTRE = (0.35, 0.8)
-_OBLONG = 0.15
-# How much that may differ between columns and rows where the calibration is of another resolution,
-# and how many times as large it may be.
-_ALIKE, _RATIOS = 0.2, (0.25, 1 / 3, 0.5, 2 / 3, 1.0, 1.5, 2.0, 3.0, 4.0)
-# Fields of view, deg: 4 is a 200 mm lens, 170 what a pinhole's f in mm or in widths makes.
-_FIELD_DOUBTFUL, _FIELD_WRONG = (12.0, 140.0), (2.0, 170.0)
-_FISHEYE_DEG = 220.0
-_FOLDED = (0.0, 0.02)
-# How far distortion moves a corner, in half diagonals.
-_BENT = (0.6, 2.0)
-_SEEN_PX, _MOVED = 0.01, "moved by distortion, px"  # less is no picture
-# Baselines, m: 0.5 cm in endoscopes, 0.6 m on DSEC's car, 2 m on a truck.
-_BASELINE_DOUBTFUL, _BASELINE_WRONG = (0.01, 1.0), (0.001, 5.0)
-# Angle between the optical axes, in fields of view: at 1 nothing is seen by both.
-_DIVERGENCE = (0.5, 0.9)
 
 
 def check_cameras(rig: Rig) -> list[Finding]:
@@ -48,11 +31,9 @@ def check_cameras(rig: Rig) -> list[Finding]:
 def _ratio(camera: Camera) -> Finding:
     ratio = camera.fx_px / camera.fy_px
     return judged(
-        "focal-ratio", above(abs(np.log(ratio)), *np.log1p(_RATIO)), ratio, "",
+        "focal-ratio", ratio,
         f"fx {camera.fx_px:.6g} px beside fy {camera.fy_px:.6g} px, a ratio of {ratio:.4g}",
-        meaning="pixels of event cameras are square: one of the two is wrong, or not in px; their "
-        "order in files is fx fy cx cy",
-        suspect="focal lengths unequal",
+        verdict=LIMITS["focal-ratio"].verdict(abs(np.log(ratio))),
     )  # fmt: skip
 
 
@@ -64,12 +45,10 @@ def _centre(camera: Camera) -> Finding:
         f", as if of an image {times:.3g} times as large" if times != 1 else ""
     )  # fmt: skip
     return judged(
-        "principal-point", "wrong" if like else above(off, *_CENTRE), off, "half images",
+        "principal-point", off,
         f"at ({camera.cx_px:.4g}, {camera.cy_px:.4g}) px of {camera.width_px} x "
         f"{camera.height_px} px, {off:.0%} of half the image from its centre{like}",
-        meaning="all rays point in wrong directions; 10 px cost a quarter of the accuracy. cx and "
-        "cy are in px at this resolution and crop",
-        suspect="principal point off",
+        verdict="wrong" if like else None,
     )  # fmt: skip
 
 
@@ -80,20 +59,21 @@ def image_times(camera: Camera) -> float:
     """
     across, down = 2 * camera.cx_px / camera.width_px - 1, 2 * camera.cy_px / camera.height_px - 1
     off = max(abs(across), abs(down))
-    if off <= _CENTRE[0] or abs(across - down) >= _ALIKE * off or is_centre_exchanged(camera):
+    usual = off <= LIMITS["principal-point"].usual[1]
+    if usual or abs(across - down) >= limits.ALIKE * off or is_centre_exchanged(camera):
         return 1.0
     times = 1 + (across + down) / 2
-    return min(_RATIOS, key=lambda ratio: abs(np.log(max(times, 1e-3) / ratio)))
+    return min(limits.RATIOS, key=lambda ratio: abs(np.log(max(times, 1e-3) / ratio)))
 
 
 def is_centre_exchanged(camera: Camera) -> bool:
     """Whether cx and cy are exchanged, on a sensor that is not square."""
     width, height = camera.width_px, camera.height_px
-    if abs(width - height) < _OBLONG * max(width, height):
+    if abs(width - height) < limits.OBLONG * max(width, height):
         return False
     as_given = np.hypot(camera.cx_px - width / 2, camera.cy_px - height / 2)
     exchanged = np.hypot(camera.cy_px - width / 2, camera.cx_px - height / 2)
-    return bool(exchanged < _OBLONG * height and as_given > 2 * exchanged)
+    return bool(exchanged < limits.OBLONG * height and as_given > 2 * exchanged)
 
 
 def field_deg(camera: Camera) -> float:
@@ -103,19 +83,11 @@ def field_deg(camera: Camera) -> float:
 
 
 def _field(camera: Camera) -> Finding:
-    wide = field_deg(camera)
-    most = _FISHEYE_DEG if camera.model == "kb4" else _FIELD_WRONG[1]
-    verdict: Verdict = "good"
-    if not _FIELD_DOUBTFUL[0] <= wide <= (most if camera.model == "kb4" else _FIELD_DOUBTFUL[1]):
-        verdict = "doubtful"
-    if not _FIELD_WRONG[0] <= wide <= most:
-        verdict = "wrong"
-    return judged(
-        "field-of-view", verdict, wide, "deg",
-        f"{wide:.3g} deg with f {camera.fx_px:.4g} px on {camera.width_px} px",
-        meaning="no lens is like that: is the focal length in px, or in mm or image widths?",
-        suspect="impossible field of view",
-    )  # fmt: skip
+    row, field = LIMITS["field-of-view"], field_deg(camera)
+    most = [limits.FISHEYE_DEG] * 2 if camera.model == "kb4" else [row.usual[1], row.possible[1]]
+    verdict = verdict_of(field, (row.usual[0], most[0]), (row.possible[0], most[1]))
+    words = f"{field:.3g} deg with f {camera.fx_px:.4g} px on {camera.width_px} px"
+    return judged("field-of-view", field, words, verdict=verdict)
 
 
 def _folds(camera: Camera) -> Finding:
@@ -123,58 +95,42 @@ def _folds(camera: Camera) -> Finding:
         warnings.simplefilter("ignore")
         bearing = camera.bearing_table()
     lost = float(np.isnan(bearing).any(axis=2).mean())
-    moved_px = np.linalg.norm(_moved_px(camera, bearing), axis=2)
-    bent = _bent(camera, moved_px)
-    verdict = above(lost, *_FOLDED) if lost > 0 else "good"
-    if verdict != "wrong" and camera.model == "radtan" and bent > _BENT[0]:
-        verdict = "wrong" if bent > _BENT[1] else "doubtful"
+    moved_px = _moved_px(camera, bearing)
+    most_px = float(np.nanmax(moved_px)) if np.isfinite(moved_px).any() else 0.0
+    bent = most_px / float(np.hypot(camera.width_px, camera.height_px) / 2)
+    verdict = LIMITS["distortion"].verdict(lost)
+    if verdict != "wrong" and camera.model == "radtan" and bent > limits.BENT[0]:
+        verdict = "wrong" if bent > limits.BENT[1] else "doubtful"
+    plain = (moved_px < limits.SEEN_PX).all()
     return judged(
-        "distortion", verdict, lost, "",
+        "distortion", lost,
         f"{lost:.1%} of the pixels have no ray; the most distorted is moved by {bent:.0%} of half "
         "the diagonal",
-        meaning="the distortion folds the image onto itself: focal length and coefficients are not "
-        "of one lens and resolution, in another order (k1 k2 p1 p2 k3), or of another model",
-        suspect="distortion folds",
-        series=None if (moved_px < _SEEN_PX).all() else Series(moved_px, y_label=_MOVED),
+        verdict=verdict,
+        series=None if plain else Series(moved_px, y_label="moved by distortion, px"),
     )  # fmt: skip
 
 
 def _moved_px(camera: Camera, bearing: Floats) -> Floats:
-    """(H, W, 2) how far each pixel lies from where a pinhole camera sees its ray, px."""
+    """(H, W) how far each pixel lies from where a pinhole camera sees its ray, px."""
     columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
     straight = bearing * (camera.fx_px, camera.fy_px) + (camera.cx_px, camera.cy_px)
-    return np.asarray(straight - np.stack([columns, rows], axis=-1), np.float64)
-
-
-def _bent(camera: Camera, moved_px: Floats) -> float:
-    largest = float(np.nanmax(moved_px)) if np.isfinite(moved_px).any() else 0.0
-    return largest / float(np.hypot(camera.width_px, camera.height_px) / 2)
+    return np.asarray(np.linalg.norm(straight - np.stack([columns, rows], axis=-1), axis=2))
 
 
 def _baseline(rig: Rig) -> Finding:
     length_m = rig.baseline_m()
-    verdict: Verdict = "good"
-    if not _BASELINE_DOUBTFUL[0] <= length_m <= _BASELINE_DOUBTFUL[1]:
-        verdict = "doubtful"
-    if not _BASELINE_WRONG[0] <= length_m <= _BASELINE_WRONG[1]:
-        verdict = "wrong"
-    return judged(
-        "baseline", verdict, length_m, "m", f"cameras 0 and 1 are {length_m:.4g} m apart",
-        meaning="stereo depth is proportional to the baseline, in metres",
-        suspect="impossible baseline" if length_m > 0 else "extrinsics missing",
-    )  # fmt: skip
+    suspect = "" if length_m > 0 else "extrinsics missing"
+    words = f"cameras 0 and 1 are {length_m:.4g} m apart"
+    return judged("baseline", length_m, words, suspect=suspect)
 
 
 def _overlap(rig: Rig) -> Finding:
     axes = [T[:3, 2] for T in rig.T_body_cam]
     angle = float(np.degrees(np.arccos(np.clip(axes[0] @ axes[1], -1, 1))))
     share = angle / max(min(map(field_deg, rig.cameras[:2])), 1e-6)
-    return judged(
-        "cameras-overlap", above(share, *_DIVERGENCE), angle, "deg",
-        f"the optical axes of cameras 0 and 1 are {angle:.3g} deg apart",
-        meaning="what only one camera sees cannot be fused; look at the rotations in T_body_cam",
-        suspect="cameras look apart",
-    )  # fmt: skip
+    words = f"the optical axes of cameras 0 and 1 are {angle:.3g} deg apart"
+    return judged("cameras-overlap", angle, words, verdict=LIMITS["cameras-overlap"].verdict(share))
 
 
 def check_rectification(recording: Recording, t0_us: int, t1_us: int) -> Finding:
@@ -190,26 +146,20 @@ def check_rectification(recording: Recording, t0_us: int, t1_us: int) -> Finding
     """
     (first, whole), (second, whole_1) = (_row_activity(recording, k, t0_us, t1_us) for k in (0, 1))
     shared = np.flatnonzero(whole & whole_1)
-    if len(shared) < _FEWEST_ROWS:
+    if len(shared) < limits.FEWEST_ROWS:
         few = f"rectified cameras share {len(shared)} rows"
         return Finding("rectification", "good", None, "px", f"{few}: too few for a verdict")
     rows = slice(int(shared[0]), int(shared[-1]) + 1)
     shifts, agreement = _agreement(_whitened(first[:, rows]), _whitened(second[:, rows]))
     best = int(np.argmax(agreement))
-    residual_px = _vertex(shifts, agreement, best)
-    clear = float(agreement[best]) > _CLEAR
-    verdict = above(abs(residual_px), *_ROWS_PX) if clear else "good"
+    residual_px, clear = _vertex(shifts, agreement, best), agreement[best] > limits.CLEAR_ROWS
     words = f"rows of the rectified cameras agree best {residual_px:+.1f} px apart"
     return judged(
-        "rectification", verdict, residual_px, "px",
+        "rectification", residual_px,
         f"{words} (correlation {agreement[best]:.2f}{'' if clear else ', too low for a verdict'})",
-        meaning="the two cameras see a point in different rows and cannot agree on its depth: "
-        "lens, extrinsics or event files do not belong together",
-        suspect="rows apart", series=Series(agreement, shifts, "shift, px", "correlation"),
+        verdict=LIMITS["rectification"].verdict(abs(residual_px)) if clear else "good",
+        series=Series(agreement, shifts, "shift, px", "correlation"),
     )  # fmt: skip
-
-
-_SLICE_US, _FEWEST_ROWS, _SHARE_OF_ROWS, _CLEAR, _ROWS_PX = 20_000, 40, 6, 0.3, (2.0, 5.0)
 
 
 def _row_activity(
@@ -221,8 +171,8 @@ def _row_activity(
     row, rows = _rectified_rows(rig, camera), 2 * rig.cameras[0].height_px
     pixels = np.bincount(row[row >= 0], minlength=rows)
     at = row[events.y, events.x]
-    slices = max((t1_us - t0_us) // _SLICE_US, 1)
-    when = np.clip((events.t_us - t0_us) // _SLICE_US, 0, slices - 1)
+    slices = max((t1_us - t0_us) // limits.SLICE_US, 1)
+    when = np.clip((events.t_us - t0_us) // limits.SLICE_US, 0, slices - 1)
     cell = (when * rows + at)[at >= 0]
     counts = np.bincount(cell, minlength=slices * rows).reshape(slices, rows)
     seen = pixels[pixels > 0]
@@ -260,7 +210,7 @@ def _whitened(rows: Floats) -> Floats:
 
 
 def _agreement(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    most = first.shape[1] // _SHARE_OF_ROWS
+    most = first.shape[1] // limits.SHARE_OF_ROWS
     shifts = np.arange(-most, most + 1)
     inner = slice(most, -most)
     a = first[:, inner]

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eventsweep.plugins.diagnose.check.amounts import Amount
+from eventsweep.plugins.diagnose.check.alternatives import Amount
 from eventsweep.plugins.diagnose.check.findings import Finding, Series
+from eventsweep.plugins.diagnose.check.limits import BARS
 from eventsweep.plugins.diagnose.check.trial_windows import Gains
 from eventsweep.plugins.diagnose.check.trials import Trial
-
-_BARS = 12  # alternatives in the page, the best ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,14 +111,14 @@ def _cure(trial: Trial) -> str:
 
 
 def _curve(best: Trial) -> Series:
-    x, y = best.curve
+    amounts, gains = best.curve
     x_label = f"{best.alternative.name}, {_unit(best)}"
-    return Series(100 * np.expm1(y), x, x_label, "sharper by, %", (0.0,))
+    return Series(100 * np.expm1(gains.mean(axis=1)), amounts, x_label, "sharper by, %", (0.0,))
 
 
 def _series(trials: Sequence[Trial]) -> Series:
     """The best alternatives, by name."""
-    best = sorted(trials, key=lambda trial: trial.gain, reverse=True)[:_BARS]
+    best = sorted(trials, key=lambda trial: trial.gain, reverse=True)[:BARS]
     gains = np.array([100 * np.expm1(trial.gain) for trial in best])
     names = tuple(trial.alternative.name for trial in best)
     return Series(gains, x_label="sharper by, %", limits=(0.0,), names=names)

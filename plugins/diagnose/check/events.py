@@ -2,46 +2,130 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.errors import significant
 from eventsweep.emvs.hot_pixels import hot_mask
-from eventsweep.plugins.diagnose.check.findings import (
-    TIME,
-    Finding,
-    Series,
-    Verdict,
-    above,
-    below,
-    judged,
-    worst,
-)
-from eventsweep.plugins.diagnose.check.streams import BIN_US, Stream
+from eventsweep.emvs.utils.runtime import Progress, silent
+from eventsweep.emvs.windows import time_steps
+from eventsweep.plugins.diagnose.check import limits
+from eventsweep.plugins.diagnose.check.findings import TIME, Finding, Series, judged, worst
+from eventsweep.plugins.diagnose.check.limits import BIN_US, LIMITS
 
-# Events per second and pixel. Moving heads before textured rooms send 1 to 60 on the twins, and
-# 1 to 30 in the recordings of MVSEC and TUM-VIE; a unit of time that is wrong is wrong by 1000.
-USUAL_RATE_HZ = (0.02, 1000.0)
-_DOUBTFUL_RATE_HZ = (0.1, 300.0)
-_TYPICAL_RATE_HZ = 10.0
-# Share of events that brighten. Thresholds of DAVIS346 twins (0.143 against 0.225) give 0.61.
-_POLARITY_DOUBTFUL, _POLARITY_WRONG = 0.2, 0.02
-# Share of a recording's events that hot pixels send, and how many times their surroundings.
-_HOT_RATIO, _HOT_DOUBTFUL, _HOT_WRONG = 10.0, 0.02, 0.3
-# Steps of time stamps. 5 ms between two cameras make stereo worse than one (page `studies`).
-_STEP_DOUBTFUL_US, _STEP_WRONG_US = 500, 5000
-# A camera that is silent while the other is not, or longer than moving heads are still.
-_SILENCE_BINS, _SILENCE_DOUBTFUL, _SILENCE_WRONG = 20, 0.05, 0.3
-# Columns or rows that a calibration has and no event ever reaches.
-_UNUSED_DOUBTFUL, _UNUSED_WRONG = 0.1, 0.2
-_ENOUGH_EVENTS = 1000
-# A bus at its limit sends the same number of events in every millisecond.
-_CEILING_HZ, _CEILING_WITHIN, _CEILING_SHARE = 1e6, 0.02, 0.2
-_REFRACTORY_DOUBTFUL_US = 10_000
+Counts = NDArray[np.int64]
+Piece = tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """Statistics of one camera's events in the stretches that were read.
+
+    Attributes:
+        events: how many.
+        brighter: how many of polarity 1.
+        pixels: (H, W) int64 events per pixel.
+        rates: per stretch, (N,) int64 events in each millisecond.
+        begins_us: when each stretch begins.
+        step_us: the greatest step that all time stamps are multiples of, µs.
+        backwards: events with an earlier time than the one before.
+        intervals_us: a sample of times between two events of one pixel and polarity, µs.
+        largest_px: largest column and row of any event.
+    """
+
+    events: int
+    brighter: int
+    pixels: Counts
+    rates: tuple[Counts, ...]
+    begins_us: tuple[int, ...]
+    step_us: int
+    backwards: int
+    intervals_us: Counts
+    largest_px: tuple[int, int]
+
+    @property
+    def is_off_sensor(self) -> bool:
+        """Whether there are events off the sensor."""
+        height, width = self.pixels.shape
+        return bool(self.largest_px[0] >= width or self.largest_px[1] >= height)
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean events per second."""
+        seconds = sum(map(len, self.rates)) * BIN_US / 1e6
+        return self.events / seconds if seconds else 0.0
+
+
+def pieces(recording: Recording, *, thorough: bool) -> list[Piece]:
+    """The stretches to read: everything a second at a time, or ten of 0.1 s spread over it.
+
+    Args:
+        recording: any.
+        thorough: whether to read everything.
+    """
+    first_us, last_us = events_span_us(recording)
+    last_us += 1
+    count, length_us = limits.QUICK_PIECES, limits.QUICK_US
+    if thorough or last_us - first_us <= count * length_us:
+        return list(time_steps(first_us, last_us))
+    begins = np.linspace(first_us, last_us - length_us, count).astype(np.int64)
+    return [(int(t_us), int(t_us) + length_us) for t_us in begins]
+
+
+def read_streams(
+    recording: Recording, stretches: list[Piece], progress: Progress = silent
+) -> tuple[Stream, ...]:
+    """Reads the stretches of every camera once, in bounded memory.
+
+    Args:
+        recording: any.
+        stretches: half-open, µs.
+        progress: called with the stage `events`, the stretches done, and their number.
+
+    Raises:
+        InputError: what the recording refuses to read: damaged or unsorted events, events off the
+            sensor.
+    """
+    streams, total = [], len(stretches) * len(recording.rig)
+    for camera, sensor in enumerate(recording.rig.cameras):
+        pixels, parts = np.zeros((sensor.height_px, sensor.width_px), np.int64), []
+        for k, (t0_us, t1_us) in enumerate(stretches):
+            progress("events", camera * len(stretches) + k, total)
+            parts.append(_part(recording.events(camera, t0_us, t1_us), t0_us, t1_us, pixels))
+        count, brighter, rates, steps_us, backwards, intervals, x, y = zip(*parts, strict=True)
+        step_us = int(np.gcd.reduce(steps_us))
+        begins_us, intervals_us = tuple(t0_us for t0_us, _ in stretches), np.concatenate(intervals)
+        streams.append(Stream(sum(count), sum(brighter), pixels, rates, begins_us, step_us,
+                              sum(backwards), intervals_us, (max(x), max(y))))  # fmt: skip
+    return tuple(streams)
+
+
+def _part(events: Events, t0_us: int, t1_us: int, pixels: Counts) -> tuple[Any, ...]:
+    """A stretch's part of a stream; its events are added to the (H, W) `pixels`.
+
+    Of events off the sensor only their number, rates and largest pixel are taken.
+    """
+    bins = -(-(t1_us - t0_us) // BIN_US)
+    rates = np.bincount(np.clip((events.t_us - t0_us) // BIN_US, 0, bins - 1), minlength=bins)
+    brighter = int(np.count_nonzero(events.p))
+    x_px, y_px = (int(px.astype(int).max(initial=-1)) for px in (events.x, events.y))
+    height, width = pixels.shape
+    known = events if x_px < width and y_px < height else events.slice(0, 0)
+    cell = known.y.astype(np.int64) * width + known.x
+    pixels += np.bincount(cell, minlength=pixels.size).reshape(pixels.shape)
+    steps_us = np.diff(known.t_us)
+    few = slice(0, limits.MOST_TIMED)
+    which, t_us = cell[few] * 2 + (known.p[few] > 0), known.t_us[few]
+    order = np.lexsort((t_us, which))
+    intervals_us = np.diff(t_us[order])[np.diff(which[order]) == 0]
+    return (len(events), brighter, rates, np.gcd.reduce(np.append(steps_us, 0)),
+            int(np.count_nonzero(steps_us < 0)), intervals_us, x_px, y_px)  # fmt: skip
 
 
 def check_events(recording: Recording, streams: tuple[Stream, ...]) -> list[Finding]:
@@ -54,22 +138,14 @@ def check_events(recording: Recording, streams: tuple[Stream, ...]) -> list[Find
     names = recording.rig.camera_names
     empty = [name for name, stream in zip(names, streams, strict=True) if not stream.events]
     if empty:
-        return [_silent(empty)]
+        return [judged("events", 0.0, f"{', '.join(empty)}: no event at all")]
     if any(stream.is_off_sensor for stream in streams):
         return [_off_sensor(names, streams)]
-    gaps = partial(_gaps, _busy(streams))
     checks = (
-        _order, _rate, _time_step, _polarity, _sensor, _hot_pixels, gaps, _ceiling, _refractory,
+        _order, _rate, _time_step, _polarity, _sensor, _hot_pixels, partial(_gaps, _busy(streams)),
+        _ceiling, _refractory,
     )  # fmt: skip
     return [worst_camera(list(map(check, streams)), names) for check in checks]
-
-
-def _silent(cameras: list[str]) -> Finding:
-    return judged(
-        "events", "wrong", 0.0, "events", f"{', '.join(cameras)}: no event at all",
-        meaning="a camera without events has no votes: is it the right file and stream?",
-        suspect="camera silent",
-    )  # fmt: skip
 
 
 def _off_sensor(names: tuple[str, ...], streams: tuple[Stream, ...]) -> Finding:
@@ -81,12 +157,12 @@ def _off_sensor(names: tuple[str, ...], streams: tuple[Stream, ...]) -> Finding:
         if j != k and x_px < other.pixels.shape[1] and y_px < other.pixels.shape[0]
     ]  # fmt: skip
     hint = f", but on that of {names[fits[0]]}" if fits else ""
-    return judged(
+    return Finding(
         "events-sensor", "wrong", None, "",
         f"{names[k]}: events reach column {x_px} and row {y_px}, off its sensor of {width} x "
         f"{height} px{hint}",
-        meaning="they come from another camera, the calibration is for another sensor or "
-        "resolution, or x and y are exchanged",
+        "they come from another camera, the calibration is for another sensor or resolution, or x "
+        "and y are exchanged",
         suspect="events off the sensor",
     )  # fmt: skip
 
@@ -99,35 +175,25 @@ def worst_camera(findings: list[Finding], names: tuple[str, ...]) -> Finding:
 
 
 def _order(stream: Stream) -> Finding:
-    return judged(
-        "events-order", "wrong" if stream.backwards else "good", float(stream.backwards), "steps",
-        f"time runs backwards at {stream.backwards:,} of {stream.events:,} events",
-        meaning="windows are cut by time: events out of order are lost or mapped twice, unless "
-        "they are sorted (stable)",
-        suspect="events not sorted",
-    )  # fmt: skip
+    count = stream.backwards
+    words = f"time runs backwards at {count:,} of {stream.events:,} events"
+    return judged("events-order", float(count), words)
 
 
 def _rate(stream: Stream) -> Finding:
     per_pixel_hz = stream.rate_hz / stream.pixels.size
-    low, high = USUAL_RATE_HZ
-    verdict: Verdict = "wrong" if not low <= per_pixel_hz <= high else "good"
-    if verdict == "good" and not _DOUBTFUL_RATE_HZ[0] <= per_pixel_hz <= _DOUBTFUL_RATE_HZ[1]:
-        verdict = "doubtful"
-    unit = "" if verdict != "wrong" else time_unit(per_pixel_hz / _TYPICAL_RATE_HZ, "event")
+    low, high = LIMITS["events-rate"].possible
+    is_possible = low <= per_pixel_hz <= high
+    unit = "" if is_possible else time_unit(per_pixel_hz / limits.TYPICAL_RATE_HZ, "event")
     rates_hz = np.concatenate(stream.rates).astype(np.float64) * (1e6 / BIN_US)
-    at_s = np.concatenate(
-        [(t_us + BIN_US * np.arange(len(r))) for t_us, r in zip(stream.begins_us, stream.rates,
-                                                               strict=True)]
-    ) / 1e6  # fmt: skip
+    begins = zip(stream.begins_us, stream.rates, strict=True)
+    at_s = np.concatenate([t_us + BIN_US * np.arange(len(rates)) for t_us, rates in begins]) / 1e6
+    few = slice(None, None, -(-len(at_s) // limits.PICTURED) or 1)
     return judged(
-        "events-rate", verdict, per_pixel_hz, "Hz per pixel",
+        "events-rate", per_pixel_hz,
         f"{significant(per_pixel_hz, 3)} events per second and pixel; {low:g} to {high:g} is "
         f"usual{unit and f'; as if {unit}'}",
-        meaning="times in a unit other than µs make rates 1000 times too high or too low "
-        "(time_unit in recording.toml, --time-unit); or the sensor is too sensitive, or not enough",
-        suspect="unusual event rate",
-        series=Series(_thinned(rates_hz), _thinned(at_s), TIME, "events per second"),
+        series=Series(rates_hz[few], at_s[few], TIME, "events per second"),
     )  # fmt: skip
 
 
@@ -138,61 +204,36 @@ def time_unit(too_fast: float, whose: str) -> str:
     return f"{whose} times in {units[power]}, read as µs" if power in units else ""
 
 
-def _thinned(values: NDArray[np.float64], most: int = 500) -> NDArray[np.float64]:
-    """Every n-th value, few enough for a picture."""
-    return np.asarray(values[:: -(-len(values) // most) or 1], np.float64)
-
-
 def _time_step(stream: Stream) -> Finding:
     step_us = max(stream.step_us, 1)
-    return judged(
-        "events-time-step", above(step_us, _STEP_DOUBTFUL_US, _STEP_WRONG_US), float(step_us), "µs",
-        f"time stamps are whole multiples of {step_us} µs",
-        meaning="events in one step share a pose, and clocks cannot be compared more finely; were "
-        "they stamped per packet?",
-        suspect="coarse time stamps",
-    )  # fmt: skip
+    words = f"time stamps are whole multiples of {step_us} µs"
+    return judged("events-time-step", float(step_us), words)
 
 
 def _polarity(stream: Stream) -> Finding:
     share = stream.brighter / stream.events
-    least = min(share, 1 - share)
-    return judged(
-        "events-polarity", below(least, _POLARITY_DOUBTFUL, _POLARITY_WRONG), share, "",
-        f"{share:.1%} of the events brighten",
-        meaning="one polarity is missing or drowned in noise: half of the edges are lost; look at "
-        "its column, its code (0 and 1, or -1 and 1) and the sensor's biases",
-        suspect="one polarity missing",
-    )  # fmt: skip
+    verdict = LIMITS["events-polarity"].verdict(min(share, 1 - share))
+    return judged("events-polarity", share, f"{share:.1%} of the events brighten", verdict=verdict)
 
 
 def _sensor(stream: Stream) -> Finding:
     height, width = stream.pixels.shape
-    columns = np.flatnonzero(stream.pixels.any(axis=0))
-    rows = np.flatnonzero(stream.pixels.any(axis=1))
-    used = (columns[-1] + 1) / width, (rows[-1] + 1) / height
-    unused = 1 - min(used)
-    enough = stream.events >= _ENOUGH_EVENTS
+    column, row = (int(np.flatnonzero(stream.pixels.any(axis=axis))[-1]) for axis in (0, 1))
     return judged(
-        "events-sensor", above(unused, _UNUSED_DOUBTFUL, _UNUSED_WRONG) if enough else "good",
-        unused, "",
-        f"events reach column {columns[-1]} and row {rows[-1]} of {width} x {height} px",
-        meaning="the calibration is for another sensor or resolution, x and y are exchanged, or a "
-        "part of the sensor is silent",
-        suspect="sensor not filled",
+        "events-sensor", 1 - min((column + 1) / width, (row + 1) / height),
+        f"events reach column {column} and row {row} of {width} x {height} px",
+        verdict=None if stream.events >= limits.ENOUGH_EVENTS else "good",
         series=Series(stream.pixels.astype(np.float64), y_label="events per pixel"),
     )  # fmt: skip
 
 
 def _hot_pixels(stream: Stream) -> Finding:
-    hot = hot_mask(stream.pixels, _HOT_RATIO)
+    hot = hot_mask(stream.pixels, limits.HOT_RATIO)
     share = float(stream.pixels[hot].sum() / stream.events)
     return judged(
-        "hot-pixels", above(share, _HOT_DOUBTFUL, _HOT_WRONG), share, "",
-        f"{hot.sum():,} pixels fire over {_HOT_RATIO:g} times as often as their neighbours, with "
-        f"{share:.1%} of the events",
-        meaning="their rays make streaks in the volume; --map.hot-pixels 10 leaves them out",
-        suspect="hot pixels",
+        "hot-pixels", share,
+        f"{hot.sum():,} pixels fire over {limits.HOT_RATIO:g} times as often as their neighbours, "
+        f"with {share:.1%} of the events",
         series=Series(np.where(hot, stream.pixels, 0.0), y_label="events of hot pixels")
         if hot.any() else None,
     )  # fmt: skip
@@ -207,49 +248,34 @@ def _busy(streams: tuple[Stream, ...]) -> list[slice]:
 
 def _gaps(busy: list[slice], stream: Stream) -> Finding:
     """Silences of 20 ms and more, while any camera sends events or between two that it sends."""
-    silent = sum(_silent_bins(rates[bins]) for rates, bins in zip(stream.rates, busy, strict=True))
-    share = silent / max(sum(map(len, stream.rates)), 1)
-    return judged(
-        "events-gaps", above(share, _SILENCE_DOUBTFUL, _SILENCE_WRONG), share, "",
-        f"{silent} ms in gaps of {_SILENCE_BINS} ms or longer, {share:.1%} of the time",
-        meaning="packets were lost, a camera began later or ended earlier, or nothing moved: "
-        "windows there hold fewer rays (--map.start-s, --map.duration-s choose others)",
-        suspect="gaps in the events",
-    )  # fmt: skip
-
-
-def _silent_bins(rates: NDArray[np.int64]) -> int:
-    """Bins in runs of at least `_SILENCE_BINS` empty ones."""
-    busy = np.flatnonzero(rates)
-    runs = np.diff(busy, prepend=-1, append=len(rates)) - 1
-    return int(runs[runs >= _SILENCE_BINS].sum())
+    silent_bins = 0
+    for rates, bins in zip(stream.rates, busy, strict=True):
+        runs = np.diff(np.flatnonzero(rates[bins]), prepend=-1, append=len(rates[bins])) - 1
+        silent_bins += int(runs[runs >= limits.SILENCE_BINS].sum())
+    share = silent_bins / max(sum(map(len, stream.rates)), 1)
+    words = (
+        f"{silent_bins} ms in gaps of {limits.SILENCE_BINS} ms or longer, {share:.1%} of the time"
+    )
+    return judged("events-gaps", share, words)
 
 
 def _ceiling(stream: Stream) -> Finding:
-    rates = np.concatenate(stream.rates)
+    rates, within = np.concatenate(stream.rates), limits.CEILING_WITHIN
     top = int(rates.max())
-    busy = rates[rates > 0]
-    share = float(np.mean(busy >= (1 - _CEILING_WITHIN) * top))
+    share = float(np.mean(rates[rates > 0] >= (1 - within) * top))
     # Counts of a steady rate scatter by their root: only what is steadier than chance is a limit.
-    steady = np.sqrt(top) < _CEILING_WITHIN * top / 2 and top * 1e6 / BIN_US >= _CEILING_HZ
-    verdict: Verdict = "doubtful" if steady and share > _CEILING_SHARE else "good"
+    steady = np.sqrt(top) < within * top / 2 and top * 1e6 / BIN_US >= limits.CEILING_HZ
     return judged(
-        "events-ceiling", verdict, share, "",
-        f"{share:.1%} of the milliseconds are within {_CEILING_WITHIN:.0%} of the busiest, "
-        f"{significant(top * 1e3 / BIN_US, 3)} kev/s" if top else "no events",
-        meaning="the sensor's bus, its event rate controller or the driver is at its limit: events "
-        "are late or lost",
-        suspect="event rate at its limit",
+        "events-ceiling", share,
+        f"{share:.1%} of the milliseconds are within {within:.0%} of the busiest, "
+        f"{significant(top * 1e3 / BIN_US, 3)} kev/s",
+        verdict=None if steady else "good",
     )  # fmt: skip
 
 
 def _refractory(stream: Stream) -> Finding:
-    if len(stream.intervals_us) < _ENOUGH_EVENTS:
+    if len(stream.intervals_us) < limits.ENOUGH_EVENTS:
         return Finding("events-refractory", "good", None, "µs", "too few events for a verdict")
     least_us = float(np.percentile(stream.intervals_us, 1))
-    return judged(
-        "events-refractory", above(least_us, _REFRACTORY_DOUBTFUL_US, np.inf), least_us, "µs",
-        f"99 % of a pixel's events are {least_us:.0f} µs or more apart",
-        meaning="pixels stay silent long after each event (a bias): fast edges leave few events",
-        suspect="long refractory period",
-    )  # fmt: skip
+    words = f"99 % of a pixel's events are {least_us:.0f} µs or more apart"
+    return judged("events-refractory", least_us, words)

@@ -9,7 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Verdict = Literal["good", "doubtful", "wrong"]
+from eventsweep.plugins.diagnose.check.limits import LIMITS, Verdict
+
 VERDICTS: tuple[Verdict, ...] = ("good", "doubtful", "wrong")
 
 
@@ -115,8 +116,8 @@ class Report:
     @property
     def verdict(self) -> Verdict | Literal["unchecked"]:
         """The worst of all; `unchecked` if nothing is odd, but not all was looked at."""
-        found = worst(finding.verdict for finding in self.findings)
-        return "unchecked" if found == "good" and self.unchecked else found
+        verdict = worst(finding.verdict for finding in self.findings)
+        return "unchecked" if verdict == "good" and self.unchecked else verdict
 
     @property
     def suspects(self) -> tuple[str, ...]:
@@ -144,28 +145,28 @@ def worst(verdicts: Any) -> Verdict:
     return max(verdicts, key=VERDICTS.index, default="good")
 
 
-def above(value: float, doubtful: float, wrong: float) -> Verdict:
-    """The verdict on a value that should be small; NaN is wrong."""
-    if not value <= wrong:
-        return "wrong"
-    return "doubtful" if value > doubtful else "good"
-
-
-def below(value: float, doubtful: float, wrong: float) -> Verdict:
-    """The verdict on a value that should be large; NaN is wrong."""
-    if not value >= wrong:
-        return "wrong"
-    return "doubtful" if value < doubtful else "good"
-
-
 def judged(
-    name: str, verdict: Verdict, value: float | None, unit: str, evidence: str, *,
-    meaning: str, suspect: str = "", series: Series | None = None,
+    name: str, value: float | None, evidence: str, *, verdict: Verdict | None = None,
+    suspect: str = "", more: str = "", series: Series | None = None,
 ) -> Finding:  # fmt: skip
-    """A finding of what is odd, without a cure; of what is good, without a meaning."""
+    """A finding of what is odd, without a cure; of what is good, without a meaning.
+
+    Args:
+        name: of the check, which has limits.
+        value: the evidence as a number.
+        evidence: in words.
+        verdict: if it is not the limits' on the value.
+        suspect: what is odd, if not what the limits say.
+        more: added to the meaning.
+        series: for a plot.
+    """
+    limits = LIMITS[name]
+    if verdict is None:
+        verdict = limits.verdict(float("nan") if value is None else value)
     if verdict == "good":
-        return Finding(name, verdict, value, unit, evidence, series=series)
-    return Finding(name, verdict, value, unit, evidence, meaning, "", suspect, series)
+        return Finding(name, verdict, value, limits.unit, evidence, series=series)
+    meaning, suspect = limits.meaning + more, suspect or limits.suspect
+    return Finding(name, verdict, value, limits.unit, evidence, meaning, "", suspect, series)
 
 
 def _plain(values: Sequence[float] | NDArray[np.float64]) -> list[float | None]:

@@ -16,30 +16,24 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.plugins.diagnose.check import limits
 
-Matrix = NDArray[np.float64]
+Floats = NDArray[np.float64]
 Reread = Callable[[Trajectory], Trajectory]
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
-# Angles in radians are pi at most: taken for degrees, three of them turn by no more than this; and
-# half a degree that the body turned, taken for radians, by no less than that.
-_MOST_AS_DEGREES, _LEAST_AS_RADIANS = 3 * np.radians(np.pi), 0.5
-# Of a body that hardly turns, another order of angles is but another hand-eye rotation.
-_LEAST_OF_ORDERS = 0.05
 _ORDERS = tuple("".join(order) for order in permutations("xyz"))
 
 
-def signed_axes(*, right_handed: bool) -> list[Matrix]:
+def signed_axes(*, right_handed: bool) -> list[Floats]:
     """The 24 right-handed or left-handed choices of axes, as (3, 3) signed permutations."""
-    every = []
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            R = np.zeros((3, 3))
-            R[order, range(3)] = signs
-            every.append(R)
-    return [R for R in every if (np.linalg.det(R) > 0) == right_handed]
+    axes = [
+        np.eye(3)[:, list(order)] * signs
+        for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)
+    ]  # fmt: skip
+    return [R + 0.0 for R in axes if (np.linalg.det(R) > 0) == right_handed]
 
 
-def axes_words(R_cam_given: Matrix) -> str:
+def axes_words(R_cam_given: Floats) -> str:
     """Where x, y and z of the poses point, seen from the camera."""
     words = (("left", "right"), ("up", "down"), ("back", "ahead"))
     at = np.abs(R_cam_given).argmax(axis=0)
@@ -64,7 +58,7 @@ def rereadings(poses: Trajectory) -> Iterator[tuple[str, Reread, str]]:
         )  # fmt: skip
     turns = Rotation.from_quat(poses.quats_xyzw)
     turned_rad = (turns[0].inv() * turns).magnitude().max()
-    if turned_rad >= _LEAST_OF_ORDERS:
+    if turned_rad >= limits.LEAST_OF_ORDERS:
         for order, other in permutations(_ORDERS, 2):
             yield (
                 f"Euler angles {order} read as {other}", partial(_reordered, order, other),
@@ -72,23 +66,20 @@ def rereadings(poses: Trajectory) -> Iterator[tuple[str, Reread, str]]:
                 f"to rotations as if about {', then '.join(other)}: convert them again in their "
                 "own order",
             )  # fmt: skip
-    if turns.magnitude().max() <= _MOST_AS_DEGREES:
-        for order in _ORDERS:
+    possible = turns.magnitude().max() <= limits.MOST_AS_DEGREES
+    for unit, other, change, is_possible in (
+        ("radians", "degrees", _magnified, possible),
+        ("degrees", "radians", _reduced, turned_rad >= limits.LEAST_AS_RADIANS),
+    ):
+        for order in _ORDERS if is_possible else ():
             yield (
-                f"Euler angles {order} in radians read as degrees", partial(_magnified, order),
-                "the angles are in radians, but were converted to rotations as degrees: convert "
-                "them again",
-            )  # fmt: skip
-    if turned_rad >= _LEAST_AS_RADIANS:
-        for order in _ORDERS:
-            yield (
-                f"Euler angles {order} in degrees read as radians", partial(_reduced, order),
-                "the angles are in degrees, but were converted to rotations as radians: convert "
+                f"Euler angles {order} in {unit} read as {other}", partial(change, order),
+                f"the angles are in {unit}, but were converted to rotations as {other}: convert "
                 "them again",
             )  # fmt: skip
 
 
-def _right_handed(R_given_body: Matrix, poses: Trajectory) -> Trajectory:
+def _right_handed(R_given_body: Floats, poses: Trajectory) -> Trajectory:
     R = _MIRROR @ Rotation.from_quat(poses.quats_xyzw).as_matrix() @ R_given_body
     return _with(poses, Rotation.from_matrix(R), poses.positions_m @ _MIRROR)
 
@@ -117,17 +108,17 @@ def _reduced(order: str, poses: Trajectory) -> Trajectory:
     return _with(poses, Rotation.from_euler(order, np.radians(followed)))
 
 
-def _step(difference: Matrix) -> Matrix:
+def _step(difference: Floats) -> Floats:
     """(N,) how far (N, 3) angles are apart, whole turns aside."""
     return np.asarray(np.abs((difference + np.pi) % (2 * np.pi) - np.pi).sum(axis=1))
 
 
-def _angles(order: str, poses: Trajectory) -> Matrix:
+def _angles(order: str, poses: Trajectory) -> Floats:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # two axes in line: any of the equal angles will do
         return np.asarray(Rotation.from_quat(poses.quats_xyzw).as_euler(order))
 
 
-def _with(poses: Trajectory, turns: Rotation, positions_m: Matrix | None = None) -> Trajectory:
+def _with(poses: Trajectory, turns: Rotation, positions_m: Floats | None = None) -> Trajectory:
     where = poses.positions_m if positions_m is None else positions_m
     return Trajectory(poses.t_us, where, turns.as_quat())

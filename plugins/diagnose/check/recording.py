@@ -7,6 +7,7 @@ maps alternatives.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from eventsweep.emvs.config import MapperConfig
@@ -14,15 +15,13 @@ from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.datasets import NoRecordingError, opened
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.runtime import Progress, silent
+from eventsweep.plugins.diagnose.check import limits
 from eventsweep.plugins.diagnose.check.by_mapping import check_by_mapping
 from eventsweep.plugins.diagnose.check.cameras import check_cameras, check_rectification
-from eventsweep.plugins.diagnose.check.events import check_events
-from eventsweep.plugins.diagnose.check.findings import Finding, Report, judged
-from eventsweep.plugins.diagnose.check.parallax import check_parallax
-from eventsweep.plugins.diagnose.check.poses import check_poses
-from eventsweep.plugins.diagnose.check.streams import pieces, read_streams
+from eventsweep.plugins.diagnose.check.events import check_events, pieces, read_streams
+from eventsweep.plugins.diagnose.check.findings import Finding, Report
+from eventsweep.plugins.diagnose.check.poses import check_parallax, check_poses
 
-_RECTIFIED_US = 400_000
 Unchecked = list[tuple[str, str]]
 
 
@@ -53,12 +52,12 @@ def check(
     """
     config = MapperConfig.or_default(config)
     try:
-        given = opened(recording)
+        readable = opened(recording)
     except InputError as error:
         if isinstance(error, NoRecordingError) or not isinstance(recording, str | Path):
             raise
         return Report(Path(recording).resolve().name, (_refused("opening", error),))
-    return _checked(given, config, True, mapping, progress)
+    return _checked(readable, config, True, mapping, progress)
 
 
 def quick_check(recording: Recording, config: MapperConfig) -> list[Finding]:
@@ -78,9 +77,8 @@ def _checked(
     wrong = {finding.name for finding in findings if finding.verdict == "wrong"}
     readable, posed = not wrong & {"reading", "events", "events-sensor"}, has_poses(recording)
     if posed:
-        findings += _try(
-            "poses", lambda: check_poses(recording, events_span_us(recording)), unchecked
-        )
+        poses, spans_us = recording.trajectory, partial(events_span_us, recording)
+        findings += _try("poses", lambda: check_poses(poses, spans_us()), unchecked)
         findings += _try("parallax", lambda: check_parallax(recording, config), unchecked)
     else:
         unchecked += [(name, "there are no poses") for name in ("poses", "parallax", "mapping")]
@@ -113,10 +111,8 @@ def _events(recording: Recording, thorough: bool, progress: Progress) -> list[Fi
 
 def _refused(name: str, error: InputError) -> Finding:
     """The reader's refusal as a finding."""
-    return judged(
-        name, "wrong", None, "", str(error), meaning="it cannot be mapped in this state",
-        suspect="refused by the reader",
-    )  # fmt: skip
+    meaning, suspect = "it cannot be mapped in this state", "refused by the reader"
+    return Finding(name, "wrong", None, "", str(error), meaning, suspect=suspect)
 
 
 def _try(name: str, checks: Callable[[], list[Finding]], unchecked: Unchecked) -> list[Finding]:
@@ -131,16 +127,9 @@ def _try(name: str, checks: Callable[[], list[Finding]], unchecked: Unchecked) -
 def _rectification(recording: Recording) -> Finding:
     first_us, last_us = events_span_us(recording)
     middle_us = (first_us + last_us) // 2
-    t0_us = max(middle_us - _RECTIFIED_US // 2, first_us)
-    return check_rectification(recording, t0_us, min(t0_us + _RECTIFIED_US, last_us + 1))
-
-
-# If one of these is wrong, comparing alternatives is meaningless: none of them mends it.
-_BEFORE_MAPPING = (
-    "distortion", "events", "events-rate", "events-sensor", "extrinsics missing", "field-of-view",
-    "focal-ratio", "hot-pixels", "parallax", "poses-coverage", "poses-frozen", "poses-jumps",
-    "poses-noise", "poses-rate", "reading",
-)  # fmt: skip
+    t0_us = max(middle_us - limits.RECTIFIED_US // 2, first_us)
+    t1_us = min(t0_us + limits.RECTIFIED_US, last_us + 1)
+    return check_rectification(recording, t0_us, t1_us)
 
 
 def _by_mapping(
@@ -148,8 +137,7 @@ def _by_mapping(
     progress: Progress,
 ) -> list[Finding]:  # fmt: skip
     wrong = [finding for finding in findings if finding.verdict == "wrong"]
-    first = [f.name for f in wrong if {f.name, f.suspect} & set(_BEFORE_MAPPING)]
-    if first:
+    if first := [f.name for f in wrong if {f.name, f.suspect} & limits.BEFORE_MAPPING]:
         unchecked.append(("mapping", f"cure {', '.join(first)} first"))
         return []
     return _try("mapping", lambda: check_by_mapping(recording, config, progress), unchecked)

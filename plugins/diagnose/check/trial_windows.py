@@ -27,16 +27,13 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.reference_view import depth_range_m
 from eventsweep.emvs.utils.runtime import use_threads
+from eventsweep.plugins.diagnose.check import limits
 from eventsweep.plugins.diagnose.check.alternatives import Alter, Chosen
-from eventsweep.plugins.diagnose.sharpness import Hypothesis, Level, Sharpness, WindowEvents
+from eventsweep.plugins.diagnose.check.limits import WINDOW_US
+from eventsweep.plugins.diagnose.sharpness import Hypothesis, Sharpness, WindowEvents, around
+from eventsweep.plugins.diagnose.windows import farthest, travel_m
 
 Gains = NDArray[np.float64]
-WINDOWS, WINDOW_US, EVENTS, LEVEL = 3, 200_000, 25_000, Level(1, 80)
-_COARSE, _COARSE_SHARE = Level(2, 40), 0.4  # to see which alternatives are worth a finer look
-_WIDEST_PX = 480
-_CANDIDATES = 24
-_NOTHING = 1e-3  # the sharpness, in votes, of an empty volume
-_TURNS_RAD_S, _SQUINTS_DEG = (0.4, 0.2, 0.1, 0.05), (0.8, 0.4, 0.2)
 Turned = Callable[[Recording, int, Gains], Recording]
 
 
@@ -96,8 +93,9 @@ class TrialWindows:
     @cached_property
     def leading_at(self) -> int:
         """Which window has the longest way."""
-        begins = [t_us - WINDOW_US // 2 for t_us in self.middles_us]
-        return int(np.argmax(list(map(_way_m, self.windows, begins))))
+        begins = np.array(self.middles_us)[:, None] - WINDOW_US // 2
+        ways = [travel_m(*each, WINDOW_US, 8) for each in zip(self.windows, begins, strict=True)]
+        return int(np.argmax(ways))
 
     @cached_property
     def leading(self) -> TrialWindows:
@@ -109,20 +107,25 @@ class TrialWindows:
     def of(cls, recording: Recording, config: MapperConfig) -> tuple[TrialWindows, TrialWindows]:
         """The windows with the longest ways among those that poses and events cover.
 
-        Fine ones, and the same with fewer events in coarse volumes.
+        Fine ones, and the same with fewer events in coarse volumes. Pixels are joined until the
+        view is no wider than those of the first sensors: windows keep as many events whatever the
+        sensor, and on more pixels they would only lie thinner.
 
         Raises:
             InputError: poses and events cover no window together.
         """
         use_threads(config.threads)
-        begins, range_m = _begins(recording), depth_range_m(recording, config)
-        windows = tuple(WindowRecording(recording, t, t + WINDOW_US, EVENTS) for t in begins)
+        begins = farthest(recording, WINDOW_US, limits.WINDOWS, limits.CANDIDATES)
+        range_m, most = depth_range_m(recording, config), limits.EVENTS
+        windows = tuple(WindowRecording(recording, t, t + WINDOW_US, most) for t in begins)
         middles_us = tuple(t + WINDOW_US // 2 for t in begins)
-        fewer = tuple(window.thinned(_COARSE_SHARE) for window in windows)
-        return (
-            cls(windows, middles_us, Sharpness(range_m, _joined(LEVEL, recording))),
-            cls(fewer, middles_us, Sharpness(range_m, _joined(_COARSE, recording))),
+        fewer = tuple(window.thinned(limits.COARSE_SHARE) for window in windows)
+        joined = -(-recording.rig.cameras[0].width_px // limits.WIDEST_PX)
+        fine, coarse = (
+            Sharpness(range_m, replace(level, scale=level.scale * joined))
+            for level in (limits.FINE, limits.COARSE)
         )
+        return cls(windows, middles_us, fine), cls(fewer, middles_us, coarse)
 
     def log_sharpness(self, change: Alter, cameras: tuple[int, ...]) -> Gains:
         """(W,) logarithm of the windows' sharpness under an alternative.
@@ -151,11 +154,11 @@ class TrialWindows:
 
     def free_turn_gains(self, change: Alter, cameras: tuple[int, ...]) -> Gains:
         """(W,) how much log sharpness grows where the rig may turn at another, constant rate."""
-        return self._freely(change, cameras, _TURNS_RAD_S, _turning)
+        return self._freely(change, cameras, limits.TURNS_RAD_S, _turning)
 
     def free_squint_gains(self, change: Alter, cameras: tuple[int, int]) -> Gains:
         """(W,) how much log sharpness grows where the second camera may be turned on the rig."""
-        return self._freely(change, cameras, _SQUINTS_DEG, _squinting)
+        return self._freely(change, cameras, limits.SQUINTS_DEG, _squinting)
 
     def _freely(
         self, change: Alter, cameras: tuple[int, ...], steps: tuple[float, ...], turned: Turned
@@ -180,15 +183,7 @@ class TrialWindows:
             votes = self.sharpness(windows, [Hypothesis(r.rig, r.trajectory) for r in recordings])
         except InputError:  # poses elsewhere, events off the sensor: nothing is sharp
             votes = np.zeros(len(windows))
-        return np.log(np.maximum(votes, _NOTHING))
-
-
-def _joined(level: Level, recording: Recording) -> Level:
-    """The level with pixels joined until the view is no wider than those of the first sensors.
-
-    The windows keep as many events whatever the sensor: on more pixels they only lie thinner.
-    """
-    return replace(level, scale=level.scale * -(-recording.rig.cameras[0].width_px // _WIDEST_PX))
+        return np.log(np.maximum(votes, limits.NOTHING))
 
 
 def _all_events(window: Recording, t_ref_us: int) -> WindowEvents:
@@ -204,9 +199,7 @@ def _all_events(window: Recording, t_ref_us: int) -> WindowEvents:
 def _turning(recording: Recording, t_us: int, rate_rad_s: Gains) -> Recording:
     """The recording with poses that turn in addition, about the first camera's axes."""
     poses, T_body_cam = recording.trajectory, recording.rig.T_body_cam[0]
-    first, last = np.searchsorted(poses.t_us, (t_us - 3 * WINDOW_US, t_us + 3 * WINDOW_US))
-    near = slice(max(0, int(first) - 1), int(last) + 1)
-    times_us = poses.t_us[near]
+    times_us = poses.t_us[around(poses, t_us - 3 * WINDOW_US, t_us + 3 * WINDOW_US)]
     turns = Rotation.from_rotvec((times_us - t_us)[:, None] * (rate_rad_s / 1e6))
     T_cam_turned = se3.from_rotation(turns, np.zeros((len(times_us), 3)))
     T_body_turned = T_body_cam @ T_cam_turned @ se3.inverse(T_body_cam)
@@ -214,38 +207,9 @@ def _turning(recording: Recording, t_us: int, rate_rad_s: Gains) -> Recording:
     return AlteredRecording(recording, trajectory=turned)
 
 
-def _squinting(recording: Recording, t_us: int, angles_deg: Gains) -> Recording:
+def _squinting(recording: Recording, _t_us: int, angles_deg: Gains) -> Recording:
     """The recording with the second camera turned about its own axes."""
-    del t_us
     turn = se3.from_rotation(Rotation.from_rotvec(angles_deg, degrees=True), np.zeros(3))
     T_body_0, T_body_1 = recording.rig.T_body_cam
-    return AlteredRecording(
-        recording, rig=replace(recording.rig, T_body_cam=(T_body_0, T_body_1 @ turn))
-    )
-
-
-def _begins(recording: Recording) -> list[int]:
-    spans = [recording.event_span_us(camera) for camera in range(len(recording.rig))]
-    poses = recording.trajectory.span_us
-    first_us = max(poses[0], max(a for a, _ in spans))
-    last_us = min(poses[1], min(b for _, b in spans)) - WINDOW_US
-    if last_us < first_us:
-        raise InputError(
-            f"poses and the events of all cameras overlap for "
-            f"{max(last_us + WINDOW_US - first_us, 0) / 1e6:g} s: needs {WINDOW_US / 1e6:g} s"
-        )
-    candidates = np.unique(np.linspace(first_us, last_us, _CANDIDATES).astype(np.int64))
-    ways = [_way_m(recording, int(t_us)) for t_us in candidates]
-    chosen: list[int] = []
-    for at in np.argsort(ways, kind="stable")[::-1]:
-        gap_us = min((abs(int(candidates[at]) - other) for other in chosen), default=WINDOW_US)
-        # Windows may overlap by half where a recording is short: their edges differ nevertheless.
-        if gap_us >= WINDOW_US // 2 and len(chosen) < WINDOWS:
-            chosen.append(int(candidates[at]))
-    return sorted(chosen)
-
-
-def _way_m(recording: Recording, t_us: int) -> float:
-    t = np.linspace(t_us, t_us + WINDOW_US, 9).astype(np.int64)
-    positions_m = (recording.trajectory.at(t) @ recording.rig.T_body_cam[0])[:, :3, 3]
-    return float(np.linalg.norm(np.diff(positions_m, axis=0), axis=1).sum())
+    places = T_body_0, T_body_1 @ turn
+    return AlteredRecording(recording, rig=replace(recording.rig, T_body_cam=places))

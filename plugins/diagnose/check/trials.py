@@ -15,24 +15,10 @@ from functools import cached_property, reduce
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from eventsweep.plugins.diagnose.check.alternatives import MARGIN, Alter, Alternative, Chosen
-from eventsweep.plugins.diagnose.check.amounts import Amount
-from eventsweep.plugins.diagnose.check.findings import Verdict
+from eventsweep.plugins.diagnose.check import limits
+from eventsweep.plugins.diagnose.check.alternatives import Alter, Alternative, Amount, Chosen
+from eventsweep.plugins.diagnose.check.limits import MARGIN, Verdict
 from eventsweep.plugins.diagnose.check.trial_windows import Gains, TrialWindows
-
-# Gain below which an alternative is not looked at more closely; share of the best that is: in all
-# windows what gained in one, and on fine volumes what gained on coarse ones.
-_PROMISING, _WORTH_ALL_WINDOWS, _WORTH_FINE = -0.05, 0.25, 0.4
-_REFINEMENTS = 3
-_DOUBTFUL = 0.75  # of a margin
-_ONE_CAMERA = 1.5  # times the margins: one camera separates alternatives less well
-# What windows may gain on average with amounts of their own, as a share of the gain with a common
-# one, or at all: right causes leave up to 0.03 of it, or 0.001; wrong ones 0.07 and more.
-_UNEVEN_SHARE, _UNEVEN = 0.04, 0.002
-_LOSS = -0.02  # what camera 0 alone may lose under other poses
-# An amount is traded for another that is so many times what hurts from its best, if that costs no
-# more sharpness than this: right causes lost 0.0012 and more, those with another fault gained.
-_FAR, _AS_SHARP, _WORTH_TRADING, _READINGS = 4, 0.001, 0.02, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +34,7 @@ class Trial:
         tried: of the amounts that were tried on coarse volumes, the gains per window.
     """
 
-    alternative: Alternative | Amount
+    alternative: Alternative
     gains: Gains
     change: Alter
     margin: float = np.inf
@@ -57,16 +43,16 @@ class Trial:
 
     @property
     def curve(self) -> tuple[Gains, Gains]:
-        """(N,) amounts that were tried, in order, and their mean gains on coarse volumes."""
-        xs, gains = _sorted(self.tried)
-        return xs, gains.mean(axis=1)
+        """(N,) amounts that were tried, in order, and their (N, W) gains on coarse volumes."""
+        amounts = sorted(self.tried)
+        return np.array(amounts), np.array([self.tried[amount] for amount in amounts])
 
     @property
     def uneven(self) -> float:
         """Mean gain in log sharpness where each window may have another of these amounts."""
         if not self.tried:
             return 0.0
-        _, gains = _sorted(self.tried)
+        _, gains = self.curve
         return float((gains.max(axis=0) - gains[int(gains.mean(axis=1).argmax())]).mean())
 
     @property
@@ -77,7 +63,7 @@ class Trial:
     @property
     def verdict(self) -> Verdict:
         """By the gain alone."""
-        if self.gain <= _DOUBTFUL * self.margin or self.gains.min() <= 0:
+        if self.gain <= limits.DOUBTFUL * self.margin or self.gains.min() <= 0:
             return "good"
         return "wrong" if self.gain > self.margin and self._hurts else "doubtful"
 
@@ -89,7 +75,7 @@ class Trial:
     @property
     def is_inside(self) -> bool:
         """Whether an amount is an optimum, and not at the end of its search."""
-        if self.amount is None or isinstance(self.alternative, Alternative):
+        if self.amount is None or not isinstance(self.alternative, Amount):
             return True
         grid = self.alternative.grid
         return min(grid) < self.amount < max(grid)
@@ -100,7 +86,7 @@ class Trial:
 
         What only makes up for another fault makes up for it differently over time.
         """
-        return self.uneven <= max(_UNEVEN, _UNEVEN_SHARE * self.gain)
+        return self.uneven <= max(limits.UNEVEN, limits.UNEVEN_SHARE * self.gain)
 
     @property
     def is_cause(self) -> bool:
@@ -109,9 +95,31 @@ class Trial:
 
     @property
     def _hurts(self) -> bool:
-        if self.amount is None or isinstance(self.alternative, Alternative):
+        if self.amount is None or not isinstance(self.alternative, Amount):
             return True
         return self.alternative.distance(self.amount) >= self.alternative.hurts
+
+    @classmethod
+    def at_peak(cls, amount: Amount, tried: dict[float, Gains]) -> Trial:
+        """Where the mean gain of an amount peaks, between amounts that were tried."""
+        best = max(tried.values(), key=np.mean)
+        trial = cls(amount, best, amount.by(amount.neutral), tried=tried)
+        at, gains = trial.curve
+        scale, means = np.log(at) if amount.is_factor else at, gains.mean(axis=1)
+        top, peak = int(means.argmax()), float(at[int(means.argmax())])
+        if 0 < top < len(at) - 1:
+            near = slice(top - 1, top + 2)
+            vertex = _vertex(scale[near], means[near])
+            peak = float(np.exp(vertex)) if amount.is_factor else vertex
+        return replace(trial, amount=peak, change=amount.by(peak))
+
+
+def _vertex(x: Gains, y: Gains) -> float:
+    """Of the parabola through three points, within them; the highest point if it has no top."""
+    a, b, _ = np.polyfit(x - x[1], y, 2)
+    if a >= 0:
+        return float(x[int(np.argmax(y))])
+    return float(np.clip(x[1] - b / (2 * a), x[0], x[2]))
 
 
 class CameraTrials:
@@ -168,15 +176,13 @@ class CameraTrials:
         What is wrong between the cameras cannot hide it.
         """
         leading, first = self._coarse.leading, self._coarse.leading_at
-        changes, whose = [self._alone(one.change) for one in alternatives], self._cameras
-        seen = [leading.log_sharpness(c, whose)[0] - self._base_alone[first] for c in changes]
+        changes, cameras = [self._alone(a.change) for a in alternatives], self._cameras
+        seen = [leading.log_sharpness(c, cameras)[0] - self._base_alone[first] for c in changes]
         likely = [c for c, gain in zip(changes, seen, strict=True) if gain > MARGIN / 2]
-        gains = [(self._coarse.log_sharpness(c, whose) - self._base_alone).mean() for c in likely]
+        gains = [(self._coarse.log_sharpness(c, cameras) - self._base_alone).mean() for c in likely]
         return float(max(gains, default=0.0))
 
-    def trials(
-        self, alternatives: Iterable[Alternative | Amount], most: int | None = None
-    ) -> list[Trial]:
+    def trials(self, alternatives: Iterable[Alternative], most: int | None = None) -> list[Trial]:
         """The outcomes: of all in one window, and of those that may matter in all, last finely.
 
         Args:
@@ -184,12 +190,8 @@ class CameraTrials:
             most: how many to try on fine volumes, those that gain most; None for no such limit.
         """
         glances = [self._glance(alternative) for alternative in alternatives]
-        coarse = _again(self._in_all_windows, glances, _WORTH_ALL_WINDOWS, None)
-        return _again(self._finely, coarse, _WORTH_FINE, most)
-
-    def trial(self, alternative: Alternative | Amount) -> Trial:
-        """The outcome of one alternative."""
-        return self._finely(self._in_all_windows(self._glance(alternative)))
+        coarse = _again(self._in_all_windows, glances, limits.WORTH_ALL_WINDOWS, None)
+        return _again(self._finely, coarse, limits.WORTH_FINE, most)
 
     def best(self, trials: Sequence[Trial]) -> Trial:
         """The trial with the largest gain among those that do not contradict camera 0 alone."""
@@ -201,7 +203,7 @@ class CameraTrials:
         if trial.verdict == "good" or trial.alternative.of_pair or len(self._cameras) == 1:
             return True
         alone = self._coarse.log_sharpness(self._alone(trial.change), self._cameras)
-        return bool((alone - self._base_alone).mean() >= _LOSS)
+        return bool((alone - self._base_alone).mean() >= limits.LOSS)
 
     def is_traded(self, trial: Trial, other: Amount) -> bool:
         """Whether windows stay as sharp with another amount far off, and this one found anew.
@@ -209,76 +211,84 @@ class CameraTrials:
         Then both may be wrong: a camera that moves steadily along the baseline sees no difference
         between a longer baseline and a late camera.
         """
-        far = _FAR * other.hurts
-        return any(self._lost_beside(trial, other, by) < _AS_SHARP for by in (-far, far))
+        far = limits.FAR * other.hurts
+        return any(self._lost_beside(trial, other, by) < limits.AS_SHARP for by in (-far, far))
 
     def _lost_beside(self, trial: Trial, other: Amount, by: float) -> float:
         """The sharpness that is lost if `other` is off `by` and the trial's amount follows."""
         amount, best = trial.alternative, trial.amount
         assert isinstance(amount, Amount)
         assert best is not None
-        beside = _with_amount(other, other.moved(other.neutral, by))
+        beside, far = other.by(other.moved(other.neutral, by)), limits.FAR * amount.hurts
 
         def change(by: float) -> Alter:
-            return _chain((_with_amount(amount, amount.moved(best, by)), beside))
+            return _chain((amount.by(amount.moved(best, by)), beside))
 
-        far = _FAR * amount.hurts
-        found = minimize_scalar(
+        nearest = minimize_scalar(
             lambda by: -self._leading_gains(change(by)).mean(), bounds=(-far, far),
-            method="bounded", options={"maxiter": _READINGS},
+            method="bounded", options={"maxiter": limits.READINGS},
         )  # fmt: skip
-        lost = float(self._leading_gains(trial.change).mean() + found.fun)
-        if lost > _WORTH_TRADING:
+        lost = float(self._leading_gains(trial.change).mean() + nearest.fun)
+        if lost > limits.WORTH_TRADING:
             return lost
-        gains = self._coarse_gains(trial.change) - self._coarse_gains(change(found.x))
+        gains = self._coarse_gains(trial.change) - self._coarse_gains(change(nearest.x))
         return float(gains.mean())
 
     def margin(self, margin: float) -> float:
         """That of a pair, or more of a single camera."""
-        return margin * (1.0 if len(self._cameras) > 1 else _ONE_CAMERA)
+        return margin * (1.0 if len(self._cameras) > 1 else limits.ONE_CAMERA)
 
-    def _glance(self, alternative: Alternative | Amount) -> Trial:
+    def _glance(self, alternative: Alternative) -> Trial:
         """In the leading window alone: what does not help there is not tried in the others."""
-        if isinstance(alternative, Alternative):
+        if not isinstance(alternative, Amount):
             return Trial(alternative, self._leading_gains(alternative.change), alternative.change)
-        tried = {x: self._leading_gains(_with_amount(alternative, x)) for x in alternative.grid
-                 if x != alternative.neutral}  # fmt: skip
-        return _peak_trial(alternative, tried | {alternative.neutral: np.zeros(1)})
+        neutral = alternative.neutral
+        amounts = [amount for amount in alternative.grid if amount != neutral]
+        tried = {amount: self._leading_gains(alternative.by(amount)) for amount in amounts}
+        return Trial.at_peak(alternative, tried | {neutral: np.zeros(1)})
 
     def _in_all_windows(self, trial: Trial) -> Trial:
         """The same in all windows: of an amount the best, and its neighbours."""
         alternative = trial.alternative
-        if isinstance(alternative, Alternative):
+        if not isinstance(alternative, Amount):
             return Trial(alternative, self._coarse_gains(trial.change), trial.change)
         if trial.amount is None or alternative.distance(trial.amount) < alternative.hurts / 6:
             return trial
-        nothing = {alternative.neutral: np.zeros_like(self._base)}
-        return _peak_trial(alternative, nothing | self._of_amounts(alternative, _nearest(trial)))
+        amounts, gains = trial.curve
+        best = int(gains.mean(axis=1).argmax())
+        near = self._of_amounts(alternative, amounts[max(0, best - 1) : best + 2].tolist())
+        return Trial.at_peak(alternative, {alternative.neutral: np.zeros_like(self._base)} | near)
 
     def _finely(self, trial: Trial) -> Trial:
         """The same on fine volumes: an amount after its line search on coarse ones."""
         alternative = trial.alternative
-        if isinstance(alternative, Alternative):
-            gains = self._fine_gains(trial.change)
-            return Trial(alternative, gains, trial.change, self.margin(MARGIN))
-        if trial.amount is None or trial.gains.shape != self._base.shape:
-            return trial
-        trial = self._refined(alternative, trial)
-        gains = self._fine_gains(trial.change)
-        return replace(trial, gains=gains, margin=self.margin(alternative.margin))
+        if isinstance(alternative, Amount):
+            if trial.amount is None or trial.gains.shape != self._base.shape:
+                return trial
+            trial = self._refined(alternative, trial)
+        gains = self._fine.log_sharpness(self._after_cure(trial.change), self._cameras)
+        return replace(trial, gains=gains - self._base, margin=self.margin(alternative.margin))
 
     def _refined(self, amount: Amount, trial: Trial) -> Trial:
-        for _ in range(_REFINEMENTS):
+        """Bisects thrice between the best amount and its neighbours; of factors, geometrically."""
+        for _ in range(limits.REFINEMENTS):
             # Only a peak away from the neutral amount is worth a finer look.
             if trial.amount is None or amount.distance(trial.amount) < amount.hurts / 3:
                 break
-            between = self._of_amounts(amount, _between(amount, trial.tried))
-            trial = _peak_trial(amount, trial.tried | between)
+            at, gains = trial.curve
+            best = int(gains.mean(axis=1).argmax())
+            near = [at[k] for k in (best - 1, best + 1) if 0 <= k < len(at)]
+            middles = [
+                float(np.sqrt(at[best] * x) if amount.is_factor else (at[best] + x) / 2)
+                for x in near
+            ]
+            tried = trial.tried | self._of_amounts(amount, middles)
+            trial = Trial.at_peak(amount, tried)
         return trial
 
-    def _of_amounts(self, amount: Amount, xs: Iterable[float]) -> dict[float, Gains]:
-        others = (x for x in xs if x != amount.neutral)
-        return {x: self._coarse_gains(_with_amount(amount, x)) for x in others}
+    def _of_amounts(self, amount: Amount, values: Iterable[float]) -> dict[float, Gains]:
+        tried = (value for value in values if value != amount.neutral)
+        return {value: self._coarse_gains(amount.by(value)) for value in tried}
 
     def _leading_gains(self, change: Alter) -> Gains:
         leading, at = self._coarse.leading, self._coarse.leading_at
@@ -288,9 +298,6 @@ class CameraTrials:
     def _coarse_gains(self, change: Alter) -> Gains:
         both = self._after_cure(change)
         return self._coarse.log_sharpness(both, self._cameras) - self._coarse_base
-
-    def _fine_gains(self, change: Alter) -> Gains:
-        return self._fine.log_sharpness(self._after_cure(change), self._cameras) - self._base
 
     def _after_cure(self, change: Alter) -> Alter:
         return lambda recording: change(self._cure(recording))
@@ -312,7 +319,7 @@ def _again(
     """
     windows = max(len(trial.gains) for trial in trials)
     gains = sorted((t.gain for t in trials if len(t.gains) == windows), reverse=True)[:most]
-    least = max(_PROMISING, share * gains[0], gains[-1])
+    least = max(limits.PROMISING, share * gains[0], gains[-1])
     return [look(t) if t.gain >= least and len(t.gains) == windows else t for t in trials]
 
 
@@ -320,53 +327,3 @@ def _chain(changes: Iterable[Alter]) -> Alter:
     """One change after the other."""
     in_order = tuple(changes)
     return lambda recording: reduce(lambda r, change: change(r), in_order, recording)
-
-
-def _with_amount(amount: Amount, x: float) -> Alter:
-    return lambda recording: amount.change(recording, x)
-
-
-def _sorted(tried: dict[float, Gains]) -> tuple[Gains, Gains]:
-    """(N,) amounts in order and (N, W) their gains."""
-    xs = sorted(tried)
-    return np.array(xs), np.array([tried[x] for x in xs])
-
-
-def _peak_trial(amount: Amount, tried: dict[float, Gains]) -> Trial:
-    peak, best = _peak(amount, tried), max(tried.values(), key=np.mean)
-    return Trial(amount, best, _with_amount(amount, peak), amount=peak, tried=tried)
-
-
-def _nearest(trial: Trial) -> list[float]:
-    """The best amount that was tried, and its neighbours."""
-    xs, means = trial.curve
-    best = int(means.argmax())
-    return [float(x) for x in xs[max(0, best - 1) : best + 2]]
-
-
-def _between(amount: Amount, tried: dict[float, Gains]) -> list[float]:
-    """The middles between the best amount and its neighbours; of factors, geometric ones."""
-    xs = sorted(tried)
-    best = max(range(len(xs)), key=lambda k: tried[xs[k]].mean())
-    near = [xs[k] for k in (best - 1, best + 1) if 0 <= k < len(xs)]
-    return [float(np.sqrt(xs[best] * x)) if amount.is_factor else (xs[best] + x) / 2 for x in near]
-
-
-def _peak(amount: Amount, tried: dict[float, Gains]) -> float:
-    """Where the mean gain peaks, between amounts that were tried."""
-    xs, gains = _sorted(tried)
-    means = gains.mean(axis=1)
-    best = int(means.argmax())
-    if not 0 < best < len(xs) - 1:
-        return float(xs[best])
-    scale, near = np.log(xs) if amount.is_factor else xs, slice(best - 1, best + 2)
-    peak = _vertex(scale[near], means[near])
-    return float(np.exp(peak)) if amount.is_factor else peak
-
-
-def _vertex(x: Gains, y: Gains) -> float:
-    """Of the parabola through three points, within them; the highest point if it has no top."""
-    a, b, _ = np.polyfit(x - x[1], y, 2)
-    if a >= 0:
-        return float(x[int(np.argmax(y))])
-    return float(np.clip(x[1] - b / (2 * a), x[0], x[2]))

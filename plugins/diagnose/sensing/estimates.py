@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 REPLICATES = 200
-Sums = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ def refused(name: str, unit: str, why: str) -> Estimate:
     return Estimate(name, unit, float("nan"), float("nan"), why)
 
 
-def resampled(sums: Sums, statistic: Callable[[Sums], NDArray[Any]], seed: int = 0) -> Any:
+def resampled(sums: Floats, statistic: Callable[[Floats], NDArray[Any]], seed: int = 0) -> Any:
     """A statistic of sums over blocks, and of blocks drawn again with replacement.
 
     Args:

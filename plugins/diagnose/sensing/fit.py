@@ -18,7 +18,7 @@ from eventsweep.plugins.diagnose.sensing.frames import Expected, FrameStack, fra
 from eventsweep.plugins.diagnose.sensing.noise import hot_estimates, quiet_noise, refractory
 from eventsweep.plugins.diagnose.sensing.pixel_events import PixelEvents
 from eventsweep.plugins.diagnose.sensing.thresholds import (
-    DARK_LEVEL,
+    THRESHOLDS,
     Pairs,
     pairs_of,
     threshold_estimates,
@@ -26,11 +26,14 @@ from eventsweep.plugins.diagnose.sensing.thresholds import (
 from eventsweep.sim.config import PixelConfig
 from eventsweep.sim.sensor.sensor import Sensor
 
-_WITHOUT_FRAMES = (
-    "events alone do not show how much the light changed; needs frames: three or more, of the "
-    "events' size in pixels"
-)
 _POLARITIES = "contrast_threshold_pos", "contrast_threshold_neg"
+_WITHOUT_FRAMES = [
+    refused(
+        name, unit, "events alone do not show how much the light changed; needs frames: three or "
+        "more, of the events' size in pixels",
+    )
+    for name, unit in THRESHOLDS
+]  # fmt: skip
 # A search for thresholds that make as many events: steps, and how near is near enough.
 _STEPS, _NEAR_ENOUGH, _LARGEST = 12, 0.01, 3.0
 _MOST_EVENTS = 20_000_000
@@ -121,37 +124,32 @@ def fit_stream(
 def _pixels(events: Events, shape: tuple[int, int], span_us: tuple[int, int]) -> PixelEvents:
     """By pixel, the first of very many."""
     first_us, last_us = span_us
-    events = events.slice(0, min(len(events), _MOST_EVENTS))
-    last_us = min(last_us, int(events.t_us[-1])) if len(events) == _MOST_EVENTS else last_us
+    if len(events) >= _MOST_EVENTS:
+        events = events.slice(0, _MOST_EVENTS)
+        last_us = min(last_us, int(events.t_us[-1]))
     return PixelEvents.of(events, shape, (first_us, last_us))
 
 
 def fit_pixels(pixels: PixelEvents, frames: FrameStack | None) -> SensorFit:
     """Fits a sensor to events, and frames where there are some."""
-    log_eps = PixelConfig().log_eps
-    found, pairs, expected, threshold = _without_frames(), None, None, _USUAL_THRESHOLD
+    log_eps, threshold = PixelConfig().log_eps, _USUAL_THRESHOLD
+    by_frames, pairs, expected = _WITHOUT_FRAMES, None, None
     if frames is not None:
-        found = threshold_estimates(pairs_of(pixels, frames, log_eps, DARK_LEVEL, threshold))
-        known = [e.value for e in found[:2] if not e.refused]
+        by_frames = threshold_estimates(pairs_of(pixels, frames, log_eps, threshold))
+        known = [e.value for e in by_frames[:2] if not e.refused]
         threshold = float(np.mean(known)) if known else threshold
         expected = Expected(frames, threshold, log_eps)
-    noise = quiet_noise(pixels, expected)
-    silence = refractory(pixels, noise.rate_hz)
+    noise, rate_hz, light = quiet_noise(pixels, expected)
+    silence = refractory(pixels, rate_hz)
     dead_us = 0.0 if silence.refused else silence.value
     if frames is not None:
-        pairs = pairs_of(pixels, frames, log_eps, DARK_LEVEL, threshold, dead_us)
-        found = threshold_estimates(pairs)
-    all_ = (*found, silence, *noise.estimates, *hot_estimates(pixels, dead_us))
-    fit = SensorFit(all_, (), float(pixels.on.mean()), noise.light, pixels, frames, pairs)
-    if frames is None or not any(e.refused for e in found[:2]):
+        pairs = pairs_of(pixels, frames, log_eps, threshold, dead_us)
+        by_frames = threshold_estimates(pairs)
+    estimates = (*by_frames, silence, *noise, *hot_estimates(pixels, dead_us))
+    fit = SensorFit(estimates, (), float(pixels.on.mean()), light, pixels, frames, pairs)
+    if frames is None or not any(e.refused for e in by_frames[:2]):
         return fit
-    effective = effective_thresholds(pixels, frames, fit.values())
-    return replace(fit, effective=effective)
-
-
-def _without_frames() -> list[Estimate]:
-    names = (*_POLARITIES, "threshold_sigma", "bandwidth_hz")
-    return [refused(n, u, _WITHOUT_FRAMES) for n, u in zip(names, ("", "", "", "Hz"), strict=True)]
+    return replace(fit, effective=effective_thresholds(pixels, frames, fit.values()))
 
 
 def effective_thresholds(
@@ -162,11 +160,11 @@ def effective_thresholds(
     Empty where none do: in a still scene thresholds have nothing to say.
     """
     inside = (pixels.t_us > frames.t_us[0]) & (pixels.t_us <= frames.t_us[-1])
-    wanted = np.array([np.count_nonzero(pixels.on & inside), np.count_nonzero(inside & ~pixels.on)])
+    recorded = [np.count_nonzero(pixels.on & inside), np.count_nonzero(inside & ~pixels.on)]
     c = np.array([0.3, 0.3])
     for _ in range(_STEPS):
         made = counts_of(frames, {**values, **dict(zip(_POLARITIES, c.tolist(), strict=True))})
-        off = np.log(np.maximum(made, 1) / np.maximum(wanted, 1))
+        off = np.log(np.maximum(made, 1) / np.maximum(recorded, 1))
         if np.abs(off).max() < _NEAR_ENOUGH:
             return tuple(c.tolist())
         if np.any(c >= _LARGEST):

@@ -12,7 +12,6 @@ import tomli_w
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError, significant
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.laid_out import LaidOutFigure
@@ -264,22 +263,14 @@ def write_realism(folder: Path, realism: Realism, command: str = "") -> None:
     (folder / REPORT_NAME).write_text(page, encoding="utf-8")
 
 
-def part_of(
-    recording: Recording, camera: int, start_s: float | None, duration_s: float | None
-) -> tuple[int, int]:
-    """First and last instant of a part of a recording, µs.
-
-    Raises:
-        InputError: no such camera, or a part outside of the recording.
-    """
-    recording.rig.check_camera(camera)
-    return part_of_span(recording.name, recording.event_span_us(camera), start_s, duration_s)
-
-
 def part_of_span(
     name: str, span_us: tuple[int, int], start_s: float | None, duration_s: float | None
 ) -> tuple[int, int]:
-    """The same of a span, µs, of something with a name."""
+    """First and last instant of a part of a recording that has a name and a span, µs.
+
+    Raises:
+        InputError: a part outside of the recording.
+    """
     first_us, last_us = span_us
     begin_us = first_us + round((start_s or 0.0) * 1e6)
     end_us = last_us if duration_s is None else min(last_us, begin_us + round(duration_s * 1e6))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,29 +53,18 @@ def refractory(pixels: PixelEvents, noise_hz: float) -> Estimate:
     return Estimate(name, unit, value, width)
 
 
-@dataclass(frozen=True)
-class QuietNoise:
-    """Noise of quiet pixels.
-
-    Attributes:
-        estimates: shot noise, leak, spread over pixels.
-        rate_hz: all events there, whatever made them.
-        light: mean light there, at which the rates hold, 1 is full scale; NaN without frames.
-    """
-
-    estimates: tuple[Estimate, ...]
-    rate_hz: float
-    light: float
-
-
 def quiet_noise(
     pixels: PixelEvents, seen: Callable[[int], tuple[Floats, Floats]] | None = None
-) -> QuietNoise:
+) -> tuple[tuple[Estimate, ...], float, float]:
     """Shot noise, leak, and the spread of shot noise over pixels, from quiet places.
 
     Where frames say how many events the scene makes (`seen`), noise is what is left as that goes to
     zero. Where they are as many as those of noise, or nobody says, noise is refused: faint texture
     that moves looks the same.
+
+    Returns:
+        The estimates; the rate of all events there, Hz, whatever made them; the mean light there,
+        at which the rates hold, 1 is full scale: NaN without frames.
     """
     sums, own = pixels.quiet(seen)
     names, units = ("shot_rate_hz", "leak_rate_hz", "noise_spread_decades"), ("Hz", "Hz", "decades")
@@ -84,25 +72,23 @@ def quiet_noise(
     if count < _FEW or seconds < 10:
         why = f"{count} events in {seconds:.0f} s of quiet pixels; needs {_FEW} in 10 s"
         none = tuple(refused(*each, why) for each in zip(names, units, strict=True))
-        return QuietNoise(none, count / max(seconds, 1e-9), float("nan"))
-    value, drawn = resampled(sums, _noise_of)
+        return none, count / max(seconds, 1e-9), float("nan")
     rate_hz, scene_hz = count / seconds, float(sums[:, 1].sum()) / seconds
     light = float(sums[:, 7].sum()) / seconds if seen else float("nan")
-    spread = _spread(pixels, own)
-    why = f"the scene makes {scene_hz:.2g} events per second where {rate_hz:.2g} are seen"
     if seen and scene_hz > _SCENE_SHARE * rate_hz:
-        mixed = tuple(refused(*each, why) for each in zip(names, units, strict=True))
-        return QuietNoise(mixed, rate_hz, light)
+        why = f"the scene makes {scene_hz:.2g} events per second where {rate_hz:.2g} are seen"
+        return tuple(refused(*each, why) for each in zip(names, units, strict=True)), rate_hz, light
+    value, drawn = resampled(sums, _noise_of)
+    spread = _spread(pixels, own)
     factor = 1.0 if spread.refused else float(np.exp(0.5 * (np.log(10) * spread.value) ** 2))
     systematic = SYSTEMATIC["noise" if seen else "noise without frames"]
-    found = []
-    for k in range(2):
+    rates = []
+    for k, name in enumerate(names[:2]):
         width = half_width(drawn[:, k], value[k], systematic)
-        sure = width < 0.75 * value[k]
         why = f"{value[k]:.2g} ± {width:.2g} Hz in quiet pixels: indistinguishable from none"
-        estimate = Estimate(names[k], "Hz", float(value[k]) / factor, width / factor)
-        found.append(estimate if sure else refused(names[k], "Hz", why))
-    return QuietNoise((*found, spread), rate_hz, light)
+        estimate = Estimate(name, "Hz", float(value[k]) / factor, width / factor)
+        rates.append(estimate if width < 0.75 * value[k] else refused(name, "Hz", why))
+    return (*rates, spread), rate_hz, light
 
 
 def _noise_of(sums: Floats) -> Floats:
@@ -153,25 +139,22 @@ def hot_estimates(pixels: PixelEvents, refractory_us: float = 0.0) -> list[Estim
     Measurement, section 4.VII). What their neighbours send is taken off.
     """
     hot, number = pixels.hot, pixels.counts.size
-    names, count = ("hot_pixel_fraction", "hot_pixel_rate_hz"), int(hot.sum())
-    busy_hz = float(np.quantile(pixels.counts, 0.9)) / pixels.seconds
-    seen_hz = HOT_RATIO * busy_hz
-    hidden = (
-        f"pixels under {significant(seen_hz, 3)} Hz would not be distinguishable from the scene"
+    count = int(hot.sum())
+    seen_hz = HOT_RATIO * float(np.quantile(pixels.counts, 0.9)) / pixels.seconds
+    rates, others_hz = (
+        due_hz(pixels.counts[which] / pixels.seconds, refractory_us) for which in (hot, ~hot)
     )
-    if not count:
-        why = f"no pixel is hot; {hidden}"
-        return [refused(names[0], "", why), refused(names[1], "Hz", why)]
-    rates = due_hz(pixels.counts[hot] / pixels.seconds, refractory_us)
-    others_hz = due_hz(pixels.counts[~hot] / pixels.seconds, refractory_us)
-    if rates.mean() < 2 * seen_hz:
-        why = f"{count} pixels are, and {hidden}"
-        return [refused(names[0], "", why), refused(names[1], "Hz", why)]
+    if not count or rates.mean() < 2 * seen_hz:
+        some = f"{count} pixels are, and" if count else "no pixel is hot;"
+        why = f"{some} pixels under {significant(seen_hz, 3)} Hz would not be distinguishable from "
+        names = ("hot_pixel_fraction", ""), ("hot_pixel_rate_hz", "Hz")
+        return [refused(*name, why + "the scene") for name in names]
     share_width = 1.96 * float(np.sqrt(count + 1)) / number
     chance = np.sqrt((rates.var() + others_hz.var() + rates.mean() / pixels.seconds) / count)
+    rate_hz, width_hz = float(rates.mean() - others_hz.mean()), 1.96 * float(chance)
     return [
-        Estimate(names[0], "", count / number, share_width),
-        Estimate(names[1], "Hz", float(rates.mean() - others_hz.mean()), 1.96 * float(chance)),
+        Estimate("hot_pixel_fraction", "", count / number, share_width),
+        Estimate("hot_pixel_rate_hz", "Hz", rate_hz, width_hz),
     ]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ TILE_PX = 8
 """Pixels are drawn again in tiles of this size: neighbours see the same edges."""
 HOT_RATIO = 10.0
 _QUIET_US, _QUIET_PX = 10_000, 2
+_SAME_EDGE_US, _ALONE_US = 100_000, 10_000
 # Where frames lead one to expect more, nothing is quiet.
 _SLOW_HZ = 3.0
 
@@ -83,6 +85,34 @@ class PixelEvents:
         same = np.diff(self.pixel) == 0
         gap_us = np.diff(self.t_us)[same]
         return gap_us, self.pixel[1:][same], (self.on[1:] == self.on[:-1])[same]
+
+    @cached_property
+    def alone(self) -> NDArray[np.bool_]:
+        """(N,) whether none of an event's 8 neighbouring pixels was active within 10 ms before."""
+        if not len(self):
+            return np.zeros(0, np.bool_)
+        height, width = self.shape[0] + 2, self.shape[1] + 2
+        rows, columns = np.divmod(self.pixel, self.shape[1])
+        bins = (self.t_us - self.t_us.min()) // _ALONE_US
+        cell = bins * (height * width) + (rows + 1) * width + columns + 1
+        busy, near = np.unique(cell), np.zeros(len(self), np.bool_)
+        for dy, dx, dt in product((-1, 0, 1), (-1, 0, 1), (-1, 0)):
+            if dx or dy:
+                other = cell + dt * height * width + dy * width + dx
+                near |= busy[np.minimum(np.searchsorted(busy, other), len(busy) - 1)] == other
+        return ~near
+
+    @cached_property
+    def edge_hz(self) -> NDArray[np.float64]:
+        """How fast events follow each other at edges: (M,) inverse intervals, 1/s.
+
+        Of two events in a row of a pixel, of one polarity and within 100 ms, of which the second is
+        not `alone`: an edge that passes makes neighbours fire, noise does not.
+        """
+        gap_us, _, alike = self.gaps
+        edge = ~self.alone[1:][np.diff(self.pixel) == 0]
+        near_us = gap_us[alike & edge & (gap_us < _SAME_EDGE_US)]
+        return np.asarray(1e6 / np.maximum(near_us, 1), np.float64)
 
     def quiet(
         self, seen: Callable[[int], tuple[NDArray[np.float64], NDArray[np.float64]]] | None = None

@@ -1,29 +1,35 @@
-"""A simulated recording beside a real one: distributions, and how well they can be told apart."""
+"""A simulated recording beside a real one: distributions, and how well they can be told apart.
+
+Statistics of events in windows of time and place go to a simple classifier; how well it tells the
+two recordings apart is the area under its ROC curve.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import rankdata
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.plugins.diagnose.sensing.pixel_events import PixelEvents
-from eventsweep.plugins.diagnose.sensing.separability import area_under_curve, separability
-from eventsweep.plugins.diagnose.sensing.window_features import (
-    NAMES,
-    edge_rates_hz,
-    isolated,
-    window_features,
-)
 
-WINDOWS = 40
-_FEW_ROWS = 10 * 2
-_BURST_US = 10_000
+NAMES = (
+    "rate", "ON share", "active pixels", "interval 10 %", "interval 50 %", "interval 90 %",
+    "equal polarity in a row", "short intervals", "isolated events", "rate at edges",
+    "spread in x", "spread in y",
+)  # fmt: skip
+WINDOWS, FOLDS = 40, 5
+_FEW, _FEW_ROWS, _GRID = 50, 20, 3  # events in a part of a window, such parts, parts per axis
+_BURST_US, _SHORT_US = 10_000, 10_000
+_PENALTY, _STEPS = 1.0, 50  # of the logistic regression
 Floats = NDArray[np.float64]
+Windows = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,7 @@ def portrait(
     Raises:
         InputError: too few events to be told from others.
     """
-    features, window = window_features(events, shape, span_us, WINDOWS)
+    features, window = window_features(events, shape, span_us)
     if len(features) < _FEW_ROWS:
         raise InputError(
             f"{name}: {len(events)} events make {len(features)} windows of 50; needs {_FEW_ROWS}: "
@@ -89,9 +95,7 @@ def portrait(
         )
     pixels = PixelEvents.of(events, shape, span_us)
     gap_us, _, alike = pixels.gaps
-    burst = _bursts(pixels)
-    alone = isolated(events, shape)
-    edge_hz = edge_rates_hz(events, shape, alone)
+    burst, edge_hz = _bursts(pixels), pixels.edge_hz
     rate_hz = pixels.counts.ravel() / pixels.seconds
     statistics = {
         "events per pixel and second": float(rate_hz.mean()),
@@ -101,13 +105,55 @@ def portrait(
         "median interval, ms": float(np.median(gap_us)) / 1e3,
         "equal polarity in a row": float(alike.mean()),
         "events per burst": float(burst.mean()),
-        "share of isolated events": float(alone.mean()),
+        "share of isolated events": float(pixels.alone.mean()),
         "median rate at edges, 1/s": float(np.median(edge_hz)) if len(edge_hz) else 0.0,
         "spread of pixels' rates (standard deviation of ln)": float(
             np.log(rate_hz[rate_hz > 0]).std()
         ),
     }
     return Portrait(name, statistics, gap_us, burst, edge_hz, rate_hz, features, window)
+
+
+def window_features(
+    events: Events, shape: tuple[int, int], span_us: tuple[int, int]
+) -> tuple[Floats, Windows]:
+    """Statistics, (N, F), of 3 x 3 parts of the sensor in each window, and their windows, (N,).
+
+    Parts with fewer than 50 events are left out.
+    """
+    edges = np.linspace(span_us[0], span_us[1] + 1, WINDOWS + 1).astype(np.int64).tolist()
+    rows, windows = [], []
+    for k, (t0_us, t1_us) in enumerate(pairwise(edges)):
+        inside = events.between(t0_us, t1_us)
+        row, column = (
+            at.astype(int) * _GRID // size
+            for at, size in zip((inside.y, inside.x), shape, strict=True)
+        )
+        for part in range(_GRID * _GRID):
+            chosen = inside.take(row * _GRID + column == part)
+            if len(chosen) >= _FEW:
+                rows.append(_features(chosen, shape, (t0_us, t1_us)))
+                windows.append(k)
+    return np.array(rows).reshape(-1, len(NAMES)), np.array(windows, np.int64)
+
+
+def _features(events: Events, shape: tuple[int, int], span_us: tuple[int, int]) -> list[float]:
+    pixels = PixelEvents.of(events, shape, span_us)
+    gap_us, _, alike = pixels.gaps
+    area, some, edge_hz = shape[0] * shape[1] / _GRID**2, len(gap_us) > 0, pixels.edge_hz
+    quantiles = np.quantile(gap_us, (0.1, 0.5, 0.9)) if some else [span_us[1] - span_us[0]] * 3
+    return [
+        float(np.log(len(events) / area / pixels.seconds)),
+        float(events.p.mean()),
+        float(np.log(np.count_nonzero(pixels.counts) / len(events))),
+        *np.log(np.maximum(quantiles, 1)).tolist(),
+        float(alike.mean()) if some else 0.5,
+        float((gap_us < _SHORT_US).mean()) if some else 0.0,
+        float(pixels.alone.mean()),
+        float(np.log(np.median(edge_hz))) if len(edge_hz) else 0.0,
+        float(events.x.std()) / shape[1],
+        float(events.y.std()) / shape[0],
+    ]
 
 
 def _bursts(pixels: PixelEvents) -> NDArray[np.int64]:
@@ -122,13 +168,69 @@ def _bursts(pixels: PixelEvents) -> NDArray[np.int64]:
 
 def compared(real: Portrait, simulated: Portrait) -> Realism:
     """Two portraits side by side."""
-    windows = real.window, simulated.window
-    auc = separability(real.features, simulated.features, windows)
-    single = {}
-    for k, name in enumerate(NAMES):
-        area = area_under_curve(real.features[:, k], simulated.features[:, k])
-        single[name] = max(area, 1 - area)
-    return Realism(real, simulated, auc, single)
+    windows, features = (real.window, simulated.window), (real.features, simulated.features)
+    columns = zip(NAMES, *(each.T for each in features), strict=True)
+    areas = {name: area_under_curve(*both) for name, *both in columns}
+    single = {name: max(area, 1 - area) for name, area in areas.items()}
+    return Realism(real, simulated, separability(*features, windows), single)
+
+
+def area_under_curve(first: Floats, second: Floats) -> float:
+    """Chance that a score of the second exceeds one of the first, ties counting half: 0 to 1."""
+    ranks = rankdata(np.concatenate([first, second]))
+    above = ranks[len(first) :].sum() - len(second) * (len(second) + 1) / 2
+    return float(above / (len(first) * len(second)))
+
+
+def logistic(features: Floats, second: NDArray[np.bool_]) -> Floats:
+    """(F + 1,) weights of a logistic regression with a ridge penalty, the last the intercept.
+
+    Both classes weigh the same, however many rows they have. Newton's method.
+    """
+    rows = np.concatenate([features, np.ones((len(features), 1))], 1)
+    balance = np.where(second, 0.5 / max(second.sum(), 1), 0.5 / max((~second).sum(), 1))
+    balance *= len(rows)
+    penalty = np.full(rows.shape[1], _PENALTY)
+    penalty[-1] = 1e-6
+    weights = np.zeros(rows.shape[1])
+    for _ in range(_STEPS):
+        p = 1 / (1 + np.exp(-np.clip(rows @ weights, -30, 30)))
+        gradient = rows.T @ (balance * (p - second)) + penalty * weights
+        curvature = (rows * (balance * p * (1 - p))[:, None]).T @ rows + np.diag(penalty)
+        step = np.linalg.solve(curvature, gradient)
+        weights -= step
+        if np.abs(step).max() < 1e-9:
+            break
+    return weights
+
+
+def separability(first: Floats, second: Floats, windows: tuple[Windows, Windows]) -> float:
+    """Cross-validated area under the ROC curve, 0.5 where nothing tells the two apart.
+
+    Held out are whole stretches of time, of both at once, so that no classifier is asked about a
+    window whose neighbours it has learnt.
+
+    Args:
+        first: (N, F) statistics of the one.
+        second: (M, F) of the other.
+        windows: the window of each row, (N,) and (M,), on a common count.
+    """
+    features = np.concatenate([first, second])
+    is_second = np.arange(len(features)) >= len(first)
+    window = np.concatenate(windows)
+    fold = window * FOLDS // (int(window.max()) + 1)
+    areas, weights = [], []
+    for k in range(FOLDS):
+        test, learn = fold == k, fold != k
+        sides = [np.count_nonzero(test & (is_second == side)) for side in (False, True)]
+        if min(sides) == 0 or len(np.unique(is_second[learn])) < 2:
+            continue
+        middle, scale = features[learn].mean(0), features[learn].std(0) + 1e-9
+        fitted = logistic((features[learn] - middle) / scale, is_second[learn])
+        score = ((features - middle) / scale) @ fitted[:-1]
+        areas.append(area_under_curve(score[test & ~is_second], score[test & is_second]))
+        weights.append(sides[0] * sides[1])
+    return float(np.average(areas, weights=weights)) if areas else float("nan")
 
 
 def compare_realism(real: Recording, simulated: Recording, camera: int = 0) -> Realism:

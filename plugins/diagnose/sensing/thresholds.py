@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from eventsweep.plugins.diagnose.sensing.estimates import Estimate, half_width, refused, resampled
@@ -42,6 +43,12 @@ _FEW_PAIRS, _MOST_RELATIVE = 2000, 0.25
 # Shares of the value by which the development sensors were off beyond their scatter
 # (`python tests/benchmarks sensor_fit` of commit 77cd9c78).
 SYSTEMATIC = {"threshold": 0.07, "bandwidth": 0.15, "sigma": 0.25}
+THRESHOLDS = (
+    ("contrast_threshold_pos", ""), ("contrast_threshold_neg", ""), ("threshold_sigma", ""),
+    ("bandwidth_hz", "Hz"),
+)  # fmt: skip
+"""What frames and events determine together: names and units."""
+_DARK_LEVEL = SensorParameters().dark_level
 Floats = NDArray[np.float64]
 
 
@@ -62,33 +69,10 @@ class Pairs:
     sample: Floats
 
 
-@dataclass(frozen=True)
-class _Anchors:
-    """Events near frames.
-
-    Attributes:
-        event: (N,) index among the events.
-        log: their log light.
-        slope: of it, times the lag's factor, 1/s.
-        lag: that factor.
-        apart: log light of other frames, around those that give `log`.
-    """
-
-    event: NDArray[np.int64]
-    log: Floats
-    slope: Floats
-    lag: Floats
-    apart: Floats
-
-
 def pairs_of(
-    pixels: PixelEvents,
-    frames: FrameStack,
-    log_eps: float,
-    dark_level: float,
-    threshold: float,
+    pixels: PixelEvents, frames: FrameStack, log_eps: float, threshold: float,
     refractory_us: float = 0.0,
-) -> Pairs:
+) -> Pairs:  # fmt: skip
     """Sums over pairs of events that no lost events spoil.
 
     Events that come nearly as close as the refractory period may have lost some between them. Of an
@@ -97,63 +81,66 @@ def pairs_of(
     usual sensor where the period is not known (0).
     """
     guard_us = _GUARD * refractory_us
-    anchors = _anchors(pixels, frames, log_eps, dark_level)
-    event, tiles = anchors.event, pixels.tiles
+    anchors = _anchors(pixels, frames, log_eps)
     halves = _halves(pixels, anchors)
-    rates = _rates(pixels, event) * anchors.lag
+    rates = _rates(pixels, anchors.event.to_numpy()) * anchors.lag.to_numpy()
     sloped = np.isfinite(rates[0])
-    event, rates = event[sloped], rates[:, sloped]
-    logs, slopes, others = (a[sloped] for a in (anchors.log, anchors.slope, anchors.apart))
-    start, end = event[:-1], event[1:]
+    anchors, rates = anchors[sloped], rates[:, sloped]
+    start, end, good = _neighbours(pixels, anchors)
     pixel, t_us = pixels.pixel, pixels.t_us
     fast = np.zeros(len(pixels) + 1, np.int64)
-    close = (np.diff(pixel) == 0) & (np.diff(t_us) < guard_us)
-    fast[2:] = np.cumsum(close)
-    good = (pixel[start] == pixel[end]) & (fast[end + 1] == fast[start + 1])
-    good &= t_us[end] - t_us[start] < _LONGEST_US
+    fast[2:] = np.cumsum((np.diff(pixel) == 0) & (np.diff(t_us) < guard_us))
+    good &= fast[end + 1] == fast[start + 1]
     steep = _steep(frames, log_eps, threshold / (guard_us or _GUARD * _USUAL_REFRACTORY_US))
     first, last = (np.searchsorted(frames.t_us, t_us[k]) for k in (start, end))
     first, last = np.maximum(first - 1, 0), np.minimum(last, len(frames.t_us) - 1)
     good &= steep[first, pixel[start]] == steep[last, pixel[start]]
     start, end = start[good], end[good]
     ons = np.cumsum(pixels.on)
-    plus = (ons[end] - ons[start]).astype(float)
+    plus: Floats = (ons[end] - ons[start]).astype(float)
     minus = (end - start) - plus
     lags = np.diff(rates, axis=1)[:, good]
-    change, turned, moved = (np.diff(values)[good] for values in (logs, slopes, others))
+    steps = np.diff(anchors[["log", "slope", "apart"]].to_numpy(), axis=0)[good].T
+    change, turned, moved = map(np.ascontiguousarray, steps)
     seconds = (t_us[end] - t_us[start]) * 1e-6
-    tile, moments = pixels.tile[pixel[start]], np.zeros((tiles, 4, 6))
+    tile, moments = pixels.tile[pixel[start]], np.zeros((pixels.tiles, 4, 6))
     known = (plus, minus, *lags, seconds, change)
     for i, z in enumerate((np.maximum(moved, 0), np.maximum(-moved, 0), turned, seconds)):
         for j, x in enumerate(known):
-            moments[:, i, j] = np.bincount(tile, z * x, tiles)
+            moments[:, i, j] = np.bincount(tile, z * x, pixels.tiles)
     keep = slice(None, None, max(1, len(start) // 20_000))
     sample = np.stack([change[keep], plus[keep], minus[keep]], 1)
     return Pairs(moments, halves, len(start), sample)
+
+
+def _neighbours(
+    pixels: PixelEvents, anchors: pd.DataFrame
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    """First and second event of each two in a row, and whether they are of a pixel and near."""
+    event = anchors.event.to_numpy()
+    start, end = event[:-1], event[1:]
+    near = pixels.t_us[end] - pixels.t_us[start] < _LONGEST_US
+    return start, end, (pixels.pixel[start] == pixels.pixel[end]) & near
 
 
 def _steep(frames: FrameStack, log_eps: float, most_per_us: float) -> NDArray[np.int32]:
     """(T, P) number of intervals before a frame in which a pixel's light changed faster."""
     log = np.log(frames.light.reshape(len(frames.t_us), -1) + log_eps)
     steep = np.abs(np.diff(log, axis=0)) > most_per_us * np.diff(frames.t_us)[:, None]
-    out = np.zeros(log.shape, np.int32)
-    np.cumsum(steep, axis=0, out=out[1:])
-    return out
+    return np.cumsum(np.pad(steep, ((1, 0), (0, 0))), axis=0, dtype=np.int32)
 
 
-def _halves(pixels: PixelEvents, anchors: _Anchors) -> Floats:
+def _halves(pixels: PixelEvents, anchors: pd.DataFrame) -> Floats:
     """Change of light and net events of every pixel, rising and falling, in both halves of time.
 
     Of all events near frames, also those that noise may have made: what it does in one half of the
     time has nothing to do with the other.
     """
-    start, end = anchors.event[:-1], anchors.event[1:]
-    pixel, t_us = pixels.pixel, pixels.t_us
-    good = (pixel[start] == pixel[end]) & (t_us[end] - t_us[start] < _LONGEST_US)
-    start, end, change = start[good], end[good], np.diff(anchors.log)[good]
+    start, end, good = _neighbours(pixels, anchors)
+    start, end, change = start[good], end[good], np.diff(anchors.log.to_numpy())[good]
     steps = np.cumsum(2 * pixels.on.astype(np.int64) - 1)
     net = (steps[end] - steps[start]).astype(float)
-    late = t_us[start] > np.mean(pixels.span_us)
+    late = pixels.t_us[start] > np.mean(pixels.span_us)
     number = pixels.counts.size
     out = np.zeros((2, 2, number, 2))
     for half in range(2):
@@ -162,26 +149,25 @@ def _halves(pixels: PixelEvents, anchors: _Anchors) -> Floats:
             sign = 1 - 2 * side
             for k, values in enumerate((change, net)):
                 out[half, side, :, k] = np.bincount(
-                    pixel[start[chosen]], sign * values[chosen], number
+                    pixels.pixel[start[chosen]], sign * values[chosen], number
                 )
     return out
 
 
-def _anchors(
-    pixels: PixelEvents, frames: FrameStack, log_eps: float, dark_level: float
-) -> _Anchors:
-    """The event nearest to each frame of each pixel, if near enough, in order of pixel and time."""
+def _anchors(pixels: PixelEvents, frames: FrameStack, log_eps: float) -> pd.DataFrame:
+    """The event nearest to each frame of each pixel, if near enough, in order of pixel and time.
+
+    Columns: `event`, its index among the events; `log`, its log light; `slope` of that, times the
+    lag's factor, 1/s; `lag`, that factor; `apart`, log light of other frames, around those that
+    give `log`.
+    """
     at_us, count = frames.t_us, len(frames.t_us)
     k = np.searchsorted((at_us[1:] + at_us[:-1]) // 2, pixels.t_us)
     away_us = pixels.t_us - at_us[k]
     number = pixels.counts.size
     usable = frames.usable.reshape(count, number)
-    near = (
-        (np.abs(away_us) <= _NEAR_US)
-        & (k >= _APART)
-        & (k < count - _APART)
-        & ~pixels.hot.ravel()[pixels.pixel]
-    )
+    near = (np.abs(away_us) <= _NEAR_US) & (k >= _APART) & (k < count - _APART)
+    near &= ~pixels.hot.ravel()[pixels.pixel]
     event = np.flatnonzero(near)
     reach = range(-_APART, _APART + 1)
     around = np.stack([usable[k[event] + d, pixels.pixel[event]] for d in reach])
@@ -199,10 +185,12 @@ def _anchors(
     bend = (second - first) / (gap_after - gap_before)
     level = first - bend * gap_before
     log = here + away * (level + bend * away)
-    lag = (1 + dark_level) / (np.exp(log) - log_eps + dark_level)
+    lag = (1 + _DARK_LEVEL) / (np.exp(log) - log_eps + _DARK_LEVEL)
     slope = level + 2 * bend * away
     apart = sum(np.log(light[frame + d, pixel] + log_eps) for d in (-_APART, _APART)) / 2
-    return _Anchors(event, log, lag * slope, lag, np.asarray(apart, np.float64))
+    return pd.DataFrame(
+        {"event": event, "log": log, "slope": lag * slope, "lag": lag, "apart": apart}
+    )
 
 
 def _rates(pixels: PixelEvents, event: NDArray[np.int64]) -> Floats:
@@ -212,27 +200,17 @@ def _rates(pixels: PixelEvents, event: NDArray[np.int64]) -> Floats:
     they are too far or too close for it, or of another polarity: within a run of equal events few
     are noise, which leaves a share of a threshold behind.
     """
-    last = len(pixels) - 1
-    before, after = np.maximum(event - 1, 0), np.minimum(event + 1, last)
-    t_s = pixels.t_us * 1e-6
-    h1, h2 = t_s[event] - t_s[before], t_s[after] - t_s[event]
-    same = (pixels.pixel[before] == pixels.pixel[event]) & (
-        pixels.pixel[after] == pixels.pixel[event]
-    )
-    alike = (pixels.on[before] == pixels.on[event]) & (pixels.on[after] == pixels.on[event])
-    good = (
-        same
-        & alike
-        & (h1 > _CLOSEST_S)
-        & (h2 > _CLOSEST_S)
-        & (h1 < _FARTHEST_S)
-        & (h2 < _FARTHEST_S)
-    )
-    h1, h2 = h1[good], h2[good]
+    before, after = np.maximum(event - 1, 0), np.minimum(event + 1, len(pixels) - 1)
+    seconds = [pixels.t_us[k] * 1e-6 for k in (before, event, after)]
+    steps = np.diff(seconds, axis=0)
+    good = ((steps > _CLOSEST_S) & (steps < _FARTHEST_S)).all(axis=0)
+    for column in (pixels.pixel, pixels.on):
+        good &= (column[before] == column[event]) & (column[after] == column[event])
+    h1, h2 = steps[:, good]
     slope = (h2 / h1 + h1 / h2) / (h1 + h2)
     out = np.full((2, len(event)), np.nan)
-    for row, wanted in enumerate((pixels.on, ~pixels.on)):
-        out[row, good] = slope * wanted[event][good]
+    for row, polarity in enumerate((pixels.on, ~pixels.on)):
+        out[row, good] = slope * polarity[event][good]
     return out
 
 
@@ -240,15 +218,14 @@ def solved(sums: Floats) -> Floats:
     """(R, 4) C+, C-, time constant in s and drift, from (R, 4, 6) sums: Newton in the lag."""
     out = np.full((len(sums), 4), np.nan)
     for r, s in enumerate(sums):
-        tau, found = 0.0, np.full(3, np.nan)
+        tau, three = 0.0, np.full(3, np.nan)
         for _ in range(50):
             left = np.stack([s[:, 0] + tau * s[:, 2], -(s[:, 1] + tau * s[:, 3]), s[:, 4]], 1)
-            three = [0, 1, 3]
             try:
-                found = np.linalg.solve(left[three], s[three, 5])
+                three = np.linalg.solve(left[[0, 1, 3]], s[[0, 1, 3], 5])
             except np.linalg.LinAlgError:
                 break
-            c_pos, c_neg, drift = found
+            c_pos, c_neg, drift = three
             lagging = c_pos * s[2, 2] - c_neg * s[2, 3]
             moved = c_pos * s[2, 0] - c_neg * s[2, 1] + drift * s[2, 4]
             new = (s[2, 5] - moved) / lagging if lagging else np.nan
@@ -256,29 +233,27 @@ def solved(sums: Floats) -> Floats:
             tau = 0.5 * (tau + new)
             if done or not np.isfinite(tau):
                 break
-        out[r] = found[0], found[1], tau, found[2]
+        out[r] = three[0], three[1], tau, three[2]
     return out
 
 
 def threshold_estimates(pairs: Pairs) -> list[Estimate]:
     """C+, C-, their spread and the bandwidth."""
-    names = ("contrast_threshold_pos", "contrast_threshold_neg", "threshold_sigma", "bandwidth_hz")
-    units = ("", "", "", "Hz")
     if pairs.number < _FEW_PAIRS:
         why = f"{pairs.number} pairs of events lie near frames; needs {_FEW_PAIRS}"
-        return [refused(*each, why) for each in zip(names, units, strict=True)]
+        return [refused(*each, why) for each in THRESHOLDS]
     value, drawn = resampled(pairs.moments, solved)
     relative = _spread(pairs.halves, value[:2])
-    found = []
-    for k in range(2):
+    thresholds = []
+    for k, (name, unit) in enumerate(THRESHOLDS[:2]):
         # Counts tell of 1 / C, whose mean over unlike pixels is larger than that of C.
         factor = 1 + (relative[0] if np.isfinite(relative[0]) else 0.0)
         c = float(value[k] * factor)
         width = half_width(drawn[:, k] * factor, c, SYSTEMATIC["threshold"])
         sure = c > 0.01 and width < _MOST_RELATIVE * c
         why = f"{c:.3g} ± {width:.2g}: frames and events do not agree"
-        found.append(Estimate(names[k], "", c, width) if sure else refused(names[k], "", why))
-    return [*found, _sigma(relative, value[:2]), _bandwidth(value[2], drawn[:, 2])]
+        thresholds.append(Estimate(name, unit, c, width) if sure else refused(name, unit, why))
+    return [*thresholds, _sigma(relative, value[:2]), _bandwidth(value[2], drawn[:, 2])]
 
 
 def _sigma(relative: tuple[float, float], thresholds: Floats) -> Estimate:
@@ -326,6 +301,3 @@ def _spread(halves: Floats, thresholds: Floats) -> tuple[float, float]:
         return float("nan"), float("nan")
     product = np.concatenate(products)
     return float(product.mean()), float(product.std() / np.sqrt(len(product)))
-
-
-DARK_LEVEL = SensorParameters().dark_level

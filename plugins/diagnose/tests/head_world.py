@@ -1,11 +1,13 @@
 """A recording in memory of points in a room, seen by a pair of cameras on a turning head."""
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.writer import SequenceWriter
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
@@ -47,7 +49,7 @@ def _events(poses: Trajectory, T_body_cam: np.ndarray) -> Events:
     ahead = np.column_stack([rng.uniform((-1, -0.8), (1, 0.8), (_POINTS, 2)), np.ones(_POINTS)])
     points = se3.transform(middle, ahead * rng.uniform(1.1, 3.6, (_POINTS, 1)))
     t_us = np.linspace(0, DURATION_US, _STEPS).astype(np.int64)
-    before, found = None, []
+    before, rows = None, []
     for T_world_cam, t in zip(poses.at(t_us) @ T_body_cam, t_us.tolist(), strict=True):
         uv = CAMERA.project(se3.transform(se3.inverse(T_world_cam), points))
         px = np.rint(np.nan_to_num(uv, nan=-9)).astype(np.int64)
@@ -56,10 +58,20 @@ def _events(poses: Trajectory, T_body_cam: np.ndarray) -> Events:
             k = np.flatnonzero(inside & (px != before).any(axis=1))
             # In a step of 0.4 ms events come one after the other, as a sensor reads them out.
             late = rng.integers(0, 400, len(k))
-            found.append(
-                np.column_stack([px[k], np.full(len(k), t) + late, rng.integers(0, 2, len(k))])
-            )
+            p = rng.integers(0, 2, len(k))
+            rows.append(np.column_stack([px[k], np.full(len(k), t) + late, p]))
         before = px
-    rows = np.concatenate(found)
+    rows = np.concatenate(rows)
     x, y, t, p = rows[np.argsort(rows[:, 2], kind="stable")].T
     return Events(x.astype(np.uint16), y.astype(np.uint16), t.copy(), p.astype(np.uint8))
+
+
+def written(world: Recorded, path: Path) -> Path:
+    """A recording in memory as a sequence on disk."""
+    with SequenceWriter(
+        path, name=world.name, rig=world.rig, trajectory=world.trajectory, config={},
+        depth_range_m=world.depth_range_m,
+    ) as writer:  # fmt: skip
+        for camera, events in enumerate(world.streams):
+            writer.append_events(camera, events)
+    return path

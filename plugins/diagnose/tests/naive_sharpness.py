@@ -10,7 +10,7 @@ def naive_ray_maxima(rays, rho, width, height):
     """
     best = np.zeros((height, width))
     for plane in rho:
-        votes = np.array([_votes(one, plane, width, height) for one in rays])
+        votes = np.array([_votes(columns, plane, width, height) for columns in rays])
         with np.errstate(divide="ignore"):
             best = np.maximum(best, len(rays) / (1 / votes).sum(axis=0))
     return best

@@ -19,9 +19,9 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.trajectory import Trajectory
 
 Rng = np.random.Generator
-Matrix = NDArray[np.float64]
+Floats = NDArray[np.float64]
 Planter = Callable[[Recording, Rng], Recording]
-Edit = Callable[[Events, Camera, Rng], Events]
+Change = Callable[[Floats], Floats]
 UNKNOWN = ("no single cause found",)
 EULER = tuple("".join(order) for order in permutations("xyz"))
 
@@ -34,11 +34,13 @@ class Fault:
         kind: what is wrong, in the table.
         plant: makes the recording wrong.
         named: what `check` may call it.
+        is_new: whether no rule was chosen with it.
     """
 
     kind: str
     plant: Planter
     named: tuple[str, ...]
+    is_new: bool = False
 
 
 def fault(kind: str, plant: Planter, *named: str) -> Fault:
@@ -47,8 +49,8 @@ def fault(kind: str, plant: Planter, *named: str) -> Fault:
 
 
 def unknown(kind: str, plant: Planter, *also: str) -> Fault:
-    """A fault that nothing mends, and what else it may be called."""
-    return Fault(kind, plant, (*UNKNOWN, *also))
+    """A new fault that nothing mends, and what else it may be called."""
+    return Fault(kind, plant, (*UNKNOWN, *also), is_new=True)
 
 
 def both(first: Planter, second: Planter) -> Planter:
@@ -59,52 +61,7 @@ def two(first: str, second: str) -> tuple[str, ...]:
     return (f"{first} and {second}", f"{second} and {first}")
 
 
-def with_poses(
-    recording: Recording, *, t_us: NDArray[np.int64] | None = None,
-    positions_m: Matrix | None = None, quats_xyzw: Matrix | None = None,
-    at: slice | NDArray[np.int64] = slice(None),
-) -> Recording:  # fmt: skip
-    """Poses with some columns replaced, of which those `at` some places are kept."""
-    p = recording.trajectory
-    poses = Trajectory(
-        (p.t_us if t_us is None else t_us)[at],
-        (p.positions_m if positions_m is None else positions_m)[at],
-        (p.quats_xyzw if quats_xyzw is None else quats_xyzw)[at],
-    )
-    return AlteredRecording(recording, trajectory=poses)
-
-
-def repeated(r: Recording, at: NDArray[np.int64]) -> Recording:
-    """Poses of other times at the present times."""
-    p = r.trajectory
-    return with_poses(r, positions_m=p.positions_m[at], quats_xyzw=p.quats_xyzw[at])
-
-
-def period_us(r: Recording) -> float:
-    """The usual time from a pose to the next, µs."""
-    return float(np.median(np.diff(r.trajectory.t_us)))
-
-
-def turned_by(r: Recording, turns: Rotation) -> Recording:
-    return with_poses(r, quats_xyzw=turns.as_quat())
-
-
-def turns_of(r: Recording) -> Rotation:
-    return Rotation.from_quat(r.trajectory.quats_xyzw)
-
-
-def reread(order: str, as_order: str, *, degrees: bool = False, factor: float = 1.0) -> Planter:
-    """Euler angles that were made into rotations in another order, or in another unit."""
-
-    def plant(r: Recording, rng: Rng) -> Recording:
-        del rng
-        angles = turns_of(r).as_euler(order) * factor
-        return turned_by(r, Rotation.from_euler(as_order, angles, degrees=degrees))
-
-    return plant
-
-
-def direction(rng: Rng) -> Matrix:
+def direction(rng: Rng) -> Floats:
     way = rng.normal(size=3)
     return np.asarray(way / np.linalg.norm(way))
 
@@ -113,66 +70,142 @@ def sign(rng: Rng) -> int:
     return int(rng.choice([-1, 1]))
 
 
-def turned(rotation: Rotation) -> Matrix:
+def late_us(rng: Rng, least: float, most: float) -> int:
+    return round(float(rng.uniform(least, most)) * sign(rng))
+
+
+# Poses.
+
+
+def with_poses(
+    recording: Recording, *, at: slice | NDArray[np.int64] = slice(None), **columns: Any
+) -> Recording:
+    """Poses with some columns replaced, of which those `at` some places are kept."""
+    columns = vars(recording.trajectory) | columns
+    poses = Trajectory(**{name: column[at] for name, column in columns.items()})
+    return AlteredRecording(recording, trajectory=poses)
+
+
+def posed(**change: Callable[[Trajectory, Rng], Any]) -> Planter:
+    """Columns of the poses changed: `t_us`, `positions_m` or `quats_xyzw`."""
+    return lambda r, rng: with_poses(
+        r, **{name: new(r.trajectory, rng) for name, new in change.items()}
+    )
+
+
+def period_us(r: Recording) -> float:
+    """The usual time from a pose to the next, µs."""
+    return float(np.median(np.diff(r.trajectory.t_us)))
+
+
+def turns_of(r: Recording) -> Rotation:
+    return Rotation.from_quat(r.trajectory.quats_xyzw)
+
+
+def turning(change: Callable[[Rotation, Recording, Rng], Rotation]) -> Planter:
+    """The poses' rotations changed."""
+    return lambda r, rng: with_poses(r, quats_xyzw=change(turns_of(r), r, rng).as_quat())
+
+
+def reread(order: str, as_order: str, *, degrees: bool = False, factor: float = 1.0) -> Planter:
+    """Euler angles that were made into rotations in another order, or in another unit."""
+    return turning(
+        lambda turns, *_: Rotation.from_euler(as_order, turns.as_euler(order) * factor, degrees)
+    )
+
+
+def posed_from(r: Recording, T_body_other: Floats) -> Recording:
+    """Poses of something that lies so on the body, taken for those of the body."""
+    return AlteredRecording(r, trajectory=r.trajectory.times(T_body_other))
+
+
+# Where cameras sit, and their lenses.
+
+
+def turned(rotation: Rotation) -> Floats:
     """(4, 4) a rotation alone."""
     return se3.from_rotation(rotation, np.zeros(3))
 
 
-def posed_from(r: Recording, T_body_given: Matrix) -> Recording:
-    """Poses of something that lies so on the body, taken for those of the body."""
-    return AlteredRecording(r, trajectory=r.trajectory.times(T_body_given))
-
-
-def placed(r: Recording, *T_body_cam: Matrix) -> Recording:
+def placed(r: Recording, *T_body_cam: Floats) -> Recording:
     """The first cameras stand elsewhere on the body."""
     rest = r.rig.T_body_cam[len(T_body_cam) :]
     return AlteredRecording(r, rig=replace(r.rig, T_body_cam=(*T_body_cam, *rest)))
 
 
-def second_moved(r: Recording, change: Callable[[Matrix], Matrix]) -> Recording:
+def on_body(r: Recording, change: Change) -> Recording:
+    """The hand-eye transformation changed, and what lies between cameras left as it is."""
+    T_body_0 = r.rig.T_body_cam[0]
+    inside = [se3.inverse(T_body_0) @ T for T in r.rig.T_body_cam]
+    return placed(r, *(change(T_body_0) @ T for T in inside))
+
+
+def tracked(recording: Recording, T_tracked_body: Floats) -> Recording:
+    """The same recording, with the poses of another body that the cameras sit on."""
+    posed_ = posed_from(recording, se3.inverse(T_tracked_body))
+    return placed(posed_, *(T_tracked_body @ T for T in recording.rig.T_body_cam))
+
+
+def hand_eye(rng: Rng) -> Floats:
+    """A tracked body on a camera: turned by 20 to 120 deg, up to 10 cm away."""
+    turn = Rotation.from_rotvec(direction(rng) * rng.uniform(20, 120), degrees=True)
+    return se3.from_rotation(turn, rng.uniform(-0.1, 0.1, 3))
+
+
+def wrong_hand_eye(change: Change) -> Planter:
+    """Poses of a tracked body, whose hand-eye transformation is changed."""
+    return lambda r, rng: on_body(tracked(r, hand_eye(rng)), change)
+
+
+def second_moved(r: Recording, change: Change) -> Recording:
     """The second camera stands at a changed `T_0_1`."""
     T_0, T_1 = r.rig.T_body_cam[:2]
     return placed(r, T_0, T_0 @ change(se3.inverse(T_0) @ T_1))
 
 
-def second_turned(r: Recording, rotvec_deg: Matrix) -> Recording:
-    turn = turned(Rotation.from_rotvec(rotvec_deg, degrees=True))
-    return second_moved(r, lambda T: T @ turn)
+def second_turned(axis: int, low_deg: float, high_deg: float) -> Planter:
+    """The second camera turned about one of its axes."""
+
+    def plant(r: Recording, rng: Rng) -> Recording:
+        angle_deg = float(rng.uniform(low_deg, high_deg) * sign(rng))
+        turn = turned(Rotation.from_rotvec(np.eye(3)[axis] * angle_deg, degrees=True))
+        return second_moved(r, lambda T: T @ turn)
+
+    return plant
 
 
-def with_translation(change: Callable[[Matrix], Matrix]) -> Callable[[Matrix], Matrix]:
-    """Changes the translation alone of a rigid motion."""
+def longer(low: float, high: float) -> Planter:
+    """The second camera so many times as far away, spread evenly over the logarithm."""
 
-    def changed(T: Matrix) -> Matrix:
+    def plant(r: Recording, rng: Rng) -> Recording:
+        times = float(np.exp(rng.uniform(np.log(low), np.log(high))))
+        return second_moved(r, part(slice(3), 3, lambda t_m: t_m * times))
+
+    return plant
+
+
+def part(rows: slice, columns: slice | int, change: Change) -> Change:
+    """Changes a part of a rigid motion alone."""
+
+    def changed(T: Floats) -> Floats:
         T = T.copy()
-        T[:3, 3] = change(T[:3, 3])
+        T[rows, columns] = change(T[rows, columns])
         return T
 
     return changed
 
 
-def cameras(r: Recording, change: Callable[[Camera], Camera], *only: int) -> Recording:
-    """Some cameras' calibration changed; of all where none is given."""
-    changed = (change(c) if k in only or not only else c for k, c in enumerate(r.rig.cameras))
-    return AlteredRecording(r, rig=replace(r.rig, cameras=tuple(changed)))
+def cameras(r: Recording, change: Callable[[Camera], Camera]) -> Recording:
+    """The calibration of all cameras changed."""
+    return AlteredRecording(r, rig=replace(r.rig, cameras=tuple(map(change, r.rig.cameras))))
 
 
-def lenses(r: Recording, *only: int, **fields: Callable[[Any], Any]) -> Recording:
-    """Fields of their calibration multiplied or added to."""
-
-    def change(c: Camera) -> Camera:
-        return replace(c, **{name: change(getattr(c, name)) for name, change in fields.items()})
-
-    return cameras(r, change, *only)
+def lenses(r: Recording, **fields: Callable[[Any], Any]) -> Recording:
+    """Fields of their calibration changed."""
+    return cameras(r, lambda c: replace(c, **{k: new(getattr(c, k)) for k, new in fields.items()}))
 
 
-def focal(r: Recording, times: float, *only: int) -> Recording:
-    return lenses(r, *only, fx_px=lambda f: f * times, fy_px=lambda f: f * times)
-
-
-def one_of(rng: Rng, *ranges: tuple[float, float]) -> float:
-    """A number from one of several ranges."""
-    return float(rng.choice([rng.uniform(*limits) for limits in ranges]))
+# Events.
 
 
 class EditedRecording(DerivedRecording):
@@ -197,7 +230,7 @@ class EditedRecording(DerivedRecording):
 
 
 def edited(r: Recording, edit: Callable[[Events, Camera], Events], *only: int) -> Recording:
-    """Events of some cameras edited, of all where none is given, and sorted by time again."""
+    """Events of some cameras edited, of all where none is named, and sorted by time again."""
 
     def change(camera: int, e: Events) -> Events:
         if only and camera not in only:
@@ -206,7 +239,3 @@ def edited(r: Recording, edit: Callable[[Events, Camera], Events], *only: int) -
         return e.take(np.argsort(e.t_us, kind="stable"))
 
     return EditedRecording(r, change)
-
-
-def second_late(r: Recording, late_us: int) -> Recording:
-    return AlteredRecording(r, clock_us=(0, late_us, *[0] * (len(r.rig) - 2)))

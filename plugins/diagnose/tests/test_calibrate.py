@@ -5,10 +5,10 @@ from unittest import mock
 
 import pytest
 
-from eventsweep.emvs.data.writer import SequenceWriter
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.eval.cli.main import main
 from eventsweep.plugins.diagnose import calibration
+from head_world import written
 from point_world import edge_points, pinhole, stereo_rig, swinging
 from refusals import command_refused, untouched
 
@@ -20,14 +20,7 @@ SMALL = ["--windows", "5", "--window-s", "0.15", "--events", "3000"]
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory):
     world = edge_points(swinging(), stereo_rig(pinhole(120, 90, 100.0), 0.1), points=500)
-    path = tmp_path_factory.mktemp("cli") / "world"
-    with SequenceWriter(
-        path, name="world", rig=world.rig, trajectory=world.trajectory, config={},
-        depth_range_m=world.depth_range_m,
-    ) as writer:  # fmt: skip
-        for camera, events in enumerate(world.streams):
-            writer.append_events(camera, events)
-    return path
+    return written(world, tmp_path_factory.mktemp("cli") / "world")
 
 
 def test_a_folder_with_calibration_and_page_is_written_and_the_recording_kept(
@@ -44,12 +37,12 @@ def test_a_folder_with_calibration_and_page_is_written_and_the_recording_kept(
     assert named <= {path.name for path in out.iterdir()}
     assert len(open_recording(out / "recording.toml").rig) == 2
     page = (out / "report.html").read_text("utf-8")
-    assert [one for one in ("<svg", "as given", "Epipolar residuals") if one not in page] == []
+    assert all(words in page for words in ("<svg", "as given", "Epipolar residuals"))
     again = [*asked, "--refine", "delay"]
     assert "force" in command_refused(capsys, *again)
     assert main([*again, "--force", "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert [one["parameter"] for one in facts["estimates"]] == ["cam1 clock"]
+    assert [estimate["parameter"] for estimate in facts["estimates"]] == ["cam1 clock"]
 
 
 def test_an_interrupt_leaves_nothing(sequence, tmp_path, monkeypatch, capsys):
@@ -62,17 +55,14 @@ def test_an_interrupt_leaves_nothing(sequence, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize(("flags", "words"), [
     ("--refine yaw", "refine 'yaw' is unknown: choose from stereo"),
-    ("--refine ,", "refine is empty"), ("--refine delay --windows 1", "at least 2 windows"),
+    ("--refine delay --windows 1", "at least 2 windows"),
     ("--refine delay --min-depth-m 5 --max-depth-m 2", "depth range"),
     ("--refine delay --min-depth-m 1e-9", "must lie within"),
+    ("--refine delay --force --out {}", ""),  # a folder never replaces the recording
 ])  # fmt: skip
 def test_bad_requests_are_refused_in_one_line(sequence, tmp_path, capsys, flags, words):
-    out = tmp_path / "refined"
-    assert words in command_refused(capsys, "calibrate", sequence, "--out", out, *flags.split())
-    assert not out.exists()
-
-
-def test_a_folder_never_replaces_the_recording(sequence, capsys):
+    flags = [flag.format(sequence) for flag in flags.split()]
+    out = [] if "--out" in flags else ["--out", tmp_path / "refined"]
     with untouched(sequence):
-        asked = ["--refine", "delay", "--out", sequence, "--force"]
-        command_refused(capsys, "calibrate", sequence, *asked)
+        assert words in command_refused(capsys, "calibrate", sequence, *out, *flags)
+    assert not list(tmp_path.iterdir())

@@ -4,10 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.data.altered import AlteredRecording
+from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.plugins.diagnose import sharpness_kernels
+from eventsweep.plugins.diagnose.parameters import with_second
 from eventsweep.plugins.diagnose.sharpness import Hypothesis, Level, Sharpness, WindowEvents
 from naive_sharpness import naive_ray_maxima
 from point_world import fronto_parallel, stereo_rig
@@ -22,10 +25,8 @@ def recording():
 
 
 def sharpness(recording, planes=24, **changed):
-    events = tuple(recording.events(k, T0_US, T1_US) for k in range(len(recording.rig)))
     said = Hypothesis(recording.rig, recording.trajectory, **changed)
-    measure = Sharpness((0.5, 4.0), Level(1, planes))
-    return measure([WindowEvents(T0_US, T1_US, events)], [said]).item()
+    return Sharpness((0.5, 4.0), Level(1, planes))([window_of(recording)], [said]).item()
 
 
 @pytest.mark.parametrize("cameras", [1, 2, 3])
@@ -37,7 +38,7 @@ def test_the_kernel_does_what_its_slow_twin_does(cameras):
          rng.normal(0, 2, 300), rng.uniform(-1, 1.5, 300)]
         for _ in range(2 * cameras)
     ]  # fmt: skip
-    rays = [[column.astype(np.float32) for column in one] for one in rays]
+    rays = [[column.astype(np.float32) for column in columns] for columns in rays]
     best = np.empty((2, width * height), np.float32)
     sharpness_kernels.ray_maxima(
         *map(np.concatenate, zip(*rays, strict=True)),
@@ -51,10 +52,13 @@ def test_the_kernel_does_what_its_slow_twin_does(cameras):
         assert best[window].max() > 0
 
 
+def window_of(recording):
+    events = tuple(recording.events(k, T0_US, T1_US) for k in range(len(recording.rig)))
+    return WindowEvents(T0_US, T1_US, events)
+
+
 def test_it_is_the_mean_of_the_largest_ray_maxima(recording):
-    events = tuple(recording.events(k, T0_US, T1_US) for k in range(2))
-    window = WindowEvents(T0_US, T1_US, events)
-    hypothesis = Hypothesis(recording.rig, recording.trajectory)
+    window, hypothesis = window_of(recording), Hypothesis(recording.rig, recording.trajectory)
     measure = Sharpness((0.5, 4.0), Level(1, 24))
     best = np.sort(measure.ray_maxima([window], [hypothesis]).ravel())
     assert measure([window], [hypothesis]) == pytest.approx(best[-round(0.01 * best.size) :].mean())
@@ -80,13 +84,8 @@ def test_a_wrong_baseline_makes_the_fused_volume_less_sharp(recording, share):
 
 def turned_away(recording, angle_deg):
     """The second camera turned about its vertical."""
-    turn = np.eye(4)
-    cosine, sine = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
-    turn[:3, :3] = [[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]]
-    T_body_cam = recording.rig.T_body_cam
-    return AlteredRecording(
-        recording, rig=replace(recording.rig, T_body_cam=(T_body_cam[0], T_body_cam[1] @ turn))
-    )
+    turn = se3.from_rotation(Rotation.from_euler("y", angle_deg, degrees=True), np.zeros(3))
+    return with_second(recording, lambda T: T @ turn)
 
 
 @pytest.mark.parametrize("depth_m", [0.5, 4.0])

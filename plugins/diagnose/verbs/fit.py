@@ -50,7 +50,6 @@ def fit(
     from eventsweep.plugins.diagnose.sensing.fit import fit_sensor, fit_stream
     from eventsweep.plugins.diagnose.sensing.folder import (
         SENSOR_NAME,
-        part_of,
         part_of_span,
         write_fit,
     )
@@ -66,7 +65,9 @@ def fit(
         raise InputError(f"{recording}: no camera {camera}, it has 0 to {last}")
     with console.progress.stage("fit", 1.0) as update:
         if opened is not None:
-            fitted = fit_sensor(opened, camera, part_of(opened, camera, start_s, duration_s))
+            span_us = opened.event_span_us(camera)
+            part = part_of_span(opened.name, span_us, start_s, duration_s)
+            fitted = fit_sensor(opened, camera, part)
         else:
             stream, source = readable.streams[camera]
             part = part_of_span(stream, source.span_us(), start_s, duration_s)

@@ -41,18 +41,18 @@ def realism(
 
     check_output(out, force=force, inputs=(real, simulated))
     console = common.console()
-    found = compare_realism(open_recording(real), open_recording(simulated), camera)
+    compared = compare_realism(open_recording(real), open_recording(simulated), camera)
     with atomic_dir(out, force=force, inputs=(real, simulated)) as folder:
-        write_realism(folder, found, command_line())
-    console.result(found.facts(), _summary(found))
+        write_realism(folder, compared, command_line())
+    console.result(compared.facts(), _summary(compared))
     console.wrote(out / "report.html")
 
 
-def _summary(found: Realism) -> Iterator[Part]:
+def _summary(compared: Realism) -> Iterator[Part]:
     from eventsweep.eval.cli.console import table
 
     rows = (
-        (name, f"{value:.4g}", f"{found.simulated.statistics[name]:.4g}")
-        for name, value in found.real.statistics.items()
+        (name, f"{value:.4g}", f"{compared.simulated.statistics[name]:.4g}")
+        for name, value in compared.real.statistics.items()
     )
-    yield table(f"AUC {found.auc:.3f}", ("statistic", ">real", ">simulated"), rows)
+    yield table(f"AUC {compared.auc:.3f}", ("statistic", ">real", ">simulated"), rows)

@@ -16,21 +16,20 @@ import sys
 import time
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.stats import beta
 
 import check_cases
-import check_unseen
 import eventsweep as es
 import eventsweep.plugins.diagnose.check
 import planting
 from check_cases import FAULTS, NEW, UNSPOILT, Base
-from check_unseen import UNSEEN
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.files import atomic_path
@@ -53,8 +52,8 @@ def harm(right: Recording, spoilt: Recording) -> dict[str, Any]:
         right: the recording as simulated, which knows the depth.
         spoilt: the same with a fault.
     """
-    before, after = (np.mean([_scores(one, right, s) for s in _STARTS_S], axis=0)
-                     for one in (right, spoilt))  # fmt: skip
+    before, after = (np.mean([_scores(r, right, s) for s in _STARTS_S], axis=0)
+                     for r in (right, spoilt))  # fmt: skip
     error, points = map(float, after / before)
     harmless = error < 1 + _HARMLESS and points > 1 - _HARMLESS
     return {"error": error, "points": points, "harmless": harmless}
@@ -98,28 +97,23 @@ class Case:
         return f"{spoilt} {self.kind} {self.base.name}".replace(" ", "_").replace("/", "-")
 
 
+# Scenes on which faults are not planted: bodies that move by themselves, empty walls. Nothing must
+# be accused there all the same.
+_HARD = ("low-texture", "moving-objects")
+
+
 def cases() -> list[Case]:
     """All recordings to check, in an order that never changes: the first are a fair sample."""
-    every = list(_unspoilt(NEW, 2))
-    stereo = [one for one in NEW if one.scene not in _HARD]
-    for k, fault in enumerate((*UNSEEN, *FAULTS[::2])):
+    kinds = [*UNSPOILT] * len(NEW)  # two ways to describe each, the next one in those that follow
+    every = [
+        Case(base, kind, (), UNSPOILT[kind])
+        for k, base in enumerate(NEW) for kind in kinds[2 * k : 2 * k + 2]
+    ]  # fmt: skip
+    stereo = [base for base in NEW if base.scene not in _HARD]
+    new, known = ([f for f in FAULTS if f.is_new == is_new] for is_new in (True, False))
+    for k, fault in enumerate((*new, *known[::2])):
         every.append(Case(stereo[k % len(stereo)], fault.kind, fault.named, fault.plant))
     return sorted(every, key=lambda case: zlib.crc32(case.name.encode()))
-
-
-# Scenes on which faults are not planted: bodies that move by themselves, mirrors, empty walls,
-# darkness, a horizon. Nothing must be accused there all the same.
-_HARD = ("hdr-window", "low-texture", "moving-objects", "reflective", "tumvie-bike", "tumvie-run",
-         "tumvie-skate", "dsec-street")  # fmt: skip
-
-
-def _unspoilt(bases: Sequence[Base], ways: int) -> Iterator[Case]:
-    """Each base, described in so many ways; the next one in those that follow."""
-    kinds = list(UNSPOILT)
-    for k, base in enumerate(bases):
-        for at in range(ways * k, ways * (k + 1)):
-            kind = kinds[at % len(kinds)]
-            yield Case(base, kind, (), UNSPOILT[kind])
 
 
 def sequence(base: Base, out: Path) -> Path:
@@ -140,21 +134,21 @@ def verdict(case: Case, out: Path, code: str) -> dict[str, Any]:
     path = sequence(case.base, out)
     began = time.process_time()
     report = check(_spoilt(case, path))
-    found = {
+    answer = {
         "code": code, "kind": case.kind, "base": case.base.name, "named": list(case.named),
         "suspects": list(report.suspects),
         "cures": [finding.suspect for finding in report.of("wrong") if finding.cure],
         "cpu_s": time.process_time() - began,
-        "doubtful": [one.suspect or one.name for one in report.of("doubtful")],
-        "lines": [one.line() for one in report.findings if one.verdict != "good"],
-        "unchecked": [list(one) for one in report.unchecked],
+        "doubtful": [finding.suspect or finding.name for finding in report.of("doubtful")],
+        "lines": [finding.line() for finding in report.findings if finding.verdict != "good"],
+        "unchecked": list(map(list, report.unchecked)),
     }  # fmt: skip
-    if outcome(found) == "unnoticed":
-        found["harm"] = harm(es.open_recording(path), _spoilt(case, path))
+    if outcome(answer) == "unnoticed":
+        answer["harm"] = harm(es.open_recording(path), _spoilt(case, path))
     file.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(file) as partial:
-        partial.write_text(json.dumps(found, indent=1))
-    return found
+        partial.write_text(json.dumps(answer, indent=1))
+    return answer
 
 
 def _spoilt(case: Case, path: Path) -> Recording:
@@ -167,14 +161,14 @@ def code_version() -> str:
     """A hash of the code whose verdicts these are."""
     folder = Path(str(eventsweep.plugins.diagnose.check.__file__)).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py"))]
-    files += [Path(str(module.__file__)) for module in (planting, check_cases, check_unseen)]
+    files += [Path(str(module.__file__)) for module in (planting, check_cases)]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
 
 
 OUTCOMES = ("named", "unknown", "wrong cure", "unnoticed", "harmless")
 
 
-def outcome(found: dict[str, Any]) -> str:
+def outcome(answer: dict[str, Any]) -> str:
     """What a check came to: one of `OUTCOMES`.
 
     A fault is named if it is the first thing that is called wrong, alone or as one of several
@@ -184,53 +178,49 @@ def outcome(found: dict[str, Any]) -> str:
     `harm` says. Of a recording that is right,
     `named` is that nothing is called wrong, and `wrong cure` the rest.
     """
-    if not found["suspects"]:
-        if not found["named"] or set(UNKNOWN) & set(found["doubtful"]):
-            return "unknown" if found["named"] else "named"
-        return "harmless" if found.get("harm", {}).get("harmless") else "unnoticed"
-    first, right = found["suspects"][0], set(found["named"])
-    if not found["lines"][0].startswith("mapping"):  # a certain one, to be cured first
+    if not answer["suspects"]:
+        if not answer["named"] or set(UNKNOWN) & set(answer["doubtful"]):
+            return "unknown" if answer["named"] else "named"
+        return "harmless" if answer.get("harm", {}).get("harmless") else "unnoticed"
+    first, right = answer["suspects"][0], set(answer["named"])
+    if not answer["lines"][0].startswith("mapping"):  # a certain one, to be cured first
         right |= {name for both in right for name in both.split(" and ")}
     if right & set(first.split(" or ")):
         return "named"
-    return "wrong cure" if first in found["cures"] or not right else "unknown"
+    return "wrong cure" if first in answer["cures"] or not right else "unknown"
 
 
-def table(every: Sequence[dict[str, Any]]) -> str:
+def table(answers: Sequence[dict[str, Any]]) -> str:
     """The confusion table of what was checked, as Markdown."""
-    unseen = {fault.kind for fault in UNSEEN}
-    faults = [one for one in every if one["named"]]
-    right = [one for one in every if not one["named"]]
-    accused = sum(bool(one["suspects"]) for one in right)
-    doubted = sum(bool(one["doubtful"]) and not one["suspects"] for one in right)
-    cured = sum(outcome(one) == "wrong cure" for one in faults)
-    known = [one for one in faults if one["kind"] not in unseen]
+    rows = pd.DataFrame(answers).assign(outcome=list(map(outcome, answers)))
+    new = {fault.kind for fault in FAULTS if fault.is_new}
+    is_fault, accused = (rows[column].str.len() > 0 for column in ("named", "suspects"))
+    is_new = rows.kind.isin(new)
+    faults, right = rows[is_fault], rows[~is_fault]
+    bad, cured = int(accused[~is_fault].sum()), int((faults.outcome == "wrong cure").sum())
+    doubted = int((~accused & (rows.doubtful.str.len() > 0))[~is_fault].sum())
+    known = rows[is_fault & ~is_new]
     lines = [
-        *([_summary("known kinds", known)] if known else []),
-        _summary("new kinds", [o for o in faults if o["kind"] in unseen]),
-        f"Of {len(right)} unspoilt ones {accused} ({accused / len(right):.1%}) are accused; "
+        *([_summary("known kinds", known)] if len(known) else []),
+        _summary("new kinds", rows[is_fault & is_new]),
+        f"Of {len(right)} unspoilt ones {bad} ({bad / len(right):.1%}) are accused; "
         f"{doubted} more have a doubtful finding.",
         f"With 95 % confidence, at most {_at_most(cured, len(faults)):.1%} of such faults get a "
-        f"wrong cure, and at most {_at_most(accused, len(right)):.1%} of unspoilt ones are "
-        "accused.",
+        f"wrong cure, and at most {_at_most(bad, len(right)):.1%} of unspoilt ones are accused.",
         "",
         f"| Planted | cases | {' | '.join(OUTCOMES)} | called instead |",
         "|---|--:|--:|--:|--:|--:|--:|---|",
     ]
-    others = []
-    for kind in sorted({one["kind"] for one in faults}, key=lambda kind: (kind in unseen, kind)):
-        of_kind = [one for one in faults if one["kind"] == kind]
-        if all(outcome(one) == "named" for one in of_kind):
-            others += of_kind
-        else:
-            lines.append(_line(kind + " *" * (kind in unseen), of_kind))
-    lines.append(_line(f"the other {len({one['kind'] for one in others})} kinds", others))
-    lines.append(_line("nothing (unspoilt)", right))
-    seconds = [one["cpu_s"] for one in every]
+    is_sure = (faults.outcome == "named").groupby(faults.kind).transform("all")
+    kinds = sorted(faults[~is_sure].kind.unique(), key=lambda kind: (kind in new, kind))
+    lines += [_line(kind + " *" * (kind in new), faults[faults.kind == kind]) for kind in kinds]
+    named = faults[is_sure]
     lines += [
+        _line(f"the other {named.kind.nunique()} kinds", named),
+        _line("nothing (unspoilt)", right),
         "", "\\* of a new kind.", "",
-        f"A check took {np.mean(seconds):.1f} s of CPU time on average, "
-        f"{np.median(seconds):.1f} s in the median, {max(seconds):.0f} s at most.", "",
+        f"A check took {rows.cpu_s.mean():.1f} s of CPU time on average, "
+        f"{rows.cpu_s.median():.1f} s in the median, {rows.cpu_s.max():.0f} s at most.", "",
     ]  # fmt: skip
     return "\n".join(lines)
 
@@ -240,8 +230,8 @@ def _at_most(count: int, of: int) -> float:
     return float(beta.ppf(0.95, count + 1, of - count)) if count < of else 1.0
 
 
-def _summary(kinds: str, faults: Sequence[dict[str, Any]]) -> str:
-    count, all_of = Counter(map(outcome, faults)), max(1, len(faults))
+def _summary(kinds: str, faults: pd.DataFrame) -> str:
+    count, all_of = Counter(faults.outcome), max(1, len(faults))
     return (
         f"Of {len(faults)} recordings with a planted fault of {kinds}, {count['named']} "
         f"({count['named'] / all_of:.1%}) are named first and rightly, {count['unknown']} are "
@@ -253,12 +243,12 @@ def _summary(kinds: str, faults: Sequence[dict[str, Any]]) -> str:
     )
 
 
-def _line(kind: str, found: Sequence[dict[str, Any]]) -> str:
-    count = Counter(map(outcome, found))
-    others = Counter(one["suspects"][0] for one in found if outcome(one) == "wrong cure")
-    words = ", ".join(f"{name} ({count})" for name, count in others.items())
-    cells = (count[name] for name in OUTCOMES)
-    return f"| {kind} | {len(found)} | {' | '.join(map(str, cells))} | {words} |"
+def _line(kind: str, rows: pd.DataFrame) -> str:
+    count = Counter(rows.outcome)
+    instead = Counter(rows[rows.outcome == "wrong cure"].suspects.str[0])
+    words = ", ".join(f"{name} ({count})" for name, count in instead.items())
+    cells = " | ".join(str(count[name]) for name in OUTCOMES)
+    return f"| {kind} | {len(rows)} | {cells} | {words} |"
 
 
 def main() -> None:
@@ -267,14 +257,14 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for what is kept")
     parser.add_argument("--page", type=Path, help="page whose table is rewritten")
     flags = parser.parse_args()
-    code, every, chosen = code_version(), [], cases()
+    code, answers, chosen = code_version(), [], cases()
     for k, case in enumerate(chosen, 1):
-        every.append(found := verdict(case, flags.out, code))
+        answers.append(answer := verdict(case, flags.out, code))
         sys.stderr.write(
-            f"{k}/{len(chosen)} {outcome(found)}: {case.kind} | {case.base.name} | "
-            f"{found['suspects']} {found['doubtful']} {found['cpu_s']:.1f} s\n"
+            f"{k}/{len(chosen)} {outcome(answer)}: {case.kind} | {case.base.name} | "
+            f"{answer['suspects']} {answer['doubtful']} {answer['cpu_s']:.1f} s\n"
         )
-    show(table(every), flags.page, "check-faults")
+    show(table(answers), flags.page, "check-faults")
 
 
 if __name__ == "__main__":

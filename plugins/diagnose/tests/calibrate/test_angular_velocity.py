@@ -12,8 +12,8 @@ from eventsweep.plugins.diagnose.calibrate.angular_velocity import (
     turn_rates,
 )
 from eventsweep.plugins.diagnose.calibrate.objective import Objective
-from eventsweep.plugins.diagnose.calibrate.parameters import Correction, parameters_of
-from eventsweep.plugins.diagnose.calibrate.windows import WindowPlan, read_windows
+from eventsweep.plugins.diagnose.parameters import Correction, parameters_of
+from eventsweep.plugins.diagnose.windows import WindowPlan, read_windows
 from point_world import edge_points, pinhole, stereo_rig, swinging
 
 RECORDING = edge_points(
@@ -55,9 +55,9 @@ def rates_of(turns, lag_s, rotvec, noise=0.0):
 def test_lag_and_rotation_are_found_exactly_in_exact_rates():
     turns = PoseTurns(WINDOWS, OBJECTIVE.hypothesis(Correction()))
     exact = rates_of(turns, 0.017, np.radians([3.0, -2.0, 1.0]))
-    found = align(exact, turns, np.zeros(4), WIDE)
-    assert found[0] == pytest.approx(17, abs=0.02)
-    assert np.degrees(found[1:]) == pytest.approx([3, -2, 1], abs=2e-2)
+    matched = align(exact, turns, np.zeros(4), WIDE)
+    assert matched[0] == pytest.approx(17, abs=0.02)
+    assert np.degrees(matched[1:]) == pytest.approx([3, -2, 1], abs=2e-2)
 
 
 @pytest.mark.parametrize("held", [0, 2])
@@ -65,9 +65,9 @@ def test_what_is_not_asked_for_stays(held):
     turns = PoseTurns(WINDOWS, OBJECTIVE.hypothesis(Correction()))
     rotvec, spread = np.radians([3.0, 0.0, 1.0]), WIDE.copy()
     spread[held] = 0
-    found = align(rates_of(turns, 0.017 * (held > 0), rotvec), turns, np.zeros(4), spread)
-    assert found[held] == 0
-    assert np.degrees(found[1:]) == pytest.approx([3, 0, 1], abs=0.1)
+    matched = align(rates_of(turns, 0.017 * (held > 0), rotvec), turns, np.zeros(4), spread)
+    assert matched[held] == 0
+    assert np.degrees(matched[1:]) == pytest.approx([3, 0, 1], abs=0.1)
 
 
 def test_where_nothing_turns_the_calibration_as_given_is_believed():
@@ -77,9 +77,9 @@ def test_where_nothing_turns_the_calibration_as_given_is_believed():
     turns.at = lambda lag_s, rotvec: 1e-3 * full(lag_s, rotvec)
     noisy = rates_of(turns, 0.0, np.zeros(3), noise=np.radians(10))
     so_far = np.r_[3.0, np.radians([1.0, -1.0, 0.5])]
-    found = align(noisy, turns, so_far, np.r_[20.0, np.radians([2.0] * 3)])
-    assert np.degrees(found[1:] + so_far[1:]) == pytest.approx(np.zeros(3), abs=0.1)
-    assert found[0] + so_far[0] == pytest.approx(0, abs=1)
+    matched = align(noisy, turns, so_far, np.r_[20.0, np.radians([2.0] * 3)])
+    assert np.degrees(matched[1:] + so_far[1:]) == pytest.approx(np.zeros(3), abs=0.1)
+    assert matched[0] + so_far[0] == pytest.approx(0, abs=1)
 
 
 @pytest.mark.slow
@@ -87,5 +87,5 @@ def test_a_spoilt_clock_and_hand_eye_are_nearly_mended_by_rates_alone():
     spoilt = Correction.of([POSE_CLOCK, *HAND_EYE], [12.0, 1.0, -1.0, 0.5])
     rates = turn_rates(OBJECTIVE, spoilt, np.radians(4))
     turns = PoseTurns(WINDOWS, OBJECTIVE.hypothesis(spoilt))
-    found = align(rates, turns, np.zeros(4), np.r_[20.0, np.radians([2.0] * 3)])
-    assert found[0] == pytest.approx(-12, abs=5)
+    matched = align(rates, turns, np.zeros(4), np.r_[20.0, np.radians([2.0] * 3)])
+    assert matched[0] == pytest.approx(-12, abs=5)

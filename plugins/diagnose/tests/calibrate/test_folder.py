@@ -10,8 +10,8 @@ from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.formats.calibration import read_rig
 from eventsweep.emvs.formats.calibration_writers import write_kalibr, write_opencv
 from eventsweep.plugins.diagnose.calibrate.folder import INFO_FILE, write_refined
-from eventsweep.plugins.diagnose.calibrate.parameters import Correction, parameters_of
 from eventsweep.plugins.diagnose.calibrate.refine import Estimate, RefineConfig, Refinement
+from eventsweep.plugins.diagnose.parameters import Correction, parameters_of
 
 NAMES = ("stereo", "delay", "focal", "pose-delay", "hand-eye", "lever")
 VALUES = {
@@ -20,12 +20,11 @@ VALUES = {
 }  # fmt: skip
 
 
-def found(cameras=2, names=NAMES):
-    parameters = parameters_of(names, cameras)
+def refinement_of(cameras=2, names=NAMES):
     estimates = tuple(
-        Estimate(one, VALUES[one.name], 0.1) if one.name in VALUES
-        else Estimate(one, 0.0, float("inf"), "flat")
-        for one in parameters
+        Estimate(parameter, VALUES[parameter.name], 0.1) if parameter.name in VALUES
+        else Estimate(parameter, 0.0, float("inf"), "flat")
+        for parameter in parameters_of(names, cameras)
     )  # fmt: skip
     return Refinement(estimates, np.ones((3, 2)), ((0, 1),) * 3, RefineConfig(names))
 
@@ -35,11 +34,13 @@ def sequence(tmp_path_factory):
     return write_sequence(tmp_path_factory.mktemp("ours") / "plane", "pinhole", steps=300)
 
 
-def written(tmp_path, path, refinement):
-    out = tmp_path / "refined"
+def written(tmp_path, path):
+    """The folder, the refined recording, and the notes."""
+    out, refinement = tmp_path / "refined", refinement_of()
     out.mkdir()
     recording = open_recording(path)
-    return out, recording, write_refined(out, out, recording, refinement, "a command")
+    notes = write_refined(out, out, recording, refinement, "a command")
+    return out, refinement.applied(recording), notes
 
 
 def same_recording(ours, changed):
@@ -54,29 +55,25 @@ def same_recording(ours, changed):
         assert (ours_us == changed.events(k, 100_000, 200_000).t_us).all()
 
 
-@pytest.mark.parametrize("kind", ["sequence", "dsec", "tumvie", "mvsec", "rosbag1", "npz"])
-def test_what_is_written_opens_as_the_refined_recording(tmp_path, sequence, kind):
-    path = rewritten(sequence, tmp_path / kind, kind)
-    refinement = found()
-    out, recording, _ = written(tmp_path, path, refinement)
-    same_recording(open_recording(out / "recording.toml"), refinement.applied(recording))
+OWN = {
+    "dsec": "cam_to_cam.yaml", "tumvie": "camera-calibrationA.json",
+    "mvsec": "camchain-imucam-plane.yaml",
+}  # fmt: skip
 
 
-@pytest.mark.parametrize(("kind", "name"), [
-    ("dsec", "cam_to_cam.yaml"), ("tumvie", "camera-calibrationA.json"),
-    ("mvsec", "camchain-imucam-plane.yaml"),
-])  # fmt: skip
-def test_the_calibration_is_also_written_in_the_recordings_own_format(
-    tmp_path, sequence, kind, name
+@pytest.mark.parametrize("kind", ["sequence", *OWN, "rosbag1", "npz"])
+def test_what_is_written_opens_as_the_refined_recording_also_in_the_recordings_own_format(
+    tmp_path, sequence, kind
 ):
-    path = rewritten(sequence, tmp_path / kind, kind)
-    refinement = found()
-    out, recording, _ = written(tmp_path, path, refinement)
-    file = next(out.rglob(name))
-    changed, own = refinement.applied(recording).rig, read_rig(file)
-    assert own.cameras[0].fx_px == pytest.approx(changed.cameras[0].fx_px)
-    ours = np.linalg.inv(changed.T_body_cam[0]) @ changed.T_body_cam[1]
-    assert np.allclose(np.linalg.inv(own.T_body_cam[0]) @ own.T_body_cam[1], ours, atol=1e-6)
+    out, changed, _ = written(tmp_path, rewritten(sequence, tmp_path / kind, kind))
+    same_recording(open_recording(out / "recording.toml"), changed)
+    for file in out.rglob(OWN.get(kind, "none")):
+        ours = read_rig(file)
+        assert ours.cameras[0].fx_px == pytest.approx(changed.rig.cameras[0].fx_px)
+        inside = [np.linalg.inv(rig.T_body_cam[0]) @ rig.T_body_cam[1]
+                  for rig in (ours, changed.rig)]  # fmt: skip
+        assert np.allclose(*inside, atol=1e-6)
+    assert len([*out.rglob(OWN.get(kind, "none"))]) == (kind in OWN)
 
 
 @pytest.mark.parametrize("write", [write_kalibr, write_opencv])
@@ -85,26 +82,23 @@ def test_a_described_recording_gets_a_file_of_the_kind_that_it_names(tmp_path, s
     write(path / "mine.yaml", open_recording(path).rig)
     descriptor = path / "recording.toml"
     descriptor.write_text(descriptor.read_text("utf-8").replace("rig.json", "mine.yaml"), "utf-8")
-    refinement = found()
-    out, recording, _ = written(tmp_path, path, refinement)
-    changed, own = refinement.applied(recording).rig, read_rig(out / "mine.yaml")
-    assert own.cameras[1].fy_px == pytest.approx(changed.cameras[1].fy_px)
+    out, changed, _ = written(tmp_path, path)
+    fy_px = changed.rig.cameras[1].fy_px
+    assert read_rig(out / "mine.yaml").cameras[1].fy_px == pytest.approx(fy_px)
 
 
-def test_what_a_format_cannot_hold_is_said(tmp_path, sequence):
-    *_, notes = written(tmp_path, sequence, found())
+def test_provenance_says_what_was_refined_from_what_and_notes_what_a_format_cannot_hold(
+    tmp_path, sequence
+):
+    out, changed, notes = written(tmp_path, sequence)
     assert any("cannot store clock offsets" in note and "time_offset_us" in note for note in notes)
     assert any("hand-eye is in rig.json" in note for note in notes)
-
-
-def test_provenance_says_what_was_refined_from_what(tmp_path, sequence):
-    out, recording, _ = written(tmp_path, sequence, found())
     info = json.loads((out / INFO_FILE).read_text("utf-8"))
-    assert info["recording"]["manifest_sha256"] == recording.manifest.digest()
+    assert info["recording"]["manifest_sha256"] == changed.recording.manifest.digest()
     assert info["command"] == "a command"
     assert info["refine"] == list(NAMES)
     assert "eventsweep" in info["versions"]
-    by_name = {one["parameter"]: one for one in info["estimates"]}
+    by_name = {estimate["parameter"]: estimate for estimate in info["estimates"]}
     assert by_name["cam1 yaw"]["correction"] == 0.4
     assert by_name["cam1 pitch"]["refused"] == "flat"
     assert by_name["cam1 pitch"]["uncertainty_95"] is None
@@ -115,17 +109,17 @@ def test_the_hash_of_other_formats_follows_their_content(tmp_path, sequence):
     recording = open_recording(path)
     changed = Correction({parameters_of(("focal",), 2)[0]: 1.0}).applied(recording)
     digests = []
-    for k, one in enumerate((recording, recording, changed)):
+    for k, given in enumerate((recording, recording, changed)):
         out = tmp_path / f"out{k}"
         out.mkdir()
-        write_refined(out, out, one, found())
+        write_refined(out, out, given, refinement_of())
         digests.append(json.loads((out / INFO_FILE).read_text("utf-8"))["recording"]["sha256"])
     assert digests[0] == digests[1] != digests[2]
 
 
 def test_a_recording_without_files_is_written_without_a_descriptor(tmp_path, sequence):
     changed = Correction().applied(open_recording(sequence))
-    notes = write_refined(tmp_path, tmp_path, changed, found())
+    notes = write_refined(tmp_path, tmp_path, changed, refinement_of())
     assert not (tmp_path / "recording.toml").exists()
     assert any("does not name its event files" in note for note in notes)
     assert (tmp_path / "rig.json").exists()

@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.geometry import se3
-from eventsweep.plugins.diagnose.calibrate.parameters import NAMES, Correction, parameters_of
+from eventsweep.plugins.diagnose.check.alternatives import amounts
+from eventsweep.plugins.diagnose.parameters import ROWS, Correction, parameters_of
 from point_world import edge_points, pinhole, stereo_rig, swinging
 from refusals import refused
 
@@ -13,10 +14,9 @@ RECORDING = edge_points(swinging(), stereo_rig(pinhole(), 0.1, 3), points=50)
 
 
 def corrected(**values):
-    by_name = {one.name: one for one in parameters_of(tuple(NAMES), 3)}
-    return Correction({by_name[k.replace("_", " ")]: v for k, v in values.items()}).applied(
-        RECORDING
-    )
+    by_name = {parameter.name: parameter for parameter in parameters_of(tuple(ROWS), 3)}
+    values = {by_name[k.replace("_", " ")]: v for k, v in values.items()}
+    return Correction(values).applied(RECORDING)
 
 
 def test_nothing_is_altered_by_default():
@@ -64,22 +64,48 @@ def test_clocks_are_added_to_events_and_poses():
 
 def test_focal_length_scales_all_cameras():
     rig = corrected(focal_length=2.0).rig
-    assert all(one.fx_px == pytest.approx(80 * 1.02) for one in rig.cameras)
+    assert all(camera.fx_px == pytest.approx(80 * 1.02) for camera in rig.cameras)
 
 
-def test_names_are_known_and_told():
-    assert [one.name for one in parameters_of(("delay",), 1)] == ["pose clock"]
-    assert [one.name for one in parameters_of(("delay",), 2)] == ["cam1 clock"]
-    assert len(parameters_of(tuple(NAMES), 3)) == 2 * (3 + 1 + 2 + 1) + 1 + 1 + 6
-    refused("choose from stereo, delay", parameters_of, ("stereo", "yaw"), 2)
-    refused("refine is empty", parameters_of, (), 2)
-    refused("needs a rig of 2 cameras", parameters_of, ("baseline",), 1)
+def test_names_stand_for_parameters():
+    assert [parameter.name for parameter in parameters_of(("delay",), 1)] == ["pose clock"]
+    assert [parameter.name for parameter in parameters_of(("delay",), 2)] == ["cam1 clock"]
+    assert len(parameters_of(tuple(ROWS), 3)) == 2 * (3 + 1 + 2 + 1) + 1 + 1 + 6
+
+
+@pytest.mark.parametrize(("names", "cameras", "words"), [
+    (("stereo", "yaw"), 2, "choose from stereo, delay"), ((), 2, "refine is empty"),
+    (("baseline",), 1, "needs a rig of 2 cameras"),
+])  # fmt: skip
+def test_names_that_stand_for_none_are_refused(names, cameras, words):
+    refused(words, parameters_of, names, cameras)
+
+
+@pytest.mark.parametrize(("name", "kind", "value", "unit"), [
+    ("pose-delay", "pose clock", -4.0, 1.0), ("delay", "cam1 clock", 2.5, 1.0),
+    ("stereo", "cam1 yaw", 2.0, 1.0), ("hand-eye", "hand-eye yaw", 2.0, 1.0),
+    ("baseline", "cam1 baseline", 5.0, 0.01), ("focal", "focal length", 2.0, 0.01),
+])  # fmt: skip
+def test_an_amount_of_a_check_changes_a_recording_as_the_correction_does(name, kind, value, unit):
+    pair = edge_points(swinging(), stereo_rig(pinhole(), 0.1), points=50)
+    parameter = next(p for p in parameters_of((name,), 2) if p.name == kind)
+    tried = amounts(name)
+    amount = tried[1] if len(tried) == 3 else tried[0]  # about y
+    by = 1 + value * unit if amount.is_factor else value
+    told, corrected = amount.change(pair, by), Correction({parameter: value}).applied(pair)
+    np.testing.assert_allclose(told.rig.T_body_cam, corrected.rig.T_body_cam, atol=1e-12)
+    assert [c.fx_px for c in told.rig.cameras] == [c.fx_px for c in corrected.rig.cameras]
+    assert (told.trajectory.t_us == corrected.trajectory.t_us).all()
+    for camera in (0, 1):
+        a, b = (r.events(camera, 200_000, 300_000).t_us for r in (told, corrected))
+        assert len(a)
+        assert (a == b).all()
 
 
 def test_varied_clocks_keep_their_mean_on_the_poses_clock():
-    one, two = parameters_of(("delay",), 3)
-    so_far = Correction({one: 1.0})
-    other = so_far.varied({one: 4.0, two: 3.0}, 3)
+    first, second = parameters_of(("delay",), 3)
+    so_far = Correction({first: 1.0})
+    other = so_far.varied({first: 4.0, second: 3.0}, 3)
     assert other.clock_us(3) == (0, 4000, 3000)
     # Events 2 ms later in the mean, and poses as much
     assert other.trajectory(RECORDING.trajectory).t_us[0] == RECORDING.trajectory.t_us[0] + 2000

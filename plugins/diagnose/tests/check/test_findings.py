@@ -14,39 +14,39 @@ from eventsweep.plugins.diagnose.check.findings import (
     Finding,
     Report,
     Series,
-    above,
-    below,
     judged,
     worst,
 )
+from eventsweep.plugins.diagnose.check.limits import LIMITS, verdict_of
 
 NUMBERS = st.floats(0, 1e9)
 
 
 @given(NUMBERS, NUMBERS, NUMBERS, NUMBERS)
 def test_a_larger_value_is_never_better_where_it_should_be_small(value, more, a, b):
-    doubtful, wrong = sorted((a, b))
-    ranks = [VERDICTS.index(above(v, doubtful, wrong)) for v in (value, value + more)]
+    usual, possible = sorted((a, b))
+    limits = (-math.inf, usual), (-math.inf, possible)
+    ranks = [VERDICTS.index(verdict_of(v, *limits)) for v in (value, value + more)]
     assert ranks[0] <= ranks[1]
+    mirrored = tuple((-high, -low) for low, high in limits)
+    assert verdict_of(-value, *mirrored) == verdict_of(value, *limits)
 
 
-@given(NUMBERS, NUMBERS, NUMBERS)
-def test_small_values_mirror_large_ones(value, a, b):
-    doubtful, wrong = sorted((a, b))
-    assert below(-value, -doubtful, -wrong) == above(value, doubtful, wrong)
+@pytest.mark.parametrize("name", LIMITS)
+def test_limits_are_nested_and_what_is_no_number_is_wrong(name):
+    usual, possible = LIMITS[name].usual, LIMITS[name].possible
+    assert possible[0] <= usual[0] <= usual[1] <= possible[1]
+    assert LIMITS[name].verdict(math.nan) == "wrong"
+    assert judged(name, None, "").verdict == "wrong"
 
 
-@pytest.mark.parametrize("judge", [above, below])
-def test_what_is_no_number_is_wrong(judge):
-    assert judge(math.nan, 1.0, 2.0) == "wrong"
-
-
-def _finding(verdict, name="one", suspect=""):
-    return judged(name, verdict, 1.5, "m", "it is 1.5 m", meaning="bad", suspect=suspect)
+def _finding(verdict, name="name", suspect=""):
+    meaning = "" if verdict == "good" else "bad"
+    return Finding(name, verdict, 1.5, "m", "it is 1.5 m", meaning, suspect=suspect)
 
 
 def test_a_good_finding_means_nothing():
-    good = _finding("good", suspect="never")
+    good = judged("baseline", 0.1, "it is 0.1 m", suspect="never")
     assert (good.meaning, good.cure, good.suspect) == ("", "", "")
 
 

@@ -8,8 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from eventsweep.plugins.diagnose.check.alternatives import Alternative, of_pair
-from eventsweep.plugins.diagnose.check.amounts import Amount, amounts_of_one, amounts_of_pair
+from eventsweep.plugins.diagnose.check.alternatives import Alternative, Amount, amounts, of_pair
 from eventsweep.plugins.diagnose.check.by_mapping import (
     _is_ambiguous,
     _may_be_second,
@@ -22,7 +21,10 @@ from eventsweep.plugins.diagnose.check.trials import CameraTrials, Trial
 CONVENTION = Alternative("poses inverted", lambda r: r, "invert them")
 OTHER = Alternative("rotations inverted", lambda r: r, "invert them")
 SWAPPED = of_pair()[0]
-AMOUNTS = {one.name: one for one in (*amounts_of_one(paired=True), *amounts_of_pair())}
+AMOUNTS = {
+    amount.name: amount
+    for amount in amounts("focal", "pose-delay", "hand-eye", "delay", "baseline", "stereo")
+}
 
 
 def trial(alternative, gains=(0.2, 0.2, 0.2)):
@@ -96,7 +98,7 @@ def log_sharpness(coupling):
 def test_an_amount_is_traded_where_another_one_makes_up_for_it(coupling, traded):
     """Beside `b` = 4 the best `a` loses 0.16 (1 - coupling^2) of sharpness."""
     a, b = (
-        Amount(name, "", 0.0, (-8.0, 0.0, 8.0), change, 1.0, "")
+        Amount(name, change, "", grid=(-8.0, 0.0, 8.0), hurts=1.0)
         for name, change in (("a", lambda s, x: (s[0] + x, s[1])),
                              ("b", lambda s, x: (s[0], s[1] + x)))
     )  # fmt: skip
@@ -125,5 +127,5 @@ def test_another_first_cause_with_a_second_one_like_it_is_a_rival(first, after, 
         return [trial(a, ((after if a.name == inverted.name else 0.0),) * 3) for a in others]
 
     trials = SimpleNamespace(after=lambda _: SimpleNamespace(trials=trials_after))
-    found = tuple(_other_firsts(trials, (best, second), [best, other], [OTHER, *of_pair()]))
-    assert found == ((other,) if rival else ())
+    rivals = tuple(_other_firsts(trials, (best, second), [best, other], [OTHER, *of_pair()]))
+    assert rivals == ((other,) if rival else ())

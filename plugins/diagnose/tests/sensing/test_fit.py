@@ -103,8 +103,8 @@ def test_the_rate_of_hot_pixels_is_that_before_their_dead_time(dead_us):
 def test_effective_thresholds_make_as_many_events():
     times_us, frames = movie(seconds=0.3)
     pixels, stack = recorded(times_us, frames, every=1, **C)
-    found = effective_thresholds(pixels, stack, {})
-    np.testing.assert_allclose(found, (0.2, 0.25), rtol=0.03)
+    effective = effective_thresholds(pixels, stack, {})
+    np.testing.assert_allclose(effective, (0.2, 0.25), rtol=0.03)
 
 
 def test_quiet_pixels_equal_a_slow_twin():

@@ -8,9 +8,13 @@ import pytest
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.plugins.diagnose.sensing.folder import write_realism
-from eventsweep.plugins.diagnose.sensing.realism import compared, portrait
-from eventsweep.plugins.diagnose.sensing.separability import area_under_curve, separability
-from eventsweep.plugins.diagnose.sensing.window_features import edge_rates_hz, isolated
+from eventsweep.plugins.diagnose.sensing.pixel_events import PixelEvents
+from eventsweep.plugins.diagnose.sensing.realism import (
+    area_under_curve,
+    compared,
+    portrait,
+    separability,
+)
 from refusals import line_of
 
 WINDOW = np.repeat(np.arange(40), 6)
@@ -74,30 +78,31 @@ def test_two_streams_of_one_kind_and_of_two_kinds():
 
 
 def test_the_page_and_its_facts_unless_there_are_too_few_events(tmp_path):
-    found = compared(noise(0, 10), noise(0, 10))
-    write_realism(tmp_path, found, "command")
-    assert json.loads((tmp_path / "realism.json").read_text()) == found.facts()
-    assert found.auc == pytest.approx(0.5)
+    alike = compared(noise(0, 10), noise(0, 10))
+    write_realism(tmp_path, alike, "command")
+    assert json.loads((tmp_path / "realism.json").read_text()) == alike.facts()
+    assert alike.auc == pytest.approx(0.5)
     assert "AUC of 0.500" in (tmp_path / "report.html").read_text()
     assert "take a longer recording" in line_of(noise, 0, 0.05)
 
 
+def of_pixels(x, y, t_us):
+    """Events on a sensor of 10 x 30 px, sorted by pixel."""
+    order = np.argsort(t_us, kind="stable")
+    x, y = (np.asarray(a)[order].astype(np.uint16) for a in (x, y))
+    events = Events(x, y, np.asarray(t_us)[order].astype(np.int64), np.ones(len(x), np.uint8))
+    return PixelEvents.of(events, (10, 30), (0, int(events.t_us[-1])))
+
+
 def test_isolated_events_are_alone_and_edges_fire_by_contrast_speed_and_threshold():
-    x, t_us = np.array([5, 6, 20, 20, 21]), np.array([0, 4000, 0, 4000, 90_000])
-    events = Events(x.astype(np.uint16), np.full(5, 3, np.uint16), t_us, np.ones(5, np.uint8))
     # The pair (5, 6) is not alone; a pixel is no neighbour of itself.
-    sorted_ = events.take(np.argsort(t_us, kind="stable"))
-    assert isolated(sorted_, (10, 30)).tolist() == [False, True, False, True, True]
+    pixels = of_pixels([5, 6, 20, 20, 21], [3] * 5, [0, 4000, 0, 4000, 90_000])
+    assert pixels.alone.tolist() == [False, False, True, True, True]
     # Edges that pass fire a column at a time, n times 2 ms apart; single noise has no say.
     columns, rows, fires = np.arange(20), np.arange(10), np.arange(3)
     x, y, n = (a.ravel() for a in np.meshgrid(columns, rows, fires, indexing="ij"))
-    t_us = 7000 * x + 2000 * n
     noise = (np.array([25, 25]), np.array([5, 5]), np.array([1000, 1800]))
-    x, y, t_us = (np.append(a, b) for a, b in zip((x, y, t_us), noise, strict=True))
-    order = np.argsort(t_us, kind="stable")
-    events = Events(*(a[order].astype(np.uint16) for a in (x, y)), t_us[order].astype(np.int64),
-                    np.ones(len(x), np.uint8))  # fmt: skip
-    alone = isolated(events, (10, 30))
-    found = edge_rates_hz(events, (10, 30), alone)
-    assert len(found) == 20 * 10 * 2
-    np.testing.assert_allclose(found, 500.0)
+    x, y, t_us = (np.append(a, b) for a, b in zip((x, y, 7000 * x + 2000 * n), noise, strict=True))
+    edge_hz = of_pixels(x, y, t_us).edge_hz
+    assert len(edge_hz) == 20 * 10 * 2
+    np.testing.assert_allclose(edge_hz, 500.0)

@@ -45,17 +45,17 @@ def test_fit_names_its_files_and_each_reason_once(sequence, tmp_path, capsys):
     assert f"wrote {tmp_path / 'out' / 'sensor.toml'}" in shown.out + shown.err
 
 
-@pytest.mark.parametrize(("words", "told"), [
+@pytest.mark.parametrize(("words", "line"), [
     ("fit {} --camera 7", "no camera 7, it has 0 to 1"),
     ("fit {} --start-s 1e9", "from 1e+09 s of a recording"),
     ("fit {} --duration-s -1", "from 0 s for -1 s of a recording"),
     ("fit nowhere", "no such file or folder; needs a recording or an event file"),
     ("realism {} {}", "take a longer recording"),
 ])  # fmt: skip
-def test_a_part_that_is_not_there_is_refused_in_one_line(sequence, tmp_path, capsys, words, told):
+def test_a_part_that_is_not_there_is_refused_in_one_line(sequence, tmp_path, capsys, words, line):
     out = tmp_path / "out"
     words = [word.format(sequence) for word in words.split()]
-    assert told in command_refused(capsys, *words, "--out", out, "--quiet")
+    assert line in command_refused(capsys, *words, "--out", out, "--quiet")
     assert not out.exists()
 
 
@@ -66,12 +66,12 @@ def test_an_event_file_says_what_events_alone_can(sequence, tmp_path, capsys):
     write_events(file, "npz", 96, 64, {"events": [events]})
     np.save(table, np.stack([events.x, events.y, events.p, events.t_us], 1).astype(np.int64))
     columns = ("--columns", "x=0,y=1,p=2,t=3", "--time-unit", "us")
-    found, out = [], str(tmp_path / "o")
+    facts, out = [], str(tmp_path / "o")
     for path, words in ((file, ()), (table, columns)):
         assert main(["fit", str(path), "--out", out, "--json", "--force", *words]) == 0
-        found.append(json.loads(capsys.readouterr().out))
-        by_name = {each["name"]: each for each in found[-1]["estimates"]}
+        facts.append(json.loads(capsys.readouterr().out))
+        by_name = {each["name"]: each for each in facts[-1]["estimates"]}
         assert "needs frames" in by_name["contrast_threshold_pos"]["refused"]
-    assert found[0] == found[1]
+    assert facts[0] == facts[1]
     said = command_refused(capsys, "fit", file, "--out", tmp_path / "p", "--camera", "1", "--quiet")
     assert "no camera 1, it has 0 to 0" in said
