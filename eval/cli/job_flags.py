@@ -31,7 +31,7 @@ _JobSwitch = Parameter(group=JOBS, negative=())
 class CacheFlags:
     """Where jobs keep what they made, and which cluster does them, if one does."""
 
-    cache: Annotated[Path | None, _JobFlag] = None
+    cache: Annotated[Path | None, _JobFlag, RARE] = None
     "Folder where results of jobs are kept; by default $EVENTSWEEP_CACHE or your cache folder."
 
     scheduler: Annotated[str | None, _JobFlag, RARE] = None
@@ -79,6 +79,9 @@ class JobFlags(CacheFlags):
 
     workers: Annotated[int | None, _JobFlag] = None
     "Worker processes; by default one per processor."
+
+    cache: Annotated[Path | None, _JobFlag] = None
+    "Folder where results of jobs are kept; by default $EVENTSWEEP_CACHE or your cache folder."
 
     def check(self) -> None:
         """Refuses flags of a cluster without one, and of this machine where there is one."""

@@ -98,7 +98,13 @@ def test_the_longest_help_is_short_in_the_order_of_the_work_and_wherever_it_is_a
     whole = printed(capsys, "run", ALL)
     titles = re.findall(r"^╭─ (.*?) ─", whole, re.MULTILINE)
     kinds = ("Simulator", "Mapper", "Score")
-    assert titles == ["Arguments", "Parameters", *(f"{k} parameters" for k in kinds), "Common"]
+    assert titles == [
+        "Arguments",
+        "Parameters",
+        *(f"{k} parameters" for k in kinds),
+        "Where jobs run",
+        "Common",
+    ]
     assert printed(capsys, "run", "--out", "o", "--help") == printed(capsys, "run", "-h")
     monkeypatch.setattr(app, "console", Console(width=80))
     assert len(printed(capsys, "run", "--help").splitlines()) < 60
