@@ -51,11 +51,6 @@ class MapStore:
         if not (self.path / _INDEX).exists():
             self.write_index(head, ())
 
-    def drop_if_empty(self) -> None:
-        """Removes the folder where no window of it is finished."""
-        if self.path.is_dir() and not any(self.path.glob(f"*/{_ENTRY}")):
-            remove_ours(self.path)
-
     def has(self, name: str) -> bool:
         """Whether a window is finished."""
         return (self.path / name / _ENTRY).is_file()
@@ -82,6 +77,7 @@ class MapStore:
         now_s = time.monotonic()
         self._next_index_s = now_s + max(_INDEX_EVERY_S, (now_s - started_s) / _INDEX_SHARE)
 
+    @property
     def index_is_due(self) -> bool:
         """Whether `map.json` was last written long enough ago: in a long run it is long itself."""
         return time.monotonic() >= self._next_index_s
@@ -115,7 +111,8 @@ def open_store(
             try:
                 yield store
             except BaseException:
-                store.drop_if_empty()
+                if following.is_dir() and not any(following.glob(f"*/{_ENTRY}")):
+                    remove_ours(following)
                 raise
             replace_dir(following, path, inputs=inputs)
         else:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.dsi.backend import SweepResult, Task
-from eventsweep.emvs.dsi.fusion import Target
+from eventsweep.emvs.dsi.fusion import FusionTables
 from eventsweep.emvs.dsi.maxima import FocusMaxima, RunningMaxima
 from eventsweep.emvs.dsi.rays import Rays
 from eventsweep.emvs.dsi.slices import SliceRecorder
@@ -30,7 +29,7 @@ Float32s = NDArray[np.float32]
 _CACHE_SHARE = 0.6  # of the second-level cache, for the sums that votes are added to
 _MEMORY_SHARE = 0.9  # of the free memory; the rest is lost to its division into blocks
 _MOST_PLANES = 16
-_SUM_BYTES = {"fixed": 8, "float": 4, "nearest": 4}
+_SUM_BYTES = {"bilinear": 8, "nearest": 4}
 
 
 class CudaBackend:
@@ -46,20 +45,27 @@ class CudaBackend:
     def __init__(self, task: Task, rays: Sequence[Rays | DeviceRays]) -> None:
         self._rays = [r if isinstance(r, DeviceRays) else DeviceRays.of(r) for r in rays]
         size, planes, config = (task.width_px, task.height_px), len(task.rho), task.config
-        self._task, volumes, polarities = task, len(rays), config.polarities
-        own = [target for target in task.sought if target.fusion.function is not None]
-        compiled = [target for target in task.sought if target.fusion.function is None]
-        focused = sum(target.in_focus for target in compiled)
+        self._task, volumes = task, len(rays)
+        passing = {"planes": planes, "polarities": config.polarities}
+        self._own = [target for target in task.sought if target.fusion.function is not None]
+        self._compiled = [target for target in task.sought if target.fusion.function is None]
+        focused = sum(target.in_focus for target in self._compiled)
         self.planes_in_flight = planes_in_flight(task, volumes, focused, device.gpu())
-        self._volume = VoteVolume(volumes, self.planes_in_flight, *size, sums=config.sums)
-        self._maxima = DeviceMaxima(compiled, volumes, *size, planes, polarities)
+        nearest = config.voting == "nearest"
+        self._volume = VoteVolume(volumes, self.planes_in_flight, *size, nearest=nearest)
+        if self._compiled:
+            fusions = [target.fusion for target in self._compiled]
+            tables = FusionTables.of(fusions, volumes, config.polarities)
+            self._maxima = DeviceMaxima(tables, *size, planes)
         self._focus = DeviceFocusMaxima(
-            compiled, task.cameras, volumes, self.planes_in_flight, *size,
-            config.focus.sigma_px,
-            planes=planes, polarities=polarities,
+            self._compiled, task.cameras, volumes, self.planes_in_flight, *size,
+            config.focus.sigma_px, **passing,
         )  # fmt: skip
+        self._own_maxima = RunningMaxima([t.fusion for t in self._own], *size, **passing)
+        self._own_focus = FocusMaxima(
+            self._own, task.cameras, *size, config.focus.sigma_px, **passing
+        )
         self._rows = arrays.empty((volumes, planes, size[0]), np.float32)
-        self._own = _HostMaxima(own, task) if own else None
         self._rho = arrays.up(task.rho)
         self._votes = [VoteCounts()] * volumes
         self._first = self._last = 0
@@ -73,14 +79,17 @@ class CudaBackend:
     def fuse(self) -> None:
         """Fuses these planes for every target, and takes them into the running maxima."""
         votes, planes = self._volume.votes, self._last - self._first
-        self._maxima.update(votes, planes)
+        if self._compiled:
+            self._maxima.update(votes, planes)
         self._focus.update(votes, planes)
         width = self._task.width_px
         fusion_kernels.keep_row[device.strided(width, len(self._rays))](
             votes, width, self._task.row_px, self._first, planes, self._rows
         )
-        if self._own is not None:
-            self._own.update(self.images())
+        if self._own:
+            images = self.images()
+            self._own_maxima.update(images.reshape(*images.shape[:2], -1), planes)
+            self._own_focus.update(images)
 
     def images(self) -> Float32s:
         """(V, P, H, W) votes of these planes, copied from the GPU."""
@@ -92,28 +101,11 @@ class CudaBackend:
         rows = arrays.down(self._rows)
         slices = SliceRecorder(task.shown, len(task.rho), task.width_px, 0, task.config.polarities)
         slices.take(0, rows[:, :, np.newaxis])
-        maxima, focus = self._maxima.result(), self._focus.result()
-        if self._own is not None:
-            maxima |= {target.name: self._own.maxima.of(k) for k, target in self._own.numbered}
-            focus |= self._own.focus.result()
+        maxima = {target.name: self._maxima.of(k) for k, target in enumerate(self._compiled)}
+        maxima |= {target.name: self._own_maxima.of(k) for k, target in enumerate(self._own)}
         in_order = {target.name: maxima[target.name] for target in task.sought}
+        focus = self._focus.result() | self._own_focus.result()
         return SweepResult(in_order, focus, slices.values, task.per_camera(self._votes))
-
-
-class _HostMaxima:
-    """What the CPU remembers of the volumes that are functions of a user's own."""
-
-    def __init__(self, targets: Sequence[Target], task: Task) -> None:
-        size, config = (task.width_px, task.height_px), task.config
-        passing: dict[str, Any] = {"planes": len(task.rho), "polarities": config.polarities}
-        self.numbered = tuple(enumerate(targets))
-        self.maxima = RunningMaxima([target.fusion for target in targets], *size, **passing)
-        self.focus = FocusMaxima(targets, task.cameras, *size, config.focus.sigma_px, **passing)
-
-    def update(self, images: Float32s) -> None:
-        """Takes in the next planes of (V, P, H, W) votes, in order."""
-        self.maxima.update(images.reshape(*images.shape[:2], -1), images.shape[1])
-        self.focus.update(images)
 
 
 def planes_in_flight(task: Task, volumes: int, focused: int, gpu: Gpu) -> int:
@@ -126,7 +118,7 @@ def planes_in_flight(task: Task, volumes: int, focused: int, gpu: Gpu) -> int:
         InputError: too little memory for a single plane.
     """
     cells = task.width_px * task.height_px
-    sums = _SUM_BYTES[task.config.sums] * cells
+    sums = _SUM_BYTES[task.config.voting] * cells
     cached = max(1, int(_CACHE_SHARE * gpu.l2_bytes) // sums)
     per_plane = sums + 4 * cells * (volumes + (SCRATCH_IMAGES if focused else 0))
     states = len(task.sought) + (focused + task.cameras if focused else 0)

@@ -19,27 +19,25 @@ Float32s = NDArray[np.float32]
 # the votes finds it, and they are cast again with fewer bits.
 MOST_BITS, _FEWER, _FEWEST_BITS = 16, 4, 4
 
-_KERNELS = {
-    "fixed": (np.int64, voting_kernels.vote_fixed, voting_kernels.settle_fixed),
-    "float": (np.float32, voting_kernels.vote_float, voting_kernels.settle_plain),
-    "nearest": (np.int32, voting_kernels.vote_nearest, voting_kernels.settle_plain),
-}
+# What casts votes into sums, and makes votes of these
+_FIXED = voting_kernels.vote_fixed, voting_kernels.settle_fixed
+_NEAREST = voting_kernels.vote_nearest, voting_kernels.settle_nearest
 
 
 class VoteVolume:
     """Planes of every volume on the GPU that votes are cast into, allocated once for all batches.
 
-    `sums` says how: `fixed`, `float` or `nearest`; `votes` are (V, planes, H * W) float32 there.
+    `votes` are (V, planes, H * W) float32 there. With `nearest` a ray votes for the nearest pixel,
+    and not bilinearly for four.
     """
 
     def __init__(
-        self, volumes: int, planes: int, width_px: int, height_px: int, *, sums: str = "fixed"
+        self, volumes: int, planes: int, width_px: int, height_px: int, *, nearest: bool = False
     ) -> None:
-        self._size, self._exact = (width_px, height_px), sums == "fixed"
+        self._size, self._nearest = (width_px, height_px), nearest
         cells = width_px * height_px
-        dtype, self._vote, self._settle = _KERNELS[sums]
         self.votes = arrays.empty((volumes, planes, cells), np.float32)
-        self._sums = arrays.empty((planes, cells), dtype)
+        self._sums = arrays.empty((planes, cells), np.int32 if nearest else np.int64)
         # per volume: votes inside, behind their camera, and the sum of all lanes; each per plane,
         # spread over slots
         self._counts = arrays.empty((volumes, 3 * planes, device.SLOTS), np.int64)
@@ -56,25 +54,28 @@ class VoteVolume:
         counts = self._counted(self._counts, planes)
         for volume, cast_rays in enumerate(rays):
             bits = MOST_BITS
-            while self._exact and not _is_whole(counts[volume], bits):
-                bits = _fewer(bits)
+            while not self._nearest and not _is_whole(counts[volume], bits):
+                if bits == _FEWEST_BITS:
+                    raise InputError(
+                        f"more than {2**32 >> bits} votes in one voxel: choose voting nearest, a "
+                        "shorter window or hot_pixels"
+                    )
+                bits -= _FEWER
                 self._cast(volume, cast_rays, rho, planes, bits)
                 counts[volume] = self._counted(self._counts[volume : volume + 1], planes)[0]
         return [_votes(*pair, planes) for pair in zip(rays, counts, strict=True)]
 
     def _cast(self, volume: int, rays: DeviceRays, rho: Any, planes: int, bits: int) -> None:
-        cells = self._sums.shape[1]
         sums, counts = self._sums[:planes], self._counts[volume]
-        arrays.clear(sums)
-        arrays.clear(counts)
+        arrays.fill(sums, 0)
+        arrays.fill(counts, 0)
         inside, behind, total = (counts[k * planes : (k + 1) * planes] for k in range(3))
-        scale = (bits,) if self._exact else ()
+        scale, settled = ((), ()) if self._nearest else ((bits,), (bits, total))
+        vote, settle = _NEAREST if self._nearest else _FIXED
         for block in rays.blocks:
-            self._vote[device.each(block.shape[1])](
-                block, rho, *self._size, *scale, sums, inside, behind
-            )
-        settled = (bits, total) if self._exact else ()
-        self._settle[device.strided(cells, planes)](sums, self.votes[volume, :planes], *settled)
+            vote[device.each(block.shape[1])](block, rho, *self._size, *scale, sums, inside, behind)
+        grid = device.strided(sums.shape[1], planes)
+        settle[grid](sums, self.votes[volume, :planes], *settled)
 
     def _counted(self, counts: Any, planes: int) -> NDArray[np.int64]:
         """(V, 3, planes) votes inside, behind, and the sum of all lanes."""
@@ -96,15 +97,6 @@ def _is_whole(counts: NDArray[np.int64], bits: int) -> bool:
     """
     inside, _, total = counts
     return bool(np.array_equal(total, inside << bits))
-
-
-def _fewer(bits: int) -> int:
-    if bits == _FEWEST_BITS:
-        raise InputError(
-            f"more than {2**32 >> bits} votes in one voxel: choose voting_precision float, a "
-            "shorter window or hot_pixels"
-        )
-    return bits - _FEWER
 
 
 def _votes(rays: DeviceRays, counts: NDArray[np.int64], planes: int) -> VoteCounts:

@@ -6,7 +6,6 @@ import pytest
 
 from depth_maps import assert_same_bits, steps_off
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.dsi.rays import event_rays
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
@@ -16,7 +15,7 @@ from fusions import FUSIONS
 from made_events import assert_same_events, part_of
 from point_world import fronto_parallel
 from refusals import refused
-from whole_volume import dsi
+from whole_volume import dsi, event_rays
 
 RANGE = {"min_depth_m": 0.5, "max_depth_m": 4.0}
 CONFIG = MapperConfig(**RANGE, planes=25, threshold_c=20)

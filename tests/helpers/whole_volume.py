@@ -1,6 +1,13 @@
-"""One camera's whole ray-density volume, which mapping never has in memory."""
+"""One camera's rays by a trajectory, and their whole volume, which mapping never has in memory."""
 
+from eventsweep.emvs.dsi.rays import knots, rays_between
 from eventsweep.emvs.dsi.voting import Scratch
+
+
+def event_rays(events, camera, T_body_cam, trajectory, T_world_rv, rv_camera, *, packets=False):
+    """Rays of events in the reference view, each by its own pose on the trajectory."""
+    poses = knots(trajectory, T_world_rv)
+    return rays_between(events, camera, T_body_cam, poses, rv_camera, packets=packets)
 
 
 def dsi(rays, rho, width_px, height_px, *, nearest=False):

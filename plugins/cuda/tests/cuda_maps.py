@@ -86,7 +86,6 @@ def test_every_method_of_the_registry_gives_the_map_of_the_cpu():
     [
         {"polarity": "separate"},
         {"voting": "nearest"},
-        {"voting_precision": "float"},
         {"extraction": "dog"},
         {"view_width_px": 13, "view_height_px": 6, "reference_shift": 0.5, "spacing": "linear"},
     ],

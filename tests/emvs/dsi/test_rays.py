@@ -6,7 +6,6 @@ from scipy.spatial.transform import Rotation
 
 import naive_sweep
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.dsi.rays import event_rays
 from eventsweep.emvs.dsi.voting_kernels import CHUNK
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
@@ -15,6 +14,7 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from made_events import random_events
 from point_world import pinhole
 from refusals import refused
+from whole_volume import event_rays
 
 # Strong enough that the corners have no ray.
 CAMERA = Camera(40, 30, 25.0, 26.0, 19.0, 15.5, "radtan", (-0.35, 0.02, 0.001, -0.001))
