@@ -13,11 +13,10 @@ NEVER_US = np.iinfo(np.int64).min
 
 
 @njit(cache=True)
-def stamp(x, y, t_us, p, wanted, out):
+def stamp(x, y, t_us, out):
     """Writes each event's time to its pixel; later events overwrite earlier ones."""
     for k in range(len(t_us)):
-        if wanted < 0 or p[k] == wanted:
-            out[y[k], x[k]] = t_us[k]
+        out[y[k], x[k]] = t_us[k]
 
 
 @njit(cache=True)

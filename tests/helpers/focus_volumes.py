@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.config import FocusParameters
 from eventsweep.emvs.depth.depth_map import without_border
 from eventsweep.emvs.depth.focus import (
-    FocusConfig,
     FocusEstimate,
     between_the_ends,
     candidate_mask,
@@ -43,7 +43,6 @@ def judge(
     position: Floats,
     camera_positions: Sequence[Floats],
     disparity_px: NDArray[np.floating],
-    config: FocusConfig,
     allowed: Mask | None = None,
 ) -> FocusEstimate:
     """`emvs.depth.focus.judge_at` at every pixel; everything is an image.
@@ -51,12 +50,12 @@ def judge(
     `allowed` is where a candidate may be, by default everywhere.
     """
     everywhere = tuple(np.indices(confidence.shape).reshape(2, -1))
-    candidate, cameras = candidate_mask(confidence, config), [c.ravel() for c in camera_positions]
+    candidate = candidate_mask(confidence, FocusParameters())
+    cameras = [position.ravel() for position in camera_positions]
     candidate = candidate if allowed is None else candidate & allowed
     return judge_at(
-        everywhere, candidate, confidence, vote_peak.ravel(), position, cameras, disparity_px,
-        config,
-    )  # fmt: skip
+        everywhere, candidate, confidence, vote_peak.ravel(), position, cameras, disparity_px
+    )
 
 
 def maximum_of(volume: Floats) -> Maximum:
@@ -73,28 +72,28 @@ def maximum_of(volume: Floats) -> Maximum:
 
 
 def found_in_volumes(
-    fused: Floats, votes: Floats, disparity_px: NDArray[np.floating], config: FocusConfig
+    fused: Floats, votes: Floats, disparity_px: NDArray[np.floating], measure: str = "variance"
 ) -> FocusEstimate:
-    """What the mapper's `Focus/...` finds, with any parameters, in volumes that are kept whole.
+    """What the mapper's `Focus/...` finds, by any measure, in volumes that are kept whole.
 
     Args:
         fused: (N, H, W) float32, the cameras' votes fused by any function.
         votes: (C, N, H, W) float32 votes of each camera.
         disparity_px: (N,) disparity of each plane, px, above 0.
-        config: parameters.
+        measure: by its name in `emvs.dsi.focus_measures.MEASURES`.
     """
     vote_peak = maximum_of(fused)
-    own, *cameras = (_sharpest(volume, config) for volume in (fused, *votes))
+    own, *cameras = (_sharpest(volume, measure) for volume in (fused, *votes))
     judged = judge(
         vote_peak.value, vote_peak.position(), own.position(gaussian=True),
-        [one.position(gaussian=True) for one in cameras], disparity_px, config,
+        [one.position(gaussian=True) for one in cameras], disparity_px,
         between_the_ends(own),
     )  # fmt: skip
-    return on_surface(judged, disparity_px, config)
+    return on_surface(judged, disparity_px)
 
 
-def _sharpest(volume: Floats, config: FocusConfig) -> Maximum:
+def _sharpest(volume: Floats, measure: str) -> Maximum:
     """Where a whole (N, H, W) volume is most in focus."""
-    peak = FocusPeak(volume.shape[2], volume.shape[1], config.measure, config.sigma_px)
+    peak = FocusPeak(volume.shape[2], volume.shape[1], measure, FocusParameters().sigma_px)
     peak.update(volume)
     return peak.maximum()

@@ -19,8 +19,7 @@ from eventsweep.emvs.depth.focus import estimate_in_focus
 from eventsweep.emvs.depth.precision import Precision, stated, table_name
 from eventsweep.emvs.dsi.method import MethodName
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.methods.focus import Focus
-from eventsweep.emvs.methods.method import Method, Swept
+from eventsweep.emvs.methods.method import Focus, Method, Swept
 from eventsweep.emvs.reference_view import inverse_depth_at
 from eventsweep.plugins.learned.networks.inputs import candidates
 from eventsweep.plugins.learned.networks.judgement import at_reference_px, judge, on_own_surface

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.depth.focus import FocusConfig, surface_disparity, surface_scatter_px
+from eventsweep.emvs.depth.focus import surface_disparity, surface_scatter_px
 from eventsweep.emvs.depth.kept_votes import KeptVotes
 from eventsweep.emvs.dsi.fusion import Fusion
 from eventsweep.plugins.learned.networks.inputs import BATCH, Candidates, channels
@@ -71,11 +71,11 @@ def on_own_surface(
     `disparity_px` is (M,) px, above 0; `shape` that of the image. Also returns the (H, W) scatter
     around those planes, px.
     """
-    at, scales = (chosen.rows, chosen.columns), FocusConfig()
+    at = chosen.rows, chosen.columns
     image = np.zeros(shape, np.float32)
     image[at] = disparity_px
-    fitted_px = surface_disparity(image, image > 0, scales)
-    return fitted_px[at], surface_scatter_px(image, fitted_px, image > 0, scales)
+    fitted_px = surface_disparity(image, image > 0)
+    return fitted_px[at], surface_scatter_px(image, fitted_px, image > 0)
 
 
 def judge(

@@ -20,8 +20,7 @@ from eventsweep.emvs.dsi.backprojection import back_project
 from eventsweep.emvs.dsi.device import CPU, projector_on
 from eventsweep.emvs.dsi.fusion import WHOLE
 from eventsweep.emvs.dsi.sweep import sweep
-from eventsweep.emvs.methods.focus import FOCUS
-from eventsweep.emvs.methods.method import Method
+from eventsweep.emvs.methods.method import FOCUS, Method
 from eventsweep.emvs.reference_view import ReferenceView, reference_view
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.windows import choose_window

@@ -12,7 +12,6 @@ import naive_extraction as naive
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth import surface_kernels
 from eventsweep.emvs.depth.focus import (
-    FocusConfig,
     FocusEstimate,
     at_least,
     between_the_ends,
@@ -38,9 +37,9 @@ def falling(volume):
     return 16 - 0.3 * np.arange(len(volume))
 
 
-def find(fused, votes, config=FocusConfig()):  # noqa: B008 - frozen
+def find(fused, votes, measure="variance"):
     """Depth by focus in whole volumes."""
-    return found_in_volumes(fused, votes, falling(fused), config)
+    return found_in_volumes(fused, votes, falling(fused), measure)
 
 
 def random_planes(seed, *shape):
@@ -120,12 +119,12 @@ def test_fitted_surface_equals_twin(seed, radius, tolerance):
 
 
 def test_scatter_around_a_surface_equals_its_twin():
-    rng, config = np.random.default_rng(4), FocusConfig()
+    rng = np.random.default_rng(4)
     own_px, candidate = rng.uniform(1, 9, (20, 24)).astype(F), rng.random((20, 24)) < 0.3
     fitted_px = own_px + rng.normal(0, 0.2, own_px.shape).astype(F)
-    found = surface_scatter_px(own_px, fitted_px, candidate, config)
+    found = surface_scatter_px(own_px, fitted_px, candidate)
     reach = 6  # 1.5 scales of 4 px
-    near = np.exp(-0.5 * (np.arange(-reach, reach + 1) / config.surface_sigma_px) ** 2)
+    near = np.exp(-0.5 * (np.arange(-reach, reach + 1) / 4) ** 2)
     weight = np.outer(near, near)
     apart, there = (np.pad(a, reach, mode="reflect") for a in (abs(fitted_px - own_px), candidate))
     for y, x in np.ndindex(own_px.shape):
@@ -148,14 +147,12 @@ def test_a_slanted_surface_stays_and_its_noise_goes():
     x, y = np.arange(40.0), np.arange(30.0)[:, None]
     exact = (8 + 0.02 * x - 0.03 * y + 3 * (x > 20)).astype(F)
     here = surface(exact, planes_px)
-    kept = on_surface(here, planes_px, FocusConfig())
+    kept = on_surface(here, planes_px)
     np.testing.assert_allclose(kept.position, here.position, atol=0.06)
-    noisy = on_surface(surface((exact + noise).astype(F), planes_px), planes_px, FocusConfig())
+    noisy = on_surface(surface((exact + noise).astype(F), planes_px), planes_px)
     off_px = 0.3 * abs(noisy.position - here.position)
     assert np.median(off_px) < 0.3 * np.median(abs(noise))
-    turned = on_surface(
-        replace(here, position=40 - here.position), planes_px[::-1], FocusConfig()
-    )  # fmt: skip
+    turned = on_surface(replace(here, position=40 - here.position), planes_px[::-1])
     np.testing.assert_allclose(40 - turned.position, kept.position, atol=1e-3)
 
 
@@ -254,14 +251,13 @@ def test_candidates_are_judged_as_if_every_pixel_were(refine):
     votes = maximum_of(volume)
     focus = InFocus(maximum_of(volume[:, ::-1].copy()), (maximum_of(volume[::-1].copy()),))
     found = estimate_in_focus(votes, focus, disparity_px, config)
-    scales = FocusConfig()
     gaussian = [m.position(gaussian=True) if refine else m.plane.astype(F)
                 for m in (focus.maximum, *focus.camera_maxima)]  # fmt: skip
     peak = votes.position() if refine else votes.plane.astype(F)
     inside = between_the_ends(focus.maximum)
     assert 0 < inside.mean() < 1
-    whole = judge(votes.value, peak, gaussian[0], gaussian[1:], disparity_px, scales, inside)
-    whole = on_surface(whole, disparity_px, scales) if refine else whole
+    whole = judge(votes.value, peak, gaussian[0], gaussian[1:], disparity_px, inside)
+    whole = on_surface(whole, disparity_px) if refine else whole
     assert 20 < found.candidate.sum() < found.candidate.size / 2
     np.testing.assert_array_equal(found.position, whole.position)
     np.testing.assert_array_equal(found.reliability, whole.reliability)
@@ -309,7 +305,7 @@ def test_variance_finds_the_plane_beside_the_line_where_the_ray_maximum_slides_o
     volume = slanted_line()
     beside = (16, slice(23, 27))
     focused = find(volume, volume[None]).position[beside]
-    plain = find(volume, volume[None], FocusConfig(measure="votes")).position[beside]
+    plain = find(volume, volume[None], "votes").position[beside]
     assert abs(plain - 20).max() > 1.0
     assert abs(focused - 20).max() < 0.5 * abs(plain - 20).max()
 

@@ -6,7 +6,7 @@ import pytest
 from check_cases import DEVELOPMENT, NEW
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
-from eventsweep.emvs.methods.focus import FOCUS
+from eventsweep.emvs.methods.method import FOCUS
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.scoring.run_folder import truth_of
 from eventsweep.eval.suite import definition as suites
