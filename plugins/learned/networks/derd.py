@@ -159,7 +159,8 @@ def columns_of(
     for first in range(0, len(rows), BATCH):
         part = rows[first : first + BATCH], columns[first : first + BATCH]
         middle, every = np.full(len(part[0]), PLANES // 2), np.ones(len(part[0]), np.int64)
-        fused, _ = fused_patches(kept, fusion, (*part, middle, every), PLANES, SIDE_PX)
+        patches = kept.patches(*part, middle, every, PLANES, SIDE_PX)
+        fused, _ = fused_patches(fusion, patches)
         near_first = fused if view.rho[0] > view.rho[-1] else fused[:, ::-1]
         top = np.maximum(near_first.max(axis=(1, 2, 3), keepdims=True), _LEAST_VOTES)
         yield np.ascontiguousarray(near_first / top), len(part[0])

@@ -32,6 +32,8 @@ CUES = (
 )  # fmt: skip
 """What the network sees beside the votes, as numbers of about unit size."""
 OUTPUTS = 2  # expected errors: of the network's own depth, and of the depth by focus
+LOG_ERROR_RANGE = -6.0, 4.0
+"""What training can distinguish, ln px: from a four-hundredth of a pixel to some dozen."""
 Float32s = NDArray[np.float32]
 
 _L = kept_votes_kernels.LANES

@@ -81,7 +81,7 @@ def test_of_two_models_the_mean_counts():
 
 def test_torch_trains_the_network_that_runs():
     torch = pytest.importorskip("torch", reason="torch is an extra, [train]")
-    from eventsweep.plugins.learned.training.derd_network import DerdNetwork
+    from eventsweep.plugins.learned.training.network import DerdNetwork
 
     torch.manual_seed(0)
     trained, columns = DerdNetwork(), random_columns(5, 50)
