@@ -464,12 +464,6 @@ def test_names_that_are_taken_or_no_names_are_refused(name):
     refused("needs the form Family/variant", register, Method.from_function(name, _sum, "x"))
 
 
-@pytest.mark.parametrize("function", [lambda v: v[0, 0] - 1, lambda v: v[0]])
-def test_functions_that_give_no_volume_are_refused(function):
-    method = Method.from_function("Own/bad", function, "x")
-    refused("function of Own/bad returned shape", fuse, method.fusion, votes(1, 2, 1))
-
-
 def test_functions_cannot_change_the_votes():
     def spoil(parts):
         parts[:] = 0

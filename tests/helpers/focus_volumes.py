@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.config import FocusParameters
-from eventsweep.emvs.depth.depth_map import without_border
 from eventsweep.emvs.depth.focus import (
     FocusEstimate,
     between_the_ends,
@@ -20,21 +19,6 @@ from eventsweep.emvs.dsi.maxima import FocusPeak, Maximum
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-
-
-def most_reliable(estimate: FocusEstimate, points: int, border_px: int) -> Mask:
-    """The (H, W) mask of the `points` most reliable candidates, or of all if there are fewer.
-
-    Equal reliability is decided by confidence, then by the order of pixels.
-    """
-    allowed = np.flatnonzero(without_border(estimate.candidate, border_px))
-    reliability, confidence = (
-        image.ravel()[allowed] for image in (estimate.reliability, estimate.confidence)
-    )
-    kept = allowed[np.lexsort((allowed, -confidence, -reliability))[: max(points, 0)]]
-    mask = np.zeros(estimate.candidate.shape, np.bool_)
-    mask.flat[kept] = True
-    return mask
 
 
 def judge(

@@ -36,11 +36,6 @@ def test_masked_median_equals_twin(seed, kernel_px, share, whole):
     )
 
 
-def test_median_of_one_pixel_changes_nothing():
-    values = np.random.default_rng(0).random((5, 6)).astype(np.float32)
-    np.testing.assert_array_equal(masked_median(values, values > 0.3, 1), values)
-
-
 def test_confidence_is_scaled_by_its_maximum_or_as_told():
     confidence = np.array([[0, 5, 10]], np.float32)
     assert eight_bits(confidence, 0).tolist() == [[0, 128, 255]]

@@ -13,7 +13,6 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth import surface_kernels
 from eventsweep.emvs.depth.focus import (
     FocusEstimate,
-    at_least,
     between_the_ends,
     disparity_at,
     estimate_in_focus,
@@ -23,7 +22,7 @@ from eventsweep.emvs.depth.focus import (
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.focus_kernels import BLOCK, PAIR
 from eventsweep.emvs.dsi.maxima import FocusPeak, InFocus, Maximum
-from focus_volumes import found_in_volumes, judge, maximum_of, most_reliable
+from focus_volumes import found_in_volumes, judge, maximum_of
 
 F = np.float32
 TWINS = {
@@ -264,34 +263,6 @@ def test_candidates_are_judged_as_if_every_pixel_were(refine):
     assert found.reliability.any()
 
 
-def some_found(seed, levels=5):
-    rng = np.random.default_rng(seed)
-    confidence, *factors = rng.integers(0, levels, (6, 12, 15)).astype(F) / levels
-    candidate = rng.random((12, 15)) < 0.5
-    return FocusEstimate(confidence, confidence, candidate, *factors)
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(0, 120), st.integers(0, 4))
-def test_most_reliable_equals_twin(seed, points, border_px):
-    found = some_found(seed)
-    mask = most_reliable(found, points, border_px)
-    slow = naive.most_reliable(
-        found.reliability, found.confidence, found.candidate, points, border_px
-    )
-    assert {(y, x) for y, x in np.argwhere(mask)} == slow
-
-
-def test_more_points_only_add_points():
-    found = some_found(3)
-    fewer, more = most_reliable(found, 20, 1), most_reliable(found, 40, 1)
-    assert fewer.sum() == 20
-    assert more.sum() == 40
-    assert not (fewer & ~more).any()
-    strict, lax = at_least(found, 0.05, 1), at_least(found, 0.005, 1)
-    assert 0 < strict.sum() < lax.sum()
-    assert not (strict & ~lax).any()
-
-
 def slanted_line(planes=41, at_plane=20, at_px=24.4, slant_px=0.35):
     """Votes of a vertical line seen by a camera to one side: sharp in its plane, moving past it."""
     k = np.arange(planes)[:, None, None] - at_plane
@@ -324,11 +295,6 @@ def test_cameras_that_agree_are_trusted_and_others_are_not():
     np.testing.assert_array_equal(alike.agreement, 1)
     assert apart.agreement[16, 24] < 1e-2
     assert (apart.reliability <= alike.reliability).all()
-
-
-def test_one_camera_agrees_with_itself():
-    volume = slanted_line()
-    np.testing.assert_array_equal(find(volume, volume[None]).agreement, 1)
 
 
 @settings(max_examples=10)
