@@ -22,9 +22,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.baselines.pixels_kernels import NEVER_US
 from eventsweep.emvs.baselines.rectification import Rectified, Seen, depth_map, see_disparities
 from eventsweep.emvs.baselines.time_surface import SurfacePair
-from eventsweep.emvs.baselines.time_surface_kernels import NEVER_US
 from eventsweep.emvs.config import MapperConfig, SemiGlobal, SgmParameters
 from eventsweep.emvs.data.image_stores import Photo
 from eventsweep.emvs.data.recording import Recording

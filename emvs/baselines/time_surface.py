@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.baselines.pixels_kernels import NEVER_US, decay, stamp
 from eventsweep.emvs.baselines.rectification import Rectified
-from eventsweep.emvs.baselines.time_surface_kernels import NEVER_US, decay, stamp
 from eventsweep.emvs.config import EsvoParameters, SgmParameters
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording

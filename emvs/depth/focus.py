@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.config import FocusParameters, MapperConfig
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.depth import surface_kernels
+from eventsweep.emvs.depth import neighbours_kernels
 from eventsweep.emvs.depth.depth_map import above_mean, eight_bits, without_border
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.maxima import InFocus, Maximum
@@ -116,7 +116,7 @@ def judge_at(
     surroundings_px = np.zeros_like(confidence)
     surroundings_px[at] = own_px
     support = np.zeros_like(confidence)
-    surface_kernels.support(surroundings_px, candidate, _SUPPORT_RADIUS_PX, _SUPPORT_PX, support)
+    neighbours_kernels.support(surroundings_px, candidate, _SUPPORT_RADIUS_PX, _SUPPORT_PX, support)
     # Votes as a share of themselves and those of the median candidate
     usual = np.float32(np.median(confidence[candidate])) if candidate.any() else np.float32(1)
     factors = (
@@ -163,7 +163,7 @@ def _inside(at: Pixels, confidence: Float32s, own_px: Float32s, candidate: Mask)
     behind. Where the own surface lies is seen from the candidates around.
     """
     towards = np.zeros((2, *confidence.shape), np.float32)
-    surface_kernels.own_surface(own_px, candidate, _INSIDE_RADIUS_PX, _SUPPORT_PX, towards)
+    neighbours_kernels.own_surface(own_px, candidate, _INSIDE_RADIUS_PX, _SUPPORT_PX, towards)
     smooth = focus_measures.blurred(confidence, _SLOPE_SIGMA_PX)
     slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)[at]
     slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)[at]
@@ -198,7 +198,7 @@ def surface_disparity(own_px: Float32s, candidate: Mask) -> Float32s:
     """
     weight = focus_measures.half_window(_SURFACE_SIGMA_PX)[: _SURFACE_REACH_PX + 1]
     fitted_px = np.zeros_like(own_px)
-    surface_kernels.fit_surface(own_px, candidate, weight, _SURFACE_PX, _RIDGE_PX2, fitted_px)
+    neighbours_kernels.fit_surface(own_px, candidate, weight, _SURFACE_PX, _RIDGE_PX2, fitted_px)
     return fitted_px
 
 

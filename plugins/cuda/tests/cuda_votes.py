@@ -13,7 +13,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.reference_view import ReferenceView
 from eventsweep.plugins.cuda import arrays, device
-from eventsweep.plugins.cuda import voting as cuda_voting
+from eventsweep.plugins.cuda import backend as cuda_voting
 from eventsweep.plugins.cuda.backprojection import CudaCaster, CudaProjector
 
 if device.missing():

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 import naive_extraction as naive
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.depth import surface_kernels
+from eventsweep.emvs.depth import neighbours_kernels
 from eventsweep.emvs.depth.focus import (
     FocusEstimate,
     between_the_ends,
@@ -89,7 +89,7 @@ def test_support_equals_twin(seed, radius, tolerance):
     rng = np.random.default_rng(seed)
     position, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
     out = np.zeros((7, 9), F)
-    surface_kernels.support(position, candidate, radius, F(tolerance), out)
+    neighbours_kernels.support(position, candidate, radius, F(tolerance), out)
     slow = naive.support(position, candidate, radius, tolerance)
     np.testing.assert_allclose(out, slow, atol=1e-6)
 
@@ -99,7 +99,7 @@ def test_own_surface_equals_twin(seed, radius, tolerance):
     rng = np.random.default_rng(seed)
     disparity, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
     out = np.zeros((2, 7, 9), F)
-    surface_kernels.own_surface(disparity, candidate, radius, F(tolerance), out)
+    neighbours_kernels.own_surface(disparity, candidate, radius, F(tolerance), out)
     slow = naive.own_surface(disparity, candidate, radius, tolerance)
     np.testing.assert_allclose(out, slow, atol=1e-5)
 
@@ -111,7 +111,7 @@ def test_fitted_surface_equals_twin(seed, radius, tolerance):
     disparity, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
     weight = np.exp(-0.1 * np.arange(radius + 1)).astype(F)
     out = np.full((7, 9), -1, F)
-    surface_kernels.fit_surface(disparity, candidate, weight, F(tolerance), 0.5, out)
+    neighbours_kernels.fit_surface(disparity, candidate, weight, F(tolerance), 0.5, out)
     slow = naive.fitted_surface(disparity, candidate, weight, tolerance, 0.5)
     np.testing.assert_allclose(out[candidate], slow[candidate], atol=1e-4)
     assert (out[~candidate] == -1).all()
