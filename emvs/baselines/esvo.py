@@ -141,9 +141,16 @@ def _fused(
     method: str, maps: Sequence[EsvoMap], mapper: EsvoMapper, view: ReferenceView,
     config: MapperConfig,
 ) -> DepthMap:  # fmt: skip
-    known = Estimates.empty(view.camera.height_px, view.camera.width_px)
-    for added in reversed(maps):
-        known = _with(known, added, mapper, view, config.esvo)
+    """Carries maps into the reference view and fuses them there, the newest first."""
+    camera, dof = view.camera, config.esvo.refinement.dof
+    known = Estimates.empty(camera.height_px, camera.width_px)
+    for added in reversed([each for each in maps if each.estimates]):
+        T_rv_then = se3.inverse(view.T_world_rv) @ mapper.pose(added.t_us)
+        rays = np.einsum("nij,nj->ni", T_rv_then[:, :3, :3], added.bearing)
+        refined = added.refined
+        bearing, rho, scale = propagate(rays, T_rv_then[:, :3, 3], refined.rho, refined.scale)
+        uv_px = bearing * (camera.fx_px, camera.fy_px) + (camera.cx_px, camera.cy_px)
+        known = fuse_into(known, uv_px, rho, scale, refined.spread, dof)
     clean_up = config.esvo.clean_up
     most = clean_up.most_deviation_px / mapper.px_per_rho
     rho = regularised(known, clean_up, config.esvo.regularisation, most)
@@ -158,22 +165,6 @@ def _fused(
     depth_m = np.divide(1, rho, out=np.zeros(rho.shape), where=inside).astype(np.float32)
     sure = np.divide(1, known.deviation, out=np.zeros(rho.shape), where=inside).astype(np.float32)
     return depth_map(method, depth_m, sure, view, config)
-
-
-def _with(
-    known: Estimates, added: EsvoMap, mapper: EsvoMapper, view: ReferenceView,
-    parameters: EsvoParameters,
-) -> Estimates:  # fmt: skip
-    """Carries a map into the reference view and fuses it there."""
-    if not added.estimates:
-        return known
-    T_rv_then = se3.inverse(view.T_world_rv) @ mapper.pose(added.t_us)
-    rays = np.einsum("nij,nj->ni", T_rv_then[:, :3, :3], added.bearing)
-    refined = added.refined
-    bearing, rho, scale = propagate(rays, T_rv_then[:, :3, 3], refined.rho, refined.scale)
-    camera = view.camera
-    uv_px = bearing * (camera.fx_px, camera.fy_px) + (camera.cx_px, camera.cy_px)
-    return fuse_into(known, uv_px, rho, scale, refined.spread, parameters.refinement.dof)
 
 
 @dataclass(frozen=True, eq=False)

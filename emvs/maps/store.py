@@ -149,13 +149,13 @@ def identity(recording: Recording) -> str:
     return digest.hexdigest()
 
 
-def _check_same(path: Path, stored: MapInfo, wanted: MapInfo) -> bool:
+def _check_same(path: Path, stored: MapInfo, asked: MapInfo) -> bool:
     """Refuses to go on with other settings; says which one differs first.
 
     Returns:
         Whether it is to be begun anew: of another run, in which no window was ever finished.
     """
-    difference = next(_differences(stored, wanted), None)
+    difference = next(_differences(stored, asked), None)
     if difference is None:
         return False
     if not stored.windows and not any(path.glob(f"*/{_ENTRY}")) and not strangers(path):
@@ -163,24 +163,21 @@ def _check_same(path: Path, stored: MapInfo, wanted: MapInfo) -> bool:
     raise InputError(f"{path}: was begun with {difference}: {cure(path)}")
 
 
-def _differences(stored: MapInfo, wanted: MapInfo) -> Iterator[str]:
-    name, wanted_name = stored.recording.name, wanted.recording.name
-    if name != wanted_name:
-        yield f"the recording {name}, not {wanted_name}"
-    if _hashes(stored) != _hashes(wanted):
-        yield f"another recording of the name {name}"
-    before, now = stored.config.model_dump(), wanted.config.model_dump()
+def _differences(stored: MapInfo, asked: MapInfo) -> Iterator[str]:
+    old, new = stored.recording, asked.recording
+    if old.name != new.name:
+        yield f"the recording {old.name}, not {new.name}"
+    hashes = old.manifest_sha256, stored.recording_sha256
+    if hashes != (new.manifest_sha256, asked.recording_sha256):
+        yield f"another recording of the name {old.name}"
+    before, now = stored.config.model_dump(), asked.config.model_dump()
     for name, value in now.items():
         # Results do not depend on the number of threads.
         if name != "threads" and before[name] != value:
             yield f"{name} {before[name]}, not {value}"
-    for name, version in wanted.versions.items():
+    for name, version in asked.versions.items():
         if stored.versions.get(name) != version:
             yield f"{name} {stored.versions.get(name)}, not {version}"
-
-
-def _hashes(info: MapInfo) -> tuple[str | None, str | None]:
-    return info.recording.manifest_sha256, info.recording_sha256
 
 
 def write_entry(path: Path, info: WindowInfo) -> None:
