@@ -60,8 +60,9 @@ class RayCounts:
     @classmethod
     def tallied(cls, events: int, cast: int, tally: NDArray[np.int64]) -> RayCounts:
         """From how many events came and were cast, and (4,) those by their outcome."""
-        kinds = (rays_kernels.NO_POSE, rays_kernels.NO_RAY, rays_kernels.BACKWARDS)
-        return cls(events, *(int(tally[kind]) for kind in kinds), dropped=events - cast)
+        kinds = rays_kernels.NO_POSE, rays_kernels.NO_RAY, rays_kernels.BACKWARDS
+        without_pose, without_ray, backwards = (int(tally[kind]) for kind in kinds)
+        return cls(events, without_pose, without_ray, backwards, events - cast)
 
     @classmethod
     def total(cls, counts: Sequence[RayCounts]) -> RayCounts:

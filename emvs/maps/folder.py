@@ -320,7 +320,8 @@ def read_depth(path: Path, method: str) -> DepthMap:
     check_array(path, "T_world_rv", arrays["T_world_rv"], "f", (4, 4))
     check_array(path, "rho", arrays["rho"], "f", arrays["rho"].shape[:1])
     check_array(path, "t_us", arrays["t_us"], "i", ())
-    return DepthMap(method=method, camera=camera, **arrays | {"t_us": int(arrays["t_us"])})
+    t_us = int(arrays.pop("t_us"))
+    return DepthMap(method=method, camera=camera, t_us=t_us, **arrays)
 
 
 def read_dense(path: Path, shape: tuple[int, ...]) -> Dense:

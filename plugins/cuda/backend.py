@@ -54,7 +54,7 @@ class CudaBackend:
         self._rays = [r if isinstance(r, DeviceRays) else DeviceRays.of(r) for r in rays]
         size, planes, config = (task.width_px, task.height_px), len(task.rho), task.config
         self._task, volumes = task, len(rays)
-        passing = {"planes": planes, "polarities": config.polarities}
+        passing: dict[str, Any] = {"planes": planes, "polarities": config.polarities}
         self._own = [target for target in task.sought if target.fusion.function is not None]
         self._compiled = [target for target in task.sought if target.fusion.function is None]
         focused = sum(target.in_focus for target in self._compiled)

@@ -149,9 +149,9 @@ class Swept:
     result: SweepResult
 
     @property
-    def per_rho_px(self) -> float:
+    def per_rho_px(self) -> np.float64:
         """Disparity per inverse depth, px m."""
-        return self.disparity_px[0] / float(self.view.rho[0])
+        return np.float64(self.disparity_px[0] / float(self.view.rho[0]))
 
     def true_px(self, sequence: EventSequence) -> Floats:
         """(H, W) true disparity, px; NaN where it is not known."""
