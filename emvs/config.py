@@ -7,6 +7,7 @@ their program; the page `baselines` lists both beside ours.
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,6 +23,7 @@ Count = Annotated[int, Field(ge=1)]
 Pixel = Annotated[FiniteFloat, Field(ge=-32768, le=65536)]
 ViewPixels = Annotated[int, Field(ge=2, le=32768)]
 Share = Annotated[float, Field(ge=0, le=1)]
+_log = logging.getLogger(__name__)
 
 
 class FuseConfig(ParameterGroup):
@@ -398,9 +400,6 @@ class MapperConfig(ParameterGroup):
         default="cpu",
         description="where the sweep runs: cpu, cuda or auto, an NVIDIA GPU where there is one",
     )
-    voting_precision: Literal["fixed", "float"] = Field(
-        default="fixed", description="how a GPU sums votes; fixed: the same bits in every run"
-    )
     slice_row: int | None = Field(
         default=None, ge=0, description="image row of the DSI slice, px; by default the middle row"
     )
@@ -416,28 +415,27 @@ class MapperConfig(ParameterGroup):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_method_is_a_list(cls, values: Any) -> Any:
-        if isinstance(values, dict) and isinstance(values.get("methods"), str):
-            return {**values, "methods": (values["methods"],)}
-        return values
-
-    @model_validator(mode="before")
-    @classmethod
-    def _with_groups(cls, values: Any) -> Any:
-        """Reads former names of grouped fields as what they are called today."""
-        former = [name for name in _FORMER_NAMES if isinstance(values, dict) and name in values]
-        if not former:
+    def _former(cls, values: Any) -> Any:
+        """Reads one method as a list, former names as today's, and the removed setting."""
+        if not isinstance(values, dict):
             return values
         values = dict(values)
-        for old in former:
+        if isinstance(values.get("methods"), str):
+            values["methods"] = (values["methods"],)
+        precision = values.get("voting_precision")
+        if precision == "float":
+            _log.warning("voting_precision float is ignored: GPUs sum votes as integers now")
+        if precision in ("fixed", "float"):
+            del values["voting_precision"]
+        for old in [name for name in _FORMER_NAMES if name in values]:
             group, name = _FORMER_NAMES[old]
-            given = values.get(group) or {}
-            given = given.model_dump(exclude_unset=True) if hasattr(given, "model_dump") else given
-            if name in given:
+            known = values.get(group) or {}
+            known = known.model_dump(exclude_unset=True) if hasattr(known, "model_dump") else known
+            if name in known:
                 raise ValueError(
                     f"{old} and {group}.{name} are the same setting: leave one of them out"
                 )
-            values[group] = {**given, name: values.pop(old)}
+            values[group] = {**known, name: values.pop(old)}
         return values
 
     @model_validator(mode="after")
@@ -447,16 +445,12 @@ class MapperConfig(ParameterGroup):
                 "reference_s and reference end both set the reference time: leave one of them out"
             )
         self._check_sliding()
-        if self.is_mcemvs and (self.spacing, self.polarity) != ("inverse", "both"):
-            raise ValueError(
-                f"compatibility mcemvs with spacing {self.spacing} and polarity {self.polarity} "
-                "is not supported: set spacing inverse and polarity both"
-            )
-        if self.is_mcemvs and self.voting != "bilinear":
-            raise ValueError(
-                f"compatibility mcemvs with voting {self.voting} is not supported: set voting "
-                "bilinear"
-            )
+        needed = {"spacing": "inverse", "polarity": "both", "voting": "bilinear"}
+        wrong = [name for name, value in needed.items() if getattr(self, name) != value]
+        if self.is_mcemvs and wrong:
+            stated = " and ".join(f"{name} {getattr(self, name)}" for name in wrong)
+            cure = " and ".join(f"{name} {needed[name]}" for name in wrong)
+            raise ValueError(f"compatibility mcemvs with {stated} is not supported: set {cure}")
         near, far = self.min_depth_m, self.max_depth_m
         if near is not None and far is not None and near >= far:
             raise ValueError(
@@ -490,11 +484,6 @@ class MapperConfig(ParameterGroup):
     def refines(self) -> bool:
         """Whether maxima are refined between planes (the authors' implementation never does)."""
         return self.interpolate and not self.is_mcemvs
-
-    @property
-    def sums(self) -> Literal["fixed", "float", "nearest"]:
-        """How votes are summed: those of the nearest pixel, or as `voting_precision` says."""
-        return "nearest" if self.voting == "nearest" else self.voting_precision
 
     @property
     def polarities(self) -> int:

@@ -94,7 +94,9 @@ def map_window(
 
     # 3. and 4. One volume per camera, fused in every way at once; plane by plane, none is kept
     # unless an extraction looks at the votes again.
-    kept = votes_to_keep(methods, view, config, n_cameras)
+    size = view.camera.height_px, view.camera.width_px
+    keeps = any(method.extraction.keeps_votes for method in methods)
+    kept = KeptVotes(n_cameras, len(view.rho), *size, config.polarities) if keeps else None
     result = sweep(
         projected, view, targets, config, progress, device,
         dsi_dir=dsi_dir if config.save_dsi else None, keep=None if kept is None else kept.take,
@@ -142,16 +144,6 @@ def targets_of(
     return tuple((requested | {n: t for n, t in needed.items() if n not in requested}).values())
 
 
-def votes_to_keep(
-    methods: Sequence[Method], view: ReferenceView, config: MapperConfig, n_cameras: int
-) -> KeptVotes | None:
-    """Room for every camera's votes, where an extraction looks at them again; else None."""
-    if not any(method.extraction.keeps_votes for method in methods):
-        return None
-    size = view.camera.height_px, view.camera.width_px
-    return KeptVotes(n_cameras, len(view.rho), *size, config.polarities)
-
-
 def baseline_for(methods: Sequence[Method], recording: Recording, window: Window) -> float | None:
     """What disparities refer to, m; None where no extraction needs it and there is none."""
     try:
@@ -172,7 +164,7 @@ def _checked(name: str, estimated: DepthMap, view: ReferenceView) -> DepthMap:
     shape = view.camera.height_px, view.camera.width_px
     images = (estimated.depth_m, estimated.mask, estimated.confidence, estimated.argmax)
     shapes = [np.shape(image) for image in images]
-    if any(given != shape for given in shapes):
+    if {*shapes} != {shape}:
         raise InputError(
             f"{name} gives depth, mask, confidence and argmax of {', '.join(map(str, shapes))}: "
             f"the reference view has {shape}"

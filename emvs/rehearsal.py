@@ -67,12 +67,6 @@ def compiled_beside(config: MapperConfig, rig: Rig, say: Callable[[str], None]) 
         process.wait()
 
 
-def rehearse(config: MapperConfig, cameras: int, size_px: tuple[int, int]) -> None:
-    """Maps what `Rehearsal` makes up, and forgets the maps."""
-    kept = config.model_dump(exclude=_OF_RECORDINGS)
-    map_window(Rehearsal(cameras, size_px), MapperConfig(**kept))
-
-
 @dataclass(frozen=True)
 class Rehearsal:
     """A recording in memory: a rig slides sideways before points at 1 m."""
@@ -124,4 +118,5 @@ class Rehearsal:
 if __name__ == "__main__":
     end_with_parent()
     _cameras, _width, _height = map(int, sys.argv[1:4])
-    rehearse(MapperConfig.model_validate_json(sys.argv[4]), _cameras, (_width, _height))
+    _config = MapperConfig.model_validate_json(sys.argv[4]).model_dump(exclude=_OF_RECORDINGS)
+    map_window(Rehearsal(_cameras, (_width, _height)), MapperConfig(**_config))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,8 +46,13 @@ def choose_window(recording: Recording, config: MapperConfig) -> Window:
             missing in it; says by how much.
     """
     events, poses = _Span(*events_span_us(recording)), _Span(*recording.trajectory.span_us)
-    covered = _covered(events, poses)
-    t0_us, t1_us = covered.first_us, covered.last_us + 1
+    t0_us = max(events.first_us, poses.first_us)
+    t1_us = min(events.last_us, poses.last_us) + 1
+    if t0_us >= t1_us:
+        raise InputError(
+            f"poses ({poses.first_us}..{poses.last_us} µs) and events "
+            f"({events.first_us}..{events.last_us} µs) do not overlap: put them on one clock"
+        )
     if config.start_s is not None:
         t0_us, t1_us = events.first_us + _to_us(config.start_s), events.last_us + 1
     if config.duration_s is not None:
@@ -56,24 +62,17 @@ def choose_window(recording: Recording, config: MapperConfig) -> Window:
     if not config.slides:
         check_poses(recording.trajectory, t0_us, t1_us, config)
     whole = config.start_s is None and config.duration_s is None
-    left_out = _left_out(recording, events, t0_us, t1_us) if whole else (0,) * len(recording.rig)
+    outside = [*time_steps(events.first_us, t0_us), *time_steps(t1_us, events.last_us + 1)]
+    left_out = tuple(
+        sum(len(recording.events(camera, *step)) for step in outside if whole)
+        for camera in range(len(recording.rig))
+    )
     return Window(t0_us, t1_us, _reference_us(config, events, poses, t0_us, t1_us), left_out)
 
 
-@dataclass(frozen=True)
-class _Span:
+class _Span(NamedTuple):
     first_us: int
     last_us: int
-
-
-def _covered(events: _Span, poses: _Span) -> _Span:
-    covered = _Span(max(events.first_us, poses.first_us), min(events.last_us, poses.last_us))
-    if covered.first_us > covered.last_us:
-        raise InputError(
-            f"poses ({poses.first_us}..{poses.last_us} µs) and events "
-            f"({events.first_us}..{events.last_us} µs) do not overlap: put them on one clock"
-        )
-    return covered
 
 
 def _check_inside(what: str, span: _Span, t0_us: int, t1_us: int) -> None:
@@ -109,14 +108,6 @@ def _reference_us(config: MapperConfig, events: _Span, poses: _Span, t0_us: int,
     return t_ref_us
 
 
-def _left_out(recording: Recording, events: _Span, t0_us: int, t1_us: int) -> tuple[int, ...]:
-    steps = [*time_steps(events.first_us, t0_us), *time_steps(t1_us, events.last_us + 1)]
-    return tuple(
-        sum(len(recording.events(camera, *step)) for step in steps)
-        for camera in range(len(recording.rig))
-    )
-
-
 def _to_us(seconds: float) -> int:
     return round(seconds * 1e6)
 
@@ -147,7 +138,7 @@ def check_poses(trajectory: Trajectory, t0_us: int, t1_us: int, config: MapperCo
 def longest_gap_us(trajectory: Trajectory, config: MapperConfig) -> int:
     """How long two poses may lie apart: as configured, else 10 median steps and at least 50 ms."""
     if config.max_pose_gap_s is not None:
-        return round(config.max_pose_gap_s * 1e6)
+        return _to_us(config.max_pose_gap_s)
     if len(trajectory) < 2:
         return _ALWAYS_ALLOWED_US
     return max(_ALWAYS_ALLOWED_US, round(_USUAL_STEPS * float(np.median(np.diff(trajectory.t_us)))))
@@ -200,8 +191,10 @@ def plan_windows(
     if not config.slides:
         raise InputError("no sliding windows: set window_s or window_events")
     stretch = choose_window(recording, config)
-    cut = _by_time if config.window_s is not None else _by_count
-    begins_us, ends_us = cut(recording, config, stretch, progress)
+    if config.window_s is not None:
+        begins_us, ends_us = _by_time(config, stretch)
+    else:
+        begins_us, ends_us = _by_count(recording, config, stretch, progress)
     if len(begins_us) > MOST_WINDOWS:
         raise InputError(
             f"{len(begins_us)} windows, at most {MOST_WINDOWS}: raise the stride or the window"
@@ -210,10 +203,7 @@ def plan_windows(
     return WindowPlan(begins_us, ends_us, stretch, last_pose_us, config.reference == "end")
 
 
-def _by_time(
-    recording: Recording, config: MapperConfig, stretch: Window, progress: Progress
-) -> tuple[Times, Times]:
-    del recording, progress
+def _by_time(config: MapperConfig, stretch: Window) -> tuple[Times, Times]:
     length_us = _at_least_1_us("window_s", config.window_s)
     stride_us = _at_least_1_us("stride_s", config.stride_s or config.window_s)
     room_us = stretch.t1_us - stretch.t0_us - length_us
@@ -230,7 +220,7 @@ def _by_time(
 
 
 def _at_least_1_us(name: str, seconds: float | None) -> int:
-    micros = round((seconds or 0) * 1e6)
+    micros = _to_us(seconds or 0)
     if micros < 1:
         raise InputError(f"{name} is {seconds}: must be at least 1 µs")
     return micros

@@ -68,8 +68,9 @@ class BaselineEstimator(NamedMethod):
     confidence: str = OWN_UNIT
 
 
-def imported_when_called(module: str, function: str) -> Estimate:
-    """A module's function, imported only when it is called: listing methods stays cheap."""
+def _imported_when_called(module: str, function: str) -> Estimate:
+    """A function of a module of this folder, imported when it is called: listing stays cheap."""
+    module = f"{__name__}.{module}"
 
     def estimate(
         recording: Recording, window: Window, view: ReferenceView, config: MapperConfig
@@ -82,45 +83,36 @@ def imported_when_called(module: str, function: str) -> Estimate:
 
 
 # What `--method baselines` stands for is all of these that need events only, in this order.
-BASELINES: tuple[BaselineEstimator, ...] = (
-    BaselineEstimator(
-        "SGM/ts",
-        "semi-global matching of the two time surfaces at the reference time",
-        imported_when_called("eventsweep.emvs.baselines.sgm", "estimate_time_surfaces"),
-        confidence="time surface, 0..1",
-    ),
-    BaselineEstimator(
-        "SGM/window",
-        "SGM/ts at 20 Hz, averaged over the window by the poses",
-        imported_when_called("eventsweep.emvs.baselines.sgm", "estimate_window"),
-        confidence="sum of time surfaces",
-    ),
-    BaselineEstimator(
-        "ESVO/own-rate",
-        "ESVO's mapping: events refined on time surfaces, the newest maps fused",
-        imported_when_called("eventsweep.emvs.baselines.esvo", "estimate"),
-        confidence="1 / σ of inverse depth, m",
-    ),
-    BaselineEstimator(
-        "ESVO/window",
-        "ESVO's mapping, every map of the window fused",
-        imported_when_called("eventsweep.emvs.baselines.esvo", "estimate_window"),
-        confidence="1 / σ of inverse depth, m",
-    ),
-    BaselineEstimator(
-        "GTS/events",
-        "pairs of events that coincide in row, time and motion",
-        imported_when_called("eventsweep.emvs.baselines.gts", "estimate"),
-        confidence="1 / (1 + energy), 0..1",
-    ),
-    BaselineEstimator(
-        "Frames/sgm",
-        "semi-global matching of a stereo pair of ordinary frames",
-        imported_when_called("eventsweep.emvs.baselines.sgm", "estimate_frames"),
-        needs="frames of an ordinary camera",
-        confidence="contrast, grey levels",
-    ),
-)
+BASELINES = tuple(
+    BaselineEstimator(name, summary, _imported_when_called(*where), needs, confidence)
+    for name, summary, where, needs, confidence in (
+        (
+            "SGM/ts", "semi-global matching of the two time surfaces at the reference time",
+            ("sgm", "estimate_time_surfaces"), "", "time surface, 0..1",
+        ),
+        (
+            "SGM/window", "SGM/ts at 20 Hz, averaged over the window by the poses",
+            ("sgm", "estimate_window"), "", "sum of time surfaces",
+        ),
+        (
+            "ESVO/own-rate",
+            "ESVO's mapping: events refined on time surfaces, the newest maps fused",
+            ("esvo", "estimate"), "", "1 / σ of inverse depth, m",
+        ),
+        (
+            "ESVO/window", "ESVO's mapping, every map of the window fused",
+            ("esvo", "estimate_window"), "", "1 / σ of inverse depth, m",
+        ),
+        (
+            "GTS/events", "pairs of events that coincide in row, time and motion",
+            ("gts", "estimate"), "", "1 / (1 + energy), 0..1",
+        ),
+        (
+            "Frames/sgm", "semi-global matching of a stereo pair of ordinary frames",
+            ("sgm", "estimate_frames"), "frames of an ordinary camera", "contrast, grey levels",
+        ),
+    )
+)  # fmt: skip
 
 # Words of `--method` for several methods; `all` is `emvs.methods.known_methods`.
 GROUPS: dict[str, tuple[str, ...]] = {
@@ -134,6 +126,5 @@ FAMILIES = tuple(dict.fromkeys(each.family for each in BASELINES))
 
 def modules_of(names: Iterable[str]) -> tuple[str, ...]:
     """The modules of those baselines among some methods, or groups: nothing imports them before."""
-    every = dict.fromkeys(one for name in names for one in GROUPS.get(name, (name,)))
-    modules = [BY_NAME[name].estimate.__module__ for name in every if name in BY_NAME]
-    return tuple(dict.fromkeys(modules))
+    named = (method for name in names for method in GROUPS.get(name, (name,)))
+    return tuple(dict.fromkeys(BY_NAME[n].estimate.__module__ for n in named if n in BY_NAME))

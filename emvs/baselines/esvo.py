@@ -13,6 +13,11 @@ Student t distributed; Levenberg-Marquardt with the weights of that distribution
 scale, carried through the derivative of the weighted residuals, is the scale of rho:
 `s_rho^2 = s_r^2 / |J|^2`. As in the authors' program the weights of that derivative take the
 distribution's scale from the patch itself, which is also what says how well the patch fits.
+
+The filter multiplies two Student t densities, approximated by one again. The bulk of an estimate
+lies within twice its standard deviation, `s sqrt(nu / (nu - 2))`. The regularised map is a mean
+over compatible neighbours, weighted by their variances, that leaves depth edges alone; the authors'
+configuration for MVSEC leaves it out.
 """
 
 from __future__ import annotations
@@ -23,12 +28,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.baselines.esvo_filter import Estimates, fuse_into, propagate, regularised
-from eventsweep.emvs.baselines.esvo_kernels import deviation_of, refine_all, search
+from eventsweep.emvs.baselines.esvo_kernels import deviation_of, fuse, refine_all, search, smooth
 from eventsweep.emvs.baselines.rectification import Rectified, depth_map
 from eventsweep.emvs.baselines.sgm import disparity_range_px, instants_us
 from eventsweep.emvs.baselines.time_surface import SurfacePair
-from eventsweep.emvs.config import EsvoParameters, MapperConfig, Matching, Refinement
+from eventsweep.emvs.config import (
+    CleanUp,
+    EsvoParameters,
+    MapperConfig,
+    Matching,
+    Refinement,
+    Regularisation,
+)
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.depth.depth_map import DepthMap
@@ -130,9 +141,16 @@ def _fused(
     method: str, maps: Sequence[EsvoMap], mapper: EsvoMapper, view: ReferenceView,
     config: MapperConfig,
 ) -> DepthMap:  # fmt: skip
-    known = Estimates.empty(view.camera.height_px, view.camera.width_px)
-    for added in reversed(maps):
-        known = _with(known, added, mapper, view, config.esvo)
+    """Carries maps into the reference view and fuses them there, the newest first."""
+    camera, dof = view.camera, config.esvo.refinement.dof
+    known = Estimates.empty(camera.height_px, camera.width_px)
+    for added in reversed([each for each in maps if each.estimates]):
+        T_rv_then = se3.inverse(view.T_world_rv) @ mapper.pose(added.t_us)
+        rays = np.einsum("nij,nj->ni", T_rv_then[:, :3, :3], added.bearing)
+        refined = added.refined
+        bearing, rho, scale = propagate(rays, T_rv_then[:, :3, 3], refined.rho, refined.scale)
+        uv_px = bearing * (camera.fx_px, camera.fy_px) + (camera.cx_px, camera.cy_px)
+        known = fuse_into(known, uv_px, rho, scale, refined.spread, dof)
     clean_up = config.esvo.clean_up
     most = clean_up.most_deviation_px / mapper.px_per_rho
     rho = regularised(known, clean_up, config.esvo.regularisation, most)
@@ -147,22 +165,6 @@ def _fused(
     depth_m = np.divide(1, rho, out=np.zeros(rho.shape), where=inside).astype(np.float32)
     sure = np.divide(1, known.deviation, out=np.zeros(rho.shape), where=inside).astype(np.float32)
     return depth_map(method, depth_m, sure, view, config)
-
-
-def _with(
-    known: Estimates, added: EsvoMap, mapper: EsvoMapper, view: ReferenceView,
-    parameters: EsvoParameters,
-) -> Estimates:  # fmt: skip
-    """Carries a map into the reference view and fuses it there."""
-    if not added.estimates:
-        return known
-    T_rv_then = se3.inverse(view.T_world_rv) @ mapper.pose(added.t_us)
-    rays = np.einsum("nij,nj->ni", T_rv_then[:, :3, :3], added.bearing)
-    refined = added.refined
-    bearing, rho, scale = propagate(rays, T_rv_then[:, :3, 3], refined.rho, refined.scale)
-    camera = view.camera
-    uv_px = bearing * (camera.fx_px, camera.fy_px) + (camera.cx_px, camera.cy_px)
-    return fuse_into(known, uv_px, rho, scale, refined.spread, parameters.refinement.dof)
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,3 +283,86 @@ def match_blocks(
     with np.errstate(invalid="ignore"):
         good = (score >= settings.least_zncc) & (disparity_px > low) & (disparity_px < high)
     return np.where(good, disparity_px, np.float32(np.nan)), score
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """Student t distributed inverse depths, of pixels or of points.
+
+    Attributes:
+        rho: inverse depth, 1/m; NaN for none.
+        scale: its scale, 1/m.
+        dof: its degrees of freedom.
+        count: int64, how many were fused into it.
+        spread: the smallest scale of residuals among those (`Refined.spread`).
+    """
+
+    rho: Float64s
+    scale: Float64s
+    dof: Float64s
+    count: NDArray[np.int64]
+    spread: Float64s
+
+    @classmethod
+    def empty(cls, height_px: int, width_px: int) -> Estimates:
+        """A map without any."""
+        shape = height_px, width_px
+        return cls(np.full(shape, np.nan), np.zeros(shape), np.zeros(shape),
+                   np.zeros(shape, np.int64), np.zeros(shape))  # fmt: skip
+
+    @property
+    def deviation(self) -> Float64s:
+        """Standard deviation of inverse depth, 1/m."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.scale * np.sqrt(self.dof / (self.dof - 2))
+
+
+def propagate(
+    rays: Float64s, origins_m: Float64s, rho: Float64s, scale: Float64s
+) -> tuple[Float64s, Float64s, Float64s]:
+    """Carries (N,) inverse depths into another view, and their scales by the derivative.
+
+    There the (N, 3) rays `R @ (bearing, 1)` begin at (N, 3) `origins_m`.
+
+    Returns:
+        (N, 2) bearings, (N,) inverse depths, NaN behind the view, and (N,) their scales.
+    """
+    points = rays + rho[:, None] * origins_m
+    with np.errstate(divide="ignore", invalid="ignore"):
+        front = (points[:, 2] > 0) & np.isfinite(rho)
+        new = np.where(front, rho / points[:, 2], np.nan)
+        slope = np.abs(rays[:, 2]) / points[:, 2] ** 2
+        return points[:, :2] / points[:, 2:], new, scale * slope
+
+
+def fuse_into(
+    known: Estimates, uv_px: Float64s, rho: Float64s, scale: Float64s, spread: Float64s, dof: float
+) -> Estimates:
+    """Fuses (N,) points into the four pixels around each; `known` stays as it is.
+
+    Where a point is not compatible with what is there, it is left out if it lies behind by more
+    than two standard deviations; else it takes the place of what is less sure and fits worse.
+    """
+    fused = Estimates(*(getattr(known, name).copy() for name in Estimates.__dataclass_fields__))
+    fuse(
+        uv_px, rho, scale, spread, dof, fused.rho, fused.scale, fused.dof, fused.count, fused.spread
+    )
+    return fused
+
+
+def regularised(
+    known: Estimates, clean_up: CleanUp, settings: Regularisation, most_deviation: float
+) -> Float64s:
+    """Cleans a fused map: (H, W) float64 inverse depths, 1/m; NaN for none.
+
+    Estimates of more than `most_deviation`, 1/m, are left out.
+    """
+    deviation = known.deviation
+    with np.errstate(invalid="ignore"):
+        sure = (known.count > clean_up.least_fusions) & (deviation <= most_deviation)
+    rho: Float64s = np.where(sure, known.rho, np.nan)
+    if not settings.radius_px:
+        return rho
+    out = np.empty(rho.shape)
+    smooth(rho, deviation, settings.radius_px, settings.least_neighbours, out)
+    return out

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eventsweep.emvs.baselines.rectification_kernels import splat
+from eventsweep.emvs.baselines.pixels_kernels import splat
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording
@@ -70,7 +70,8 @@ class Rectified:
         R_rect_cam = tuple(R_body_rect.T @ rig.T_body_cam[k][:3, :3] for k in (i, j))
         bearings = [_turned(rig.cameras[k], R) for k, R in zip((i, j), R_rect_cam, strict=True)]
         camera = _shared_camera(rig.cameras[i], bearings)
-        maps = tuple(_pixels(camera, bearing) for bearing in bearings)
+        focal_px, centre_px = (camera.fx_px, camera.fy_px), (camera.cx_px, camera.cy_px)
+        maps = tuple((b * focal_px + centre_px).astype(np.float32) for b in bearings)
         sources = tuple(
             _sources(camera, rig.cameras[k], R) for k, R in zip((i, j), R_rect_cam, strict=True)
         )
@@ -183,11 +184,6 @@ def _shared_camera(camera: Camera, bearings: list[Matrix]) -> Camera:
         int(np.ceil(size - 1e-6)) + 1 for size in (right_px - left_px, bottom_px - top_px)
     )
     return Camera(width_px, height_px, focal_px, focal_px, -float(left_px), -float(top_px))
-
-
-def _pixels(camera: Camera, bearing: Matrix) -> Image:
-    uv_px = bearing * (camera.fx_px, camera.fy_px) + (camera.cx_px, camera.cy_px)
-    return uv_px.astype(np.float32)
 
 
 def _sources(view: Camera, camera: Camera, R_rect_cam: Matrix) -> Image:

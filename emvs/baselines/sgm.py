@@ -22,9 +22,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.baselines.pixels_kernels import NEVER_US
 from eventsweep.emvs.baselines.rectification import Rectified, Seen, depth_map, see_disparities
 from eventsweep.emvs.baselines.time_surface import SurfacePair
-from eventsweep.emvs.baselines.time_surface_kernels import NEVER_US
 from eventsweep.emvs.config import MapperConfig, SemiGlobal, SgmParameters
 from eventsweep.emvs.data.image_stores import Photo
 from eventsweep.emvs.data.recording import Recording
@@ -156,12 +156,13 @@ def estimate_frames(
     range_px = disparity_range_px(stereo, view)
     photos = photos_at(recording, window, stereo.cameras)
     gain = min(photo.gain for photo in photos)
-    left, right = (_encoded(stereo.image(k, photo.image), photo.gain, gain)
-                   for k, photo in enumerate(photos))  # fmt: skip
-    disparity_px, contrast = (
-        match(left, right, range_px, matcher),
-        _contrast(left, matcher.block_px),
+    lights = (
+        np.clip(stereo.image(k, photo.image) / 255 * (gain / photo.gain), 0, 1)
+        for k, photo in enumerate(photos)
     )
+    left, right = (np.rint(light ** (1 / _GAMMA) * 255).astype(np.uint8) for light in lights)
+    disparity_px = match(left, right, range_px, matcher)
+    contrast = _contrast(left, matcher.block_px)
     seen = see_disparities(disparity_px, contrast, stereo, photos[0].t_us, recording, view)
     return depth_map("Frames/sgm", seen.depth_m, seen.value, view, config)
 
@@ -204,11 +205,6 @@ def photos_at(recording: Recording, window: Window, cameras: tuple[int, int]) ->
             f"{window.t0_us}..{window.t1_us} µs: choose a longer window or a higher frame rate"
         )
     return photos
-
-
-def _encoded(image: NDArray[np.float32], own_gain: float, gain: float) -> NDArray[np.uint8]:
-    light = np.clip(image / 255 * (gain / own_gain), 0, 1)
-    return np.rint(light ** (1 / _GAMMA) * 255).astype(np.uint8)
 
 
 def _contrast(image: NDArray[np.uint8], block_px: int) -> NDArray[np.float32]:

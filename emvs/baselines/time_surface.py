@@ -10,15 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.baselines.pixels_kernels import NEVER_US, decay, stamp
 from eventsweep.emvs.baselines.rectification import Rectified
-from eventsweep.emvs.baselines.time_surface_kernels import NEVER_US, decay, stamp
 from eventsweep.emvs.config import EsvoParameters, SgmParameters
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 
 Image = NDArray[np.float32]
-_BOTH = -1  # polarities
 
 
 class TimeSurface:
@@ -60,7 +59,7 @@ class TimeSurface:
             )
         height_px, width_px = self.last_us.shape
         events.checked(width_px, height_px)
-        stamp(events.x, events.y, events.t_us, events.p, _BOTH, self.last_us)
+        stamp(events.x, events.y, events.t_us, self.last_us)
         self.newest_us = int(events.t_us[-1])
 
     def at(self, t_us: int, *, smooth: bool = True) -> Image:
@@ -79,21 +78,18 @@ class TimeSurface:
             )
         surface = np.empty(self.last_us.shape, np.float32)
         decay(self.last_us, t_us, self.decay_s * 1e6, surface)
-        return self._smoothed(surface) if smooth else surface
+        if smooth and self.median_px > 1:
+            surface = np.asarray(cv2.medianBlur(surface, self.median_px), np.float32)
+        if smooth and self.blur_sigma_px > 0:
+            blurred = cv2.GaussianBlur(surface, (0, 0), self.blur_sigma_px)
+            surface = np.asarray(blurred, np.float32)
+        return surface
 
     def active(self, t_us: int, within_s: float) -> NDArray[np.bool_]:
         """(H, W) bool, which pixels fired in the last `within_s` before `t_us`."""
         recent: NDArray[np.bool_] = self.last_us >= t_us - round(within_s * 1e6)
         fired: NDArray[np.bool_] = self.last_us != NEVER_US
         return recent & fired
-
-    def _smoothed(self, surface: Image) -> Image:
-        if self.median_px > 1:
-            surface = np.asarray(cv2.medianBlur(surface, self.median_px), np.float32)
-        if self.blur_sigma_px > 0:
-            blurred = cv2.GaussianBlur(surface, (0, 0), self.blur_sigma_px)
-            surface = np.asarray(blurred, np.float32)
-        return surface
 
 
 class SurfacePair:

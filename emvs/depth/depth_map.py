@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.depth import median_kernels
+from eventsweep.emvs.depth import neighbours_kernels
 from eventsweep.emvs.dsi.maxima import Maximum
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.reference_view import ReferenceView, inverse_depth_at
@@ -144,7 +144,7 @@ def masked_median(values: Float32s, mask: Mask, kernel_px: int) -> Float32s:
     """
     out = values.copy()
     patch = np.empty((len(values), kernel_px * kernel_px + 1), np.float32)
-    median_kernels.masked_median(values, mask, kernel_px // 2, patch, out)
+    neighbours_kernels.masked_median(values, mask, kernel_px // 2, patch, out)
     return out
 
 

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.config import FocusParameters, MapperConfig
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.depth import surface_kernels
+from eventsweep.emvs.depth import neighbours_kernels
 from eventsweep.emvs.depth.depth_map import above_mean, eight_bits, without_border
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.maxima import InFocus, Maximum
@@ -21,52 +21,26 @@ from eventsweep.emvs.windows import Window
 Float32s = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Pixels = tuple[NDArray[np.int64], ...]  # rows and columns
+# Chosen on simulated data by `python tests/benchmarks study_extraction` of commit 77cd9c78. Lengths
+# are pixels of the view, disparities those of the rig's baseline: both keep their meaning for other
+# sensors, baselines and depth planes (the page `extraction`).
+AGREEMENT_PX = 0.4
+"""Disagreement between cameras that divides the reliability by e, px of disparity, where that is
+`_AGREEMENT_AT_PX`; elsewhere it grows with its square root."""
+_AGREEMENT_AT_PX = 10.0
+_RAY_PX = 3.0  # distance from the plain maximum that divides the reliability by e, of disparity
+_SUPPORT_RADIUS_PX = 5  # half the square of neighbours that count
+_SUPPORT_PX = np.float32(1)  # how far a neighbour's disparity may be off to count as support
+_INSIDE_RADIUS_PX = 8  # half the square in which a pixel looks for its own surface
+# Relative rise of the votes, from the pixel to the middle of its own surface, at which it rather
+# lies beyond that surface's edge
+_INSIDE_RISE = np.float32(0.16)
+_SURFACE_SIGMA_PX = 4.0  # scale of the window in which a plane is fitted to the disparities
+_SURFACE_PX = np.float32(0.5)  # how far a neighbour's disparity may be off to take part in that
+_SURFACE_REACH_PX = 6  # half that window: what is farther hardly counts
 _SLOPE_SIGMA_PX = 0.8  # scale of the votes' slope: that of a ridge of votes, not of its noise
-_SURFACE_REACH = 1.5  # half the fitted window, in its scale: what is farther hardly counts
 _RIDGE_PX2 = 0.5  # keeps slopes that nothing determines at 0
 _PATH_SAMPLES = 65
-
-
-@dataclass(frozen=True)
-class FocusConfig:
-    """Parameters of the extraction, chosen on simulated data.
-
-    `python tests/benchmarks study_extraction` of commit 77cd9c78 is what chose them.
-
-    Lengths in px are pixels of the view, disparities those of the rig's baseline: both keep their
-    meaning for other sensors, baselines and depth planes (the page `extraction`).
-
-    Attributes:
-        measure: focus measure, by its name in `emvs.dsi.focus_measures.MEASURES`.
-        sigma_px: scale of the focus measure, px.
-        agreement_px: disagreement between cameras that divides the reliability by e, px of
-            disparity, where that is `agreement_at_px`; elsewhere it grows with its square root.
-        agreement_at_px: disparity to which `agreement_px` refers, px.
-        ray_px: distance from the plain maximum that divides the reliability by e, px of disparity.
-        support_radius_px: half the square of neighbours that count, px.
-        support_px: how far a neighbour's depth may be off to count as support, px of disparity.
-        inside_radius_px: half the square in which a pixel looks for its own surface, px.
-        inside_rise: relative rise of the votes, from the pixel to the middle of its own surface,
-            at which it rather lies beyond that surface's edge.
-        surface_sigma_px: scale of the window in which a plane is fitted to the disparities, px.
-        surface_px: how far a neighbour's disparity may be off to take part in that, px.
-        threshold_kernel_px: window of the candidates' adaptive threshold, px, odd, at least 3.
-        threshold_c: by how much of 255 the fused maximum must exceed its neighbours' mean.
-    """
-
-    measure: str = "variance"
-    sigma_px: float = 2.5
-    agreement_px: float = 0.4
-    agreement_at_px: float = 10.0
-    ray_px: float = 3.0
-    support_radius_px: int = 5
-    support_px: float = 1.0
-    inside_radius_px: int = 8
-    inside_rise: float = 0.16
-    surface_sigma_px: float = 4.0
-    surface_px: float = 0.5
-    threshold_kernel_px: int = 5
-    threshold_c: float = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,28 +87,20 @@ def estimate_in_focus(
 
     `disparity_px` is (N,), that of each plane, above 0.
     """
-    scales, refines, own = _scales(config), config.refines, focus.maximum
+    refines, own = config.refines, focus.maximum
     disparity_px = disparity_px.astype(np.float64)
-    candidate = candidate_mask(votes.value, scales) & between_the_ends(own)
+    candidate = candidate_mask(votes.value, config.focus) & between_the_ends(own)
     at = np.nonzero(candidate)
     position = own.position(gaussian=True) if refines else own.plane.astype(np.float32)
     cameras = [m.position_at(*at, refined=refines, gaussian=True) for m in focus.camera_maxima]
     vote_peak = votes.position_at(*at, refined=refines)
-    estimate = judge_at(
-        at, candidate, votes.value, vote_peak, position, cameras, disparity_px, scales
-    )
-    return on_surface(estimate, disparity_px, scales) if refines else estimate
-
-
-def _scales(config: MapperConfig) -> FocusConfig:
-    """The parameters of the extraction, as far as the mapper's configuration sets them."""
-    names = "measure", "sigma_px", "threshold_kernel_px", "threshold_c"
-    return FocusConfig(**{name: getattr(config.focus, name) for name in names})
+    estimate = judge_at(at, candidate, votes.value, vote_peak, position, cameras, disparity_px)
+    return on_surface(estimate, disparity_px) if refines else estimate
 
 
 def judge_at(
     at: Pixels, candidate: Mask, confidence: Float32s, vote_peak: Float32s, position: Float32s,
-    camera_positions: Sequence[Float32s], disparity_px: NDArray[np.floating], config: FocusConfig,
+    camera_positions: Sequence[Float32s], disparity_px: NDArray[np.floating],
 ) -> FocusEstimate:  # fmt: skip
     """Says how reliable the depth is at (M,) pixels, all candidates among them.
 
@@ -145,20 +111,20 @@ def judge_at(
     for other in camera_positions:
         difference_px = abs(disparity_at(other, disparity_px) - own_px)
         np.maximum(disagreement_px, difference_px, out=disagreement_px)
-    allowed_px = config.agreement_px * np.sqrt(own_px / np.float32(config.agreement_at_px))
+    allowed_px = AGREEMENT_PX * np.sqrt(own_px / np.float32(_AGREEMENT_AT_PX))
     ray_px = abs(disparity_at(vote_peak, disparity_px) - own_px)
     surroundings_px = np.zeros_like(confidence)
     surroundings_px[at] = own_px
     support = np.zeros_like(confidence)
-    surface_kernels.support(
-        surroundings_px, candidate, config.support_radius_px, np.float32(config.support_px), support
-    )
+    neighbours_kernels.support(surroundings_px, candidate, _SUPPORT_RADIUS_PX, _SUPPORT_PX, support)
+    # Votes as a share of themselves and those of the median candidate
+    usual = np.float32(np.median(confidence[candidate])) if candidate.any() else np.float32(1)
     factors = (
         np.exp(-disagreement_px / allowed_px),
         support[at],
-        _inside(at, confidence, surroundings_px, candidate, config),
-        np.exp(-ray_px / np.float32(config.ray_px)),
-        _strength(at, confidence, candidate),
+        _inside(at, confidence, surroundings_px, candidate),
+        np.exp(-ray_px / np.float32(_RAY_PX)),
+        confidence[at] / (confidence[at] + usual),
     )
     images = np.zeros((len(factors), *confidence.shape), np.float32)
     for image, factor in zip(images, factors, strict=True):
@@ -176,7 +142,7 @@ def disparity_at(position: Float32s, disparity_px: NDArray[np.floating]) -> Floa
     return np.asarray(table[before] + (place - before) * step[before], np.float32)
 
 
-def candidate_mask(confidence: Float32s, config: FocusConfig) -> Mask:
+def candidate_mask(confidence: Float32s, config: FocusParameters) -> Mask:
     """Where (H, W) votes stand out from their surroundings."""
     grey = eight_bits(confidence, 0.0)
     return (confidence > 0) & above_mean(grey, config.threshold_kernel_px, config.threshold_c)
@@ -190,37 +156,24 @@ def between_the_ends(maximum: Maximum) -> Mask:
     return (maximum.plane > 0) & (maximum.plane < maximum.planes - 1)
 
 
-def _inside(
-    at: Pixels, confidence: Float32s, own_px: Float32s, candidate: Mask, config: FocusConfig
-) -> Float32s:
+def _inside(at: Pixels, confidence: Float32s, own_px: Float32s, candidate: Mask) -> Float32s:
     """Near 0 where the votes rise steeply towards the pixel's own surface: it lies beyond an edge.
 
     The ridge of votes along a silhouette is a few pixels wide, and its outer half shows what is
     behind. Where the own surface lies is seen from the candidates around.
     """
     towards = np.zeros((2, *confidence.shape), np.float32)
-    surface_kernels.own_surface(
-        own_px, candidate, config.inside_radius_px, np.float32(config.support_px), towards
-    )
+    neighbours_kernels.own_surface(own_px, candidate, _INSIDE_RADIUS_PX, _SUPPORT_PX, towards)
     smooth = focus_measures.blurred(confidence, _SLOPE_SIGMA_PX)
     slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)[at]
     slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)[at]
     uphill = towards[0][at] * slope_x + towards[1][at] * slope_y
     rise = uphill / np.maximum(confidence[at], np.float32(1e-6))
-    steepness = np.clip(rise / np.float32(config.inside_rise), -50, 50)
+    steepness = np.clip(rise / _INSIDE_RISE, -50, 50)
     return np.asarray(1 / (1 + np.exp(steepness)), np.float32)
 
 
-def _strength(at: Pixels, confidence: Float32s, candidate: Mask) -> Float32s:
-    """Votes as a share of themselves and those of the median candidate."""
-    usual = np.float32(np.median(confidence[candidate])) if candidate.any() else np.float32(1)
-    votes = confidence[at]
-    return np.asarray(votes / (votes + usual), np.float32)
-
-
-def on_surface(
-    estimate: FocusEstimate, disparity_px: NDArray[np.floating], config: FocusConfig
-) -> FocusEstimate:
+def on_surface(estimate: FocusEstimate, disparity_px: NDArray[np.floating]) -> FocusEstimate:
     """Moves each candidate to the plane that fits the disparities of its own surface around it.
 
     A plane in space is linear in disparity over the image, so a slanted surface stays what it is.
@@ -229,41 +182,36 @@ def on_surface(
     at = np.nonzero(estimate.candidate)
     own_px = np.zeros_like(estimate.position)
     own_px[at] = disparity_at(estimate.position[at], disparity_px)
-    fitted_px = surface_disparity(own_px, estimate.candidate, config)
+    fitted_px = surface_disparity(own_px, estimate.candidate)
     rising = np.argsort(disparity_px)
     planes = np.arange(len(disparity_px), dtype=np.float64)
     position = estimate.position.copy()
     position[at] = np.interp(fitted_px[at], disparity_px[rising], planes[rising])
-    scatter_px = surface_scatter_px(own_px, fitted_px, estimate.candidate, config)
+    scatter_px = surface_scatter_px(own_px, fitted_px, estimate.candidate)
     return replace(estimate, position=position, scatter_px=scatter_px)
 
 
-def surface_disparity(own_px: Float32s, candidate: Mask, config: FocusConfig) -> Float32s:
+def surface_disparity(own_px: Float32s, candidate: Mask) -> Float32s:
     """(H, W) float32 px: each candidate's disparity on the plane through those around it.
 
     `own_px` is (H, W) float32, the disparities before; 0 where there is no candidate.
     """
-    reach_px = round(_SURFACE_REACH * config.surface_sigma_px)
-    weight = focus_measures.half_window(config.surface_sigma_px)[: reach_px + 1]
+    weight = focus_measures.half_window(_SURFACE_SIGMA_PX)[: _SURFACE_REACH_PX + 1]
     fitted_px = np.zeros_like(own_px)
-    surface_kernels.fit_surface(
-        own_px, candidate, weight, np.float32(config.surface_px), _RIDGE_PX2, fitted_px
-    )
+    neighbours_kernels.fit_surface(own_px, candidate, weight, _SURFACE_PX, _RIDGE_PX2, fitted_px)
     return fitted_px
 
 
-def surface_scatter_px(
-    own_px: Float32s, fitted_px: Float32s, candidate: Mask, config: FocusConfig
-) -> Float32s:
+def surface_scatter_px(own_px: Float32s, fitted_px: Float32s, candidate: Mask) -> Float32s:
     """(H, W) float32: how far candidates around lie from the surface through them; else 0.
 
     The mean distance of disparities before and after the fit, weighted as in it: the surface is as
     uncertain as what it was fitted to.
     """
-    size = (2 * round(_SURFACE_REACH * config.surface_sigma_px) + 1,) * 2
+    size = (2 * _SURFACE_REACH_PX + 1,) * 2
 
     def around(image: Float32s) -> Float32s:
-        return np.asarray(cv2.GaussianBlur(image, size, config.surface_sigma_px), np.float32)
+        return np.asarray(cv2.GaussianBlur(image, size, _SURFACE_SIGMA_PX), np.float32)
 
     apart_px = np.where(candidate, np.abs(fitted_px - own_px), np.float32(0))
     share = np.where(candidate, around(candidate.astype(np.float32)), np.float32(1))

@@ -9,7 +9,6 @@ and the edge stays a step.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -82,8 +81,3 @@ def _barycentric(
     two = np.einsum("kij,kj->ki", to_weights[:, :2], pixels - to_weights[:, 2])
     weight: NDArray[np.float64] = np.column_stack([two, 1 - two.sum(axis=1)])
     return weight
-
-
-def write_dense(path: Path, dense: Dense) -> None:
-    """Writes `dense.npz`: depth_m, measured, filled."""
-    np.savez(path, depth_m=dense.depth_m, measured=dense.measured, filled=dense.filled)

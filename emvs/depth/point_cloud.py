@@ -51,30 +51,20 @@ def back_project_map(depth_map: DepthMap, colour_by: ColourBy = "depth") -> Poin
     depth_m = depth_map.depth_m[rows, columns].astype(np.float64)[:, None]
     points_rv = np.hstack([bearing * depth_m, depth_m])
     points_world = se3.transform(depth_map.T_world_rv, points_rv)
-    return PointCloud(points_world, _colours(depth_map, rows, columns, colour_by))
-
-
-def _colours(
-    depth_map: DepthMap, rows: NDArray[np.intp], columns: NDArray[np.intp], colour_by: ColourBy
-) -> NDArray[np.uint8]:
     if colour_by == "depth":
         values = np.reciprocal(depth_map.depth_m[rows, columns])
         low, high = float(depth_map.rho.min()), float(depth_map.rho.max())
     else:
         values = depth_map.confidence[rows, columns]
         low, high = 0.0, float(depth_map.confidence.max())
-    return _palette(values, low, high)
+    return PointCloud(points_world, palette(values, low, high))
 
 
-def depth_colours(depth_m: NDArray[np.float32], near_m: float, far_m: float) -> NDArray[np.uint8]:
-    """(..., 3) red, green, blue of depths: red near, blue far, even in inverse depth."""
-    return _palette(np.reciprocal(depth_m), 1 / far_m, 1 / near_m)
-
-
-def _palette(values: NDArray[np.floating], low: float, high: float) -> NDArray[np.uint8]:
+def palette(values: NDArray[np.floating], low: float, high: float) -> NDArray[np.uint8]:
+    """(..., 3) red, green, blue of values: blue from `low` down, red from `high` up."""
     grey = np.rint(255 * np.clip((values - low) / (high - low), 0, 1)).astype(np.uint8)
-    palette = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)
-    red_green_blue = palette[:, 0, ::-1].astype(np.uint8)
+    turbo = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)
+    red_green_blue = turbo[:, 0, ::-1].astype(np.uint8)
     colours: NDArray[np.uint8] = red_green_blue[grey]
     return colours
 

@@ -25,7 +25,6 @@ from eventsweep.emvs.errors import InputError, refused
 from eventsweep.emvs.utils.inputs import parse_json
 
 Float32s = NDArray[np.float32]
-Floats = NDArray[np.floating[Any]]
 BAND = 0.68
 """Share of errors that the stated error holds."""
 TELLING = 0.9
@@ -123,7 +122,7 @@ class Precision:
         return float(self.score[enough[0]])
 
 
-def scatter_scale(scatter_px: Floats) -> Floats:
+def scatter_scale(scatter_px: NDArray[np.floating]) -> NDArray[np.floating]:
     """What errors are multiples of, px: the scatter around the surface, and a little."""
     return np.asarray(scatter_px + np.float32(LEAST_SCATTER_PX))
 

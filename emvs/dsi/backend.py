@@ -114,7 +114,7 @@ class CpuBackend:
         self._task, self._rays = task, rays
         self.planes_in_flight = batch_planes(planes, threads, size[0] * size[1], len(rays))
         self._scratch = Scratch(
-            len(rays), self.planes_in_flight, *size, nearest=config.sums == "nearest"
+            len(rays), self.planes_in_flight, *size, nearest=config.voting == "nearest"
         )
         self._focus = FocusMaxima(
             task.sought, task.cameras, *size, config.focus.sigma_px,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Protocol
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.dsi.fusion import Split
-from eventsweep.emvs.dsi.rays import RayCounts, Rays, event_rays, grouped_by_rows
+from eventsweep.emvs.dsi.rays import RayCounts, Rays, grouped_by_rows, knots, rays_between
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.reference_view import ReferenceView
 from eventsweep.emvs.utils.runtime import Progress, silent
@@ -50,7 +51,7 @@ def back_project(
     """Casts the rays of every camera in the window into the reference view (paper, Alg. 1, line 3).
 
     `progress` is called with the stage `rays`, cameras done and all. Where `polarities` is 2, each
-    gets rays of its own; `packets` is the setting of `emvs.dsi.rays.event_rays`.
+    gets rays of its own; `packets` is the setting of `emvs.dsi.rays.rays_between`.
 
     Raises:
         InputError: a camera with fewer than `min_events` events that can vote.
@@ -64,7 +65,10 @@ def back_project(
         _check_any(recording.rig.camera_names[k], count, window, min_events)
         if k == 0:
             event_image = projector.event_image(events, camera.width_px, camera.height_px)
-        counts.append(count.with_left_out(window.left_out[k]))
+        lost = window.left_out[k]  # no pose covers these, and nobody read them
+        counts.append(
+            replace(count, events=count.events + lost, without_pose=count.without_pose + lost)
+        )
         cast.append(pieces)
         progress("rays", k + 1, len(recording.rig))
     ordered = {
@@ -96,9 +100,7 @@ def _of_polarity(
 ) -> tuple[Events, dict[Split, NDArray[np.int64]]]:
     chosen = events.p == polarity
     before = np.r_[0, np.cumsum(chosen)]
-    columns = (events.x, events.y, events.t_us, events.p)
-    part_of = Events(*(column[chosen] for column in columns))
-    return part_of, {split: before[edge] for split, edge in edges.items()}
+    return events.take(chosen), {split: before[edge] for split, edge in edges.items()}
 
 
 def _cut_packets(
@@ -151,7 +153,7 @@ Between = Callable[[int, int], AnyRays]
 
 
 class Caster(Protocol):
-    """Casts rays of one camera; `packets` is the setting of `emvs.dsi.rays.event_rays`."""
+    """Casts rays of one camera; `packets` is the setting of `emvs.dsi.rays.rays_between`."""
 
     packets: bool
 
@@ -164,6 +166,11 @@ class Caster(Protocol):
 
 class Projector(Protocol):
     """Turns events into rays on some device."""
+
+    def reading(
+        self, recording: Recording, windows: Sequence[Window]
+    ) -> AbstractContextManager[Recording]:
+        """The recording, for a run that maps these windows one after the other."""
 
     def received(self, events: Events) -> Events:
         """The events, where the device wants them."""
@@ -183,18 +190,15 @@ class CpuCaster:
     def __init__(
         self, recording: Recording, view: ReferenceView, camera: int, *, packets: bool
     ) -> None:
-        self._camera = recording.rig.cameras[camera]
-        self._T_body_cam = recording.rig.T_body_cam[camera]
-        self._trajectory, self._view, self.packets = recording.trajectory, view, packets
+        self._camera = recording.rig.cameras[camera], recording.rig.T_body_cam[camera]
+        self._poses = knots(recording.trajectory, view.T_world_rv)
+        self._view, self.packets = view, packets
 
     def __call__(self, events: Events) -> Rays:
         """Casts every event's ray into the reference view (paper, Alg. 1, line 3)."""
-        rays = event_rays(
-            events, self._camera, self._T_body_cam, self._trajectory, self._view.T_world_rv,
-            self._view.camera, packets=self.packets,
-        )  # fmt: skip
-        middle = float(self._view.rho[len(self._view.rho) // 2])
-        return grouped_by_rows(rays, middle, self._view.camera.height_px)
+        camera, rho = self._view.camera, self._view.rho
+        rays = rays_between(events, *self._camera, self._poses, camera, packets=self.packets)
+        return grouped_by_rows(rays, float(rho[len(rho) // 2]), camera.height_px)
 
     def joined(self, pieces: Sequence[Rays]) -> Between:
         """Pieces copied into one, of which every stretch is a view."""
@@ -215,6 +219,12 @@ class CpuProjector:
     """The compiled loops on all cores."""
 
     caster = CpuCaster
+
+    def reading(
+        self, recording: Recording, _windows: Sequence[Window]
+    ) -> AbstractContextManager[Recording]:
+        """The recording as it is: nothing is read ahead."""
+        return nullcontext(recording)
 
     def received(self, events: Events) -> Events:
         """The events as they are."""

@@ -32,20 +32,10 @@ def blurred(plane: Float32s, sigma_px: float) -> Float32s:
     return np.asarray(cv2.GaussianBlur(plane, (width, width), sigma_px), np.float32)
 
 
-def votes_of(plane: Float32s, _sigma_px: float) -> Float32s:
-    """The plane itself: the ray maximum of the method's paper."""
-    return plane
-
-
 def variance(plane: Float32s, sigma_px: float) -> Float32s:
     """The Gaussian-weighted variance of the votes around each pixel."""
     mean = blurred(plane, sigma_px)
     return np.maximum(blurred(plane * plane, sigma_px) - mean * mean, np.float32(0))
-
-
-def mean_square(plane: Float32s, sigma_px: float) -> Float32s:
-    """The Gaussian-weighted mean of the squared votes around each pixel."""
-    return blurred(plane * plane, sigma_px)
 
 
 def gradient(plane: Float32s, sigma_px: float) -> Float32s:
@@ -61,18 +51,14 @@ def laplacian(plane: Float32s, sigma_px: float) -> Float32s:
     return blurred(np.asarray(bend * bend, np.float32), sigma_px)
 
 
-def difference_of_gaussians(plane: Float32s, sigma_px: float) -> Float32s:
-    """The mean around each pixel less that of 1.6 times the scale; negative in the valleys."""
-    return blurred(plane, sigma_px) - blurred(plane, DOG_RATIO * sigma_px)
-
-
 FocusMeasure = Callable[[Float32s, float], Float32s]
 
 MEASURES: dict[str, FocusMeasure] = {
-    "votes": votes_of,
+    "votes": lambda plane, _sigma_px: plane,  # the ray maximum of the method's paper
     "variance": variance,
-    "mean-square": mean_square,
+    "mean-square": lambda plane, sigma_px: blurred(plane * plane, sigma_px),
     "gradient": gradient,
     "laplacian": laplacian,
-    "dog": difference_of_gaussians,
+    # Negative in the valleys
+    "dog": lambda plane, sigma_px: blurred(plane, sigma_px) - blurred(plane, DOG_RATIO * sigma_px),
 }

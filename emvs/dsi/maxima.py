@@ -270,7 +270,7 @@ class FocusPeak:
         self, width_px: int, height_px: int, measure: str, sigma_px: float, planes: int = 0
     ) -> None:
         self._measure, self._sigma_px = focus_measures.MEASURES[measure], sigma_px
-        self._window = _Window(height_px, width_px, sigma_px) if measure == "variance" else None
+        self._window = _window(height_px, width_px, sigma_px) if measure == "variance" else None
         self._maxima = RunningMaxima(
             (AS_IT_IS,), width_px, height_px, planes=planes, lowest=-np.inf
         )
@@ -285,7 +285,7 @@ class FocusPeak:
             return
         state = (array[0] for array in self._maxima.arrays)
         focus_kernels.fold_variance(
-            *_in_one_row(planes), len(planes), self._maxima.planes, *self._window.arrays, *state
+            *_in_one_row(planes), len(planes), self._maxima.planes, *self._window, *state
         )
         self._maxima.planes += len(planes)
 
@@ -304,22 +304,20 @@ def _in_one_row(planes: Float32s) -> tuple[Float32s, int]:
     return as_strided(planes, (cells,), (size,)), step
 
 
-class _Window:
+def _window(height_px: int, width_px: int, sigma_px: float) -> tuple[NDArray[Any], ...]:
     """What the compiled variance needs beside the votes: weights, mirrored indices, scratch."""
-
-    def __init__(self, height_px: int, width_px: int, sigma_px: float) -> None:
-        weight = focus_measures.half_window(sigma_px)
-        radius, threads = len(weight) - 1, numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-        columns = -(-width_px // focus_kernels.PAIR) * focus_kernels.PAIR
-        taken = threads, focus_kernels.BLOCK + 2 * radius, columns
-        sums = threads, 2, focus_kernels.BLOCK, columns + 2 * radius
-        self.arrays = (
-            weight,
-            _mirrored(height_px, radius),
-            _mirrored(width_px, radius),
-            *(aligned(math.prod(shape)).reshape(shape) for shape in (taken, sums)),
-            np.empty((threads, columns), np.float32),
-        )
+    weight = focus_measures.half_window(sigma_px)
+    radius, threads = len(weight) - 1, numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    columns = -(-width_px // focus_kernels.PAIR) * focus_kernels.PAIR
+    taken = threads, focus_kernels.BLOCK + 2 * radius, columns
+    sums = threads, 2, focus_kernels.BLOCK, columns + 2 * radius
+    return (
+        weight,
+        _mirrored(height_px, radius),
+        _mirrored(width_px, radius),
+        *(aligned(math.prod(shape)).reshape(shape) for shape in (taken, sums)),
+        np.empty((threads, columns), np.float32),
+    )
 
 
 def _mirrored(size: int, radius: int) -> NDArray[np.int64]:

@@ -58,16 +58,17 @@ class RayCounts:
         return self.events - self.without_pose - self.without_ray - self.backwards - self.dropped
 
     @classmethod
+    def tallied(cls, events: int, cast: int, tally: NDArray[np.int64]) -> RayCounts:
+        """From how many events came and were cast, and (4,) those by their outcome."""
+        kinds = rays_kernels.NO_POSE, rays_kernels.NO_RAY, rays_kernels.BACKWARDS
+        without_pose, without_ray, backwards = (int(tally[kind]) for kind in kinds)
+        return cls(events, without_pose, without_ray, backwards, events - cast)
+
+    @classmethod
     def total(cls, counts: Sequence[RayCounts]) -> RayCounts:
         """Adds up what became of events."""
         names = (field.name for field in fields(cls))
         return cls(**{name: sum(getattr(count, name) for count in counts) for name in names})
-
-    def with_left_out(self, left_out: int) -> RayCounts:
-        """Counts also events that no pose covers and that were never read."""
-        return replace(
-            self, events=self.events + left_out, without_pose=self.without_pose + left_out
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,12 +128,11 @@ class Rays:
         return len(self.a_u)
 
 
-def event_rays(
+def rays_between(
     events: Events,
     camera: Camera,
     T_body_cam: NDArray[np.float64],
-    trajectory: Trajectory,
-    T_world_rv: NDArray[np.float64],
+    poses: Knots,
     rv_camera: Camera,
     *,
     packets: bool = False,
@@ -146,28 +146,13 @@ def event_rays(
         events: one camera's, sorted.
         camera: that camera.
         T_body_cam: (4, 4), where it sits on the body.
-        trajectory: `T_world_body`.
-        T_world_rv: (4, 4) pose of the reference view.
+        poses: `knots` of trajectory and reference view, which cameras can share.
         rv_camera: pinhole camera of the reference view.
         packets: the compatibility setting.
 
     Raises:
-        InputError: an event outside the sensor, events not sorted, or a trajectory of one pose.
+        InputError: an event outside the sensor, or events not sorted.
     """
-    poses = knots(trajectory, T_world_rv)
-    return rays_between(events, camera, T_body_cam, poses, rv_camera, packets=packets)
-
-
-def rays_between(
-    events: Events,
-    camera: Camera,
-    T_body_cam: NDArray[np.float64],
-    poses: Knots,
-    rv_camera: Camera,
-    *,
-    packets: bool = False,
-) -> Rays:
-    """`event_rays` with the `knots` of trajectory and reference view, which cameras can share."""
     events.checked(camera.width_px, camera.height_px)
     chosen, pose_us = voters(events, packets=packets)
     columns = tuple(np.empty(len(chosen), np.float32) for _ in range(5))
@@ -176,29 +161,17 @@ def rays_between(
         chosen.x, chosen.y, pose_us, _bearings(camera), *poses, T_body_cam, rv_camera.K,
         *columns, outcome,
     )  # fmt: skip
-    return _voting(columns, outcome, len(events))
+    counts = RayCounts.tallied(len(events), len(chosen), np.bincount(outcome, minlength=4))
+    if counts.rays < len(outcome):
+        votes = outcome == rays_kernels.VOTES
+        columns = tuple(column[votes] for column in columns)
+    return Rays.of(columns, counts)
 
 
 @lru_cache(maxsize=16)
 def _bearings(camera: Camera) -> NDArray[np.float64]:
     """A camera's table of bearings, kept for its further sub-intervals and windows."""
     return camera.bearing_table()
-
-
-def _voting(columns: tuple[Float32s, ...], outcome: NDArray[np.uint8], events: int) -> Rays:
-    """Keeps the rays that vote, and counts the others."""
-    tally = np.bincount(outcome, minlength=4)
-    counts = RayCounts(
-        events=events,
-        without_pose=int(tally[rays_kernels.NO_POSE]),
-        without_ray=int(tally[rays_kernels.NO_RAY]),
-        backwards=int(tally[rays_kernels.BACKWARDS]),
-        dropped=events - len(outcome),
-    )
-    if counts.rays < len(outcome):
-        votes = outcome == rays_kernels.VOTES
-        columns = tuple(column[votes] for column in columns)
-    return Rays.of(columns, counts)
 
 
 def voters(events: Events, *, packets: bool) -> tuple[Events, NDArray[np.int64]]:

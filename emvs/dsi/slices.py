@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,47 +56,27 @@ class SliceRecorder:
             self.values[target.name][first : first + images.shape[1]] = fused[:, 0]
 
 
-class VolumeWriter:
-    """Writes every fused volume as (N, H, W) float32 `.npy`, plane after plane.
-
-    Plain writes and no memory map: on a full disk a write fails, a memory map kills the process.
-    """
-
-    def __init__(
-        self, targets: Sequence[Target], files: Sequence[BinaryIO], polarities: int = 1
-    ) -> None:
-        self._polarities = polarities
-        self._files = tuple(zip(targets, files, strict=True))
-
-    def take(self, images: Float32s) -> None:
-        """Appends the planes of (V, P, H, W) votes."""
-        for target, file in self._files:
-            file.write(fuse(target.fusion, images, self._polarities).data)
-
-
 @contextmanager
 def volume_writer(
-    directory: Path | None,
-    targets: Sequence[Target],
-    shape: tuple[int, int, int],
-    polarities: int = 1,
-) -> Iterator[VolumeWriter]:
-    """Opens one file per target in `directory`, whole or not at all; with None it writes nothing.
+    directory: Path, targets: Sequence[Target], shape: tuple[int, int, int], polarities: int = 1
+) -> Iterator[Callable[[Float32s], None]]:
+    """Opens a float32 `.npy` of (N, H, W) `shape` per target, such as `Alg1-H.npy`, all or none.
 
-    `shape` is (N, H, W) of the volumes; the files are called `Alg1-H.npy` and so on.
+    Yields what appends the planes of (V, P, H, W) votes. Plain writes and no memory map: on a full
+    disk a write fails, a memory map kills the process.
     """
+    kind = np.lib.format.dtype_to_descr(np.dtype(np.float32))
+    header = {"descr": kind, "fortran_order": False, "shape": shape}
     with ExitStack() as stack:
-        if directory is None:
-            yield VolumeWriter((), ())
-            return
-        files = [_open_npy(stack, directory / f"{file_name(t.name)}.npy", shape) for t in targets]
-        yield VolumeWriter(targets, files, polarities)
+        files = []
+        for target in targets:
+            partial = stack.enter_context(atomic_path(directory / f"{file_name(target.name)}.npy"))
+            file = stack.enter_context(partial.open("wb"))
+            np.lib.format.write_array_header_1_0(file, header)
+            files.append((target.fusion, file))
 
+        def append(images: Float32s) -> None:
+            for fusion, file in files:
+                file.write(fuse(fusion, images, polarities).data)
 
-def _open_npy(stack: ExitStack, path: Path, shape: tuple[int, int, int]) -> BinaryIO:
-    partial = stack.enter_context(atomic_path(path))
-    file = stack.enter_context(partial.open("wb"))
-    header = {"descr": np.lib.format.dtype_to_descr(np.dtype(np.float32)),
-              "fortran_order": False, "shape": shape}  # fmt: skip
-    np.lib.format.write_array_header_1_0(file, header)
-    return file
+        yield append

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -71,13 +72,14 @@ def _planes(backend: Backend, task: Task, dsi_dir: Path | None, keep: Keep | Non
     """The sweep of one split; yields how many planes are done, batch by batch."""
     planes, step = len(task.rho), backend.planes_in_flight
     shape = planes, task.height_px, task.width_px
-    written = tuple(target for target in task.sought if target.row)
-    with volume_writer(dsi_dir, written, shape, task.config.polarities) as volumes:
+    written = [target for target in task.sought if target.row]
+    files = dsi_dir and volume_writer(dsi_dir, written, shape, task.config.polarities)
+    with files or nullcontext() as append:
         for first in range(0, planes, step):
             last = min(first + step, planes)
             backend.cast(first, last)
-            if dsi_dir is not None:
-                volumes.take(backend.images())
+            if append is not None:
+                append(backend.images())
             if keep is not None:
                 keep(first, backend.images())
             backend.fuse()

@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field, ValidationError
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.depth.depth_map import DepthMap
-from eventsweep.emvs.depth.inpainting import Dense, inpaint, write_dense
+from eventsweep.emvs.depth.inpainting import Dense, inpaint
 from eventsweep.emvs.depth.point_cloud import back_project_map, without_outliers, write_ply
 from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.dsi.slices import Slices
@@ -30,9 +30,9 @@ from eventsweep.emvs.window_result import WindowResult
 SCHEMA_VERSION = 1
 CURE = "run `eventsweep map` again"
 Arrays = Mapping[str, NDArray[Any]]
-_DEPTH_KEYS = (
-    "depth_m", "confidence", "mask", "argmax", "rho", "t_us", "T_world_rv", "camera",
-)  # fmt: skip
+# Arrays of a depth map that are images, and their kinds: float, bool, signed
+_IMAGES = {"depth_m": "f", "confidence": "f", "mask": "b", "argmax": "i"}
+_DEPTH_KEYS = (*_IMAGES, "rho", "t_us", "T_world_rv")
 _JUDGED = "reliability", "error_m"  # of methods that say so
 
 
@@ -136,12 +136,14 @@ def write_window(
         folder.mkdir()
         write_depth(folder / "depth.npz", depth_map)
         if config.inpaint:
-            write_dense(folder / "dense.npz", inpaint(depth_map))
+            np.savez(folder / "dense.npz", **vars(inpaint(depth_map)))
         if clouds:
             cloud = back_project_map(depth_map)
             cloud = without_outliers(cloud, config.radius_m, config.radius_neighbours)
             write_ply(folder / "cloud.ply", cloud)
-    write_slices(directory / "slices.npz", result.slices)
+    slices = result.slices
+    rows: dict[str, Any] = {file_name(name): values for name, values in slices.values.items()}
+    np.savez(directory / "slices.npz", row_px=slices.row_px, rho=slices.rho, **rows)
     np.savez(directory / "events.npz", counts=result.event_image)
     return WindowInfo(
         name=name or directory.name,
@@ -303,47 +305,40 @@ def _parse(index: Path, text: str) -> MapInfo:
 
 def write_depth(path: Path, depth_map: DepthMap) -> None:
     """Writes a depth map: arrays by name, the camera as JSON text."""
-    arrays = {key: getattr(depth_map, key) for key in _DEPTH_KEYS if key != "camera"}
-    arrays |= {key: a for key in _JUDGED if (a := getattr(depth_map, key)) is not None}
+    known = (key for key in (*_DEPTH_KEYS, *_JUDGED) if getattr(depth_map, key) is not None)
+    arrays = {key: getattr(depth_map, key) for key in known}
     np.savez(path, camera=json.dumps(depth_map.camera.to_json()), **arrays)
 
 
 def read_depth(path: Path, method: str) -> DepthMap:
     """Reads what `write_depth` wrote."""
-    arrays = read_npz(path, _DEPTH_KEYS, also=_JUDGED)
-    camera = _camera(path, str(arrays["camera"]))
+    arrays = dict(read_npz(path, ("camera", *_DEPTH_KEYS), also=_JUDGED))
+    camera = _camera(path, str(arrays.pop("camera")))
     shape = (camera.height_px, camera.width_px)
-    for key, kind in (("depth_m", "f"), ("confidence", "f"), ("mask", "b"), ("argmax", "i")):
+    for key, kind in (_IMAGES | dict.fromkeys(arrays.keys() & {*_JUDGED}, "f")).items():
         check_array(path, key, arrays[key], kind, shape)
     check_array(path, "T_world_rv", arrays["T_world_rv"], "f", (4, 4))
     check_array(path, "rho", arrays["rho"], "f", arrays["rho"].shape[:1])
     check_array(path, "t_us", arrays["t_us"], "i", ())
-    for key in (key for key in _JUDGED if key in arrays):
-        check_array(path, key, arrays[key], "f", shape)
-    fields = {key: a for key, a in arrays.items() if key not in ("camera", "t_us")}
-    return DepthMap(method=method, camera=camera, t_us=int(arrays["t_us"]), **fields)
+    t_us = int(arrays.pop("t_us"))
+    return DepthMap(method=method, camera=camera, t_us=t_us, **arrays)
 
 
 def read_dense(path: Path, shape: tuple[int, ...]) -> Dense:
-    """Reads `dense.npz` of a method, (H, W), which `write_dense` wrote."""
-    arrays = read_npz(path, ("depth_m", "measured", "filled"))
-    for key, kind in (("depth_m", "f"), ("measured", "b"), ("filled", "b")):
+    """Reads `dense.npz` of a method, (H, W): depth_m, measured, filled."""
+    kinds = {"depth_m": "f", "measured": "b", "filled": "b"}
+    arrays = read_npz(path, tuple(kinds))
+    for key, kind in kinds.items():
         check_array(path, key, arrays[key], kind, shape)
-    dense = Dense(arrays["depth_m"], arrays["measured"], arrays["filled"])
+    dense = Dense(**arrays)
     both = int(np.count_nonzero(dense.measured & dense.filled))
     if both:
         raise InputError(f"{path}: {both} pixels are both measured and filled: {CURE}")
     return dense
 
 
-def write_slices(path: Path, slices: Slices) -> None:
-    """Writes one image row of every fused volume: arrays by the method's file name."""
-    arrays: dict[str, Any] = {file_name(name): rows for name, rows in slices.values.items()}
-    np.savez(path, row_px=slices.row_px, rho=slices.rho, **arrays)
-
-
 def read_slices(path: Path, methods: Sequence[str], width_px: int) -> Slices:
-    """Reads what `write_slices` wrote."""
+    """Reads one image row of every fused volume: arrays by the method's file name."""
     arrays = read_npz(path, ("row_px", "rho", *map(file_name, methods)))
     check_array(path, "row_px", arrays["row_px"], "i", ())
     check_array(path, "rho", arrays["rho"], "f", arrays["rho"].shape[:1])

@@ -6,13 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from eventsweep.emvs.config import FuseConfig
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.depth.inpainting import inpaint
 from eventsweep.emvs.depth.point_cloud import (
     VoxelCloud,
     back_project_map,
-    depth_colours,
+    palette,
     without_outliers,
     write_ply,
 )
@@ -104,7 +106,8 @@ def _add(surface: SurfaceFusion, depth_map: DepthMap) -> None:
     dense = inpaint(depth_map)
     near_m, far_m = float(1 / depth_map.rho.max()), float(1 / depth_map.rho.min())
     # Pixels without depth may hold anything; their colour is never used.
-    colours = depth_colours(dense.depth_m.clip(near_m, far_m), near_m, far_m)
+    rho = np.reciprocal(dense.depth_m.clip(near_m, far_m))
+    colours = palette(rho, 1 / far_m, 1 / near_m)
     mask = dense.measured | dense.filled
     surface.add(dense.depth_m, mask, colours, depth_map.camera, depth_map.T_world_rv)
 

@@ -7,17 +7,15 @@ run that was stopped goes on where it was.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.data.recording import DerivedRecording, Recording
-from eventsweep.emvs.dsi.device import CPU, Device, check_device, projector_on
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.dsi.device import Device, check_device, projector_on
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels
@@ -44,7 +42,6 @@ from eventsweep.emvs.windows import Window, WindowPlan, check_poses, choose_wind
 # The hot pixels of every camera; None where the filter is off
 Hot = tuple[HotPixels, ...] | None
 _SINGLE = "w000"
-_Stretch = tuple[int, int]
 
 
 def map_windows(
@@ -207,13 +204,11 @@ def _map_sliding(
         hot = find_hot(recording, config, plan.stretch.t0_us, plan.stretch.t1_us, progress)
         lost = zip(recording.rig.camera_names, plan.stretch.left_out, strict=True)
         store.begin(head)
-        head = head.model_copy(
-            update={"hot_pixels": described(recording.rig, hot), "without_pose": dict(lost)}
-        )
-        received, on_gpu = projector_on(device).received, device != CPU
-        with Prefetcher(without(recording, hot), received, ahead=on_gpu) as prefetcher:
-            run = _Run(prefetcher, config, plan, store, clouds, progress, device)
-            skipped = run.all_windows(head)
+        facts = {"hot_pixels": described(recording.rig, hot), "without_pose": dict(lost)}
+        run = _Run(head.model_copy(update=facts), plan, store, clouds, progress, device)
+        ahead = [plan.window(k) for k in range(len(plan)) if not store.has(plan.name(k))]
+        with projector_on(device).reading(without(recording, hot), ahead) as kept:
+            skipped = run.all_windows(kept)
         if len(skipped) == len(plan):
             raise InputError(
                 f"none of {len(plan)} windows could be mapped; {skipped[0].name}: "
@@ -222,40 +217,42 @@ def _map_sliding(
         finish(store.path)
 
 
+@dataclass
 class _Run:
     """One run of sliding windows: what stays the same from window to window."""
 
-    def __init__(
-        self, prefetcher: Prefetcher, config: MapperConfig, plan: WindowPlan, store: MapStore,
-        clouds: bool, progress: Progress, device: Device,
-    ) -> None:  # fmt: skip
-        self._prefetcher, self._config, self._plan, self._device = prefetcher, config, plan, device
-        self._store, self._clouds, self._progress = store, clouds, progress
+    head: MapInfo
+    plan: WindowPlan
+    store: MapStore
+    clouds: bool
+    progress: Progress
+    device: Device
 
-    def all_windows(self, head: MapInfo) -> list[SkippedWindow]:
+    def all_windows(self, recording: Recording) -> list[SkippedWindow]:
         """Maps what is not there yet; the index is written however this ends."""
         skipped: list[SkippedWindow] = []
         complete, tried = False, 0
         try:
-            for k in range(len(self._plan)):
-                self._progress("windows", k, len(self._plan))
-                skipped += self._one(k)
+            for k in range(len(self.plan)):
+                self.progress("windows", k, len(self.plan))
+                skipped += self._skipped(recording, k)
                 tried = k + 1
-                if self._store.index_is_due():
-                    self._index(head, skipped, tried, complete=False)
-            self._progress("windows", tried, tried)
+                if self.store.index_is_due:
+                    self._index(skipped, tried, complete=False)
+            self.progress("windows", tried, tried)
             complete = True
         finally:
-            self._index(head, skipped, tried, complete=complete)
+            self._index(skipped, tried, complete=complete)
         return skipped
 
-    def _one(self, k: int) -> Iterable[SkippedWindow]:
-        name, window = self._plan.name(k), self._plan.window(k)
-        if self._store.has(name):
-            _check_entry(self._store.path / name, window, self._device)
+    def _skipped(self, recording: Recording, k: int) -> Iterable[SkippedWindow]:
+        """Maps a window that is not there yet; gives it back where that cannot be done."""
+        name, window = self.plan.name(k), self.plan.window(k)
+        if self.store.has(name):
+            _check_entry(self.store.path / name, window, self.device)
             return ()
         try:
-            self._map(k)
+            self._map(recording, name, window)
         except InputError as error:
             reason = str(error)
         except MemoryError:
@@ -264,44 +261,27 @@ class _Run:
             return ()
         return (SkippedWindow(name=name, t0_us=window.t0_us, t1_us=window.t1_us, reason=reason),)
 
-    def _map(self, k: int) -> None:
-        prefetcher, config, window = self._prefetcher, self._config, self._plan.window(k)
-        check_poses(prefetcher.trajectory, window.t0_us, window.t1_us, config)
-        check_window_fits(prefetcher.recording, window)
-        name = self._plan.name(k)
-        with self._store.window(name) as folder, self._read_ahead(k):
+    def _map(self, recording: Recording, name: str, window: Window) -> None:
+        config = self.head.config
+        check_poses(recording.trajectory, window.t0_us, window.t1_us, config)
+        check_window_fits(recording, window)
+        with self.store.window(name) as folder:
             info = map_into(
-                folder, prefetcher, config, window, self._progress,
-                device=self._device, clouds=self._clouds, name=name,
+                folder, recording, config, window, self.progress,
+                device=self.device, clouds=self.clouds, name=name,
             )  # fmt: skip
             write_entry(folder, info)
 
-    @contextmanager
-    def _read_ahead(self, k: int) -> Iterator[None]:
-        """Reads the next window that is not there yet while window `k` is mapped."""
-        self._prefetcher.start(self._plan.window(k))
-        later = range(k + 1, len(self._plan))
-        following = next((i for i in later if not self._store.has(self._plan.name(i))), None)
-        if following is not None:
-            self._prefetcher.start(self._plan.window(following))
-        try:
-            yield
-        finally:
-            self._prefetcher.drop(self._plan.window(k))
-
-    def _index(
-        self, head: MapInfo, skipped: list[SkippedWindow], tried: int, *, complete: bool
-    ) -> None:
+    def _index(self, skipped: list[SkippedWindow], tried: int, *, complete: bool) -> None:
+        """Lists the windows on disk; those of an earlier call may lie beyond `tried`."""
         left_out = {window.name for window in skipped}
+        names = enumerate(map(self.plan.name, range(len(self.plan))))
+        finished = (
+            name for k, name in names
+            if name not in left_out and (k < tried or self.store.has(name))
+        )  # fmt: skip
         update = {"skipped": tuple(skipped), "complete": complete}
-        self._store.write_index(head.model_copy(update=update), self._finished(left_out, tried))
-
-    def _finished(self, left_out: set[str], tried: int) -> Iterator[str]:
-        """Names of the windows on disk; those of an earlier call may lie beyond `tried`."""
-        for k in range(len(self._plan)):
-            name = self._plan.name(k)
-            if name not in left_out and (k < tried or self._store.has(name)):
-                yield name
+        self.store.write_index(self.head.model_copy(update=update), finished)
 
 
 def _check_entry(path: Path, window: Window, device: Device) -> None:
@@ -313,52 +293,3 @@ def _check_entry(path: Path, window: Window, device: Device) -> None:
             f"{path}: was mapped on {entry.device}, not {device.name}: choose that device, or "
             f"{cure(path.parent)}"
         )
-
-
-class Prefetcher(DerivedRecording):
-    """Reads windows ahead, in a thread of its own; to be used as a context."""
-
-    def __init__(
-        self, recording: Recording, received: Callable[[Events], Events], *, ahead: bool
-    ) -> None:
-        """Starts nothing yet; `received` is done with events as they are read, such as an upload.
-
-        Unless `ahead`, everything is read when it is asked for.
-        """
-        super().__init__(recording)
-        self._received, self._ahead = received, ahead
-        self._thread = ThreadPoolExecutor(1)
-        self._coming: dict[_Stretch, Future[list[Events]]] = {}
-
-    def __enter__(self) -> Prefetcher:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._thread.shutdown(cancel_futures=True)
-
-    def start(self, window: Window) -> None:
-        """Starts to read a window, once."""
-        stretch = window.t0_us, window.t1_us
-        if self._ahead and stretch not in self._coming:
-            self._coming[stretch] = self._thread.submit(self._read, window)
-
-    def drop(self, window: Window) -> None:
-        """Lets go of a window."""
-        self._coming.pop((window.t0_us, window.t1_us), None)
-
-    def _read(self, window: Window) -> list[Events]:
-        check_window_fits(self.recording, window)
-        span_us = window.t0_us, window.t1_us
-        read = (self.recording.events(camera, *span_us) for camera in range(len(self.rig)))
-        return [self._received(events) for events in read]
-
-    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
-        """Events of a camera with `t0_us <= t < t1_us`, read ahead where that was started."""
-        coming = self._coming.get((t0_us, t1_us))
-        if coming is not None:
-            try:
-                return coming.result()[camera]
-            except (InputError, MemoryError):
-                # Two windows at a time may be too much; its own turn will tell.
-                self._coming.pop((t0_us, t1_us), None)
-        return self.recording.events(camera, t0_us, t1_us)

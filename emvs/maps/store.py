@@ -51,11 +51,6 @@ class MapStore:
         if not (self.path / _INDEX).exists():
             self.write_index(head, ())
 
-    def drop_if_empty(self) -> None:
-        """Removes the folder where no window of it is finished."""
-        if self.path.is_dir() and not any(self.path.glob(f"*/{_ENTRY}")):
-            remove_ours(self.path)
-
     def has(self, name: str) -> bool:
         """Whether a window is finished."""
         return (self.path / name / _ENTRY).is_file()
@@ -82,6 +77,7 @@ class MapStore:
         now_s = time.monotonic()
         self._next_index_s = now_s + max(_INDEX_EVERY_S, (now_s - started_s) / _INDEX_SHARE)
 
+    @property
     def index_is_due(self) -> bool:
         """Whether `map.json` was last written long enough ago: in a long run it is long itself."""
         return time.monotonic() >= self._next_index_s
@@ -115,7 +111,8 @@ def open_store(
             try:
                 yield store
             except BaseException:
-                store.drop_if_empty()
+                if following.is_dir() and not any(following.glob(f"*/{_ENTRY}")):
+                    remove_ours(following)
                 raise
             replace_dir(following, path, inputs=inputs)
         else:
@@ -152,13 +149,13 @@ def identity(recording: Recording) -> str:
     return digest.hexdigest()
 
 
-def _check_same(path: Path, stored: MapInfo, wanted: MapInfo) -> bool:
+def _check_same(path: Path, stored: MapInfo, asked: MapInfo) -> bool:
     """Refuses to go on with other settings; says which one differs first.
 
     Returns:
         Whether it is to be begun anew: of another run, in which no window was ever finished.
     """
-    difference = next(_differences(stored, wanted), None)
+    difference = next(_differences(stored, asked), None)
     if difference is None:
         return False
     if not stored.windows and not any(path.glob(f"*/{_ENTRY}")) and not strangers(path):
@@ -166,24 +163,21 @@ def _check_same(path: Path, stored: MapInfo, wanted: MapInfo) -> bool:
     raise InputError(f"{path}: was begun with {difference}: {cure(path)}")
 
 
-def _differences(stored: MapInfo, wanted: MapInfo) -> Iterator[str]:
-    name, wanted_name = stored.recording.name, wanted.recording.name
-    if name != wanted_name:
-        yield f"the recording {name}, not {wanted_name}"
-    if _hashes(stored) != _hashes(wanted):
-        yield f"another recording of the name {name}"
-    before, now = stored.config.model_dump(), wanted.config.model_dump()
+def _differences(stored: MapInfo, asked: MapInfo) -> Iterator[str]:
+    old, new = stored.recording, asked.recording
+    if old.name != new.name:
+        yield f"the recording {old.name}, not {new.name}"
+    hashes = old.manifest_sha256, stored.recording_sha256
+    if hashes != (new.manifest_sha256, asked.recording_sha256):
+        yield f"another recording of the name {old.name}"
+    before, now = stored.config.model_dump(), asked.config.model_dump()
     for name, value in now.items():
         # Results do not depend on the number of threads.
         if name != "threads" and before[name] != value:
             yield f"{name} {before[name]}, not {value}"
-    for name, version in wanted.versions.items():
+    for name, version in asked.versions.items():
         if stored.versions.get(name) != version:
             yield f"{name} {stored.versions.get(name)}, not {version}"
-
-
-def _hashes(info: MapInfo) -> tuple[str | None, str | None]:
-    return info.recording.manifest_sha256, info.recording_sha256
 
 
 def write_entry(path: Path, info: WindowInfo) -> None:

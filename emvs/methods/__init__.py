@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint
+from itertools import chain
 from pathlib import Path
 
 from eventsweep.emvs import baselines
@@ -26,9 +27,8 @@ from eventsweep.emvs.dsi.device import CPU, Device, choose_device
 from eventsweep.emvs.dsi.fusion import MEANS, Fusion
 from eventsweep.emvs.dsi.method import MethodName
 from eventsweep.emvs.errors import InputError, check_type, check_whole
-from eventsweep.emvs.methods.focus import FOCUS
 from eventsweep.emvs.methods.fusion_names import code_of, named_fusion
-from eventsweep.emvs.methods.method import LATE, Extraction, Method, single_camera, single_cameras
+from eventsweep.emvs.methods.method import FOCUS, LATE, Extraction, Method, single_camera
 from eventsweep.emvs.utils.plugins import METHODS, files_of, is_ours, modules_of, points, run_point
 
 # What a name stands for: a fusion and an extraction, or what makes its depth map without volumes
@@ -78,10 +78,8 @@ def _baseline(name: str, mcemvs: bool) -> BaselineEstimator:
 
 
 def _baseline_family(family: str) -> Family:
-    own = [baseline for baseline in baselines.BASELINES if baseline.family == family]
-    names = tuple(baseline.name for baseline in own)
-    summary = "; ".join(baseline.summary for baseline in own)
-    return Family(", ".join(names), summary, names, _baseline)
+    own = {b.name: b.summary for b in baselines.BASELINES if b.family == family}
+    return Family(", ".join(own), "; ".join(own.values()), tuple(own), _baseline)
 
 
 # Extractions of the core whose methods are asked for by name; a new one is added here.
@@ -124,8 +122,12 @@ def methods_by_name(
         load()
     extra = tuple(_find(name, n_cameras, mcemvs) for name in others if name != "all")
     chosen = (*(m for m in known if "all" in names or m.name in names), *extra)
-    if n_cameras != 2:
-        _check_no_pair_mean(chosen, n_cameras)
+    for method in with_volume(chosen) if n_cameras != 2 else ():
+        if fusion_kernels.HARMONIC_EPS in (method.fusion.code, method.fusion.outer):
+            raise InputError(
+                f"{method.name} in the mcemvs setting fuses 2 cameras, this rig has {n_cameras}: "
+                "choose other methods or compatibility none"
+            )
     return chosen
 
 
@@ -176,18 +178,14 @@ def known_methods(n_cameras: int, *, mcemvs: bool = False) -> tuple[Method, ...]
 
     With one camera there is nothing to fuse. The compatibility setting has no method of ours.
     """
-    fused = tuple(
-        Method(
-            f"Alg1/{name}",
-            f"fused across cameras by the {mean.words}",
-            Fusion(code_of(name, "c", mcemvs)),
-        )
-        for name, mean in MEANS.items()
-    )
-    single = single_cameras(n_cameras)
+    single = tuple(map(single_camera, range(n_cameras)))
     if n_cameras == 1:
         return single
-    return fused + single + (() if mcemvs else (FOCUS.build("Focus/H"),))
+    words = {name: f"fused across cameras by the {mean.words}" for name, mean in MEANS.items()}
+    fused = (
+        Method(f"Alg1/{name}", words[name], Fusion(code_of(name, "c", mcemvs))) for name in MEANS
+    )
+    return (*fused, *single, *(() if mcemvs else (FOCUS.build("Focus/H"),)))
 
 
 def named(name: str) -> AnyMethod | None:
@@ -301,11 +299,9 @@ def code_of_methods(config: MapperConfig) -> tuple[tuple[str, ...], tuple[Path, 
     if used - {*_ALGORITHM_1, *FAMILIES}:
         load(ours=True)
         modules, files = (*modules, *modules_of(points(METHODS))), _files_of_packages()
-    extractions = [each for family, each in families().items() if family in used]
-    weights = (
-        f for each in extractions if isinstance(each, Extraction) for f in each.files(config)
-    )
-    return modules, (*files, *weights)
+    extractions = (each for family, each in families().items() if family in used)
+    weights = (each.files(config) for each in extractions if isinstance(each, Extraction))
+    return modules, (*files, *chain.from_iterable(weights))
 
 
 @cache
@@ -340,22 +336,10 @@ def _fits(method: AnyMethod, n_cameras: int) -> bool:
     return True
 
 
-def _check_no_pair_mean(chosen: Sequence[AnyMethod], n_cameras: int) -> None:
-    for method in with_volume(chosen):
-        if fusion_kernels.HARMONIC_EPS in (method.fusion.code, method.fusion.outer):
-            raise InputError(
-                f"{method.name} in the mcemvs setting fuses 2 cameras, this rig has {n_cameras}: "
-                "choose other methods or compatibility none"
-            )
-
-
 def _unknown(name: str, n_cameras: int) -> InputError:
     known = [method.name for method in known_methods(n_cameras)]
-    grammars = (
-        [family.grammar for family in families().values()] if n_cameras > 1 else ["Focus/cam0"]
-    )
-    grammars = [grammar for grammar in grammars if grammar not in known]
-    available = ", ".join([*known, *grammars, *_registered_methods()])
+    grammars = [each.grammar for each in families().values()] if n_cameras > 1 else ["Focus/cam0"]
+    names = dict.fromkeys([*known, *grammars, *_registered_methods()])
     return InputError(
-        f"unknown method {name!r} for {n_cameras} camera(s): choose from {available} or all"
+        f"unknown method {name!r} for {n_cameras} camera(s): choose from {', '.join(names)} or all"
     )

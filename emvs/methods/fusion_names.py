@@ -37,7 +37,7 @@ def named_fusion(name: str, *, mcemvs: bool = False) -> tuple[Fusion | None, str
     if match is None:
         return None, ""
     _check(name, match)
-    return _composed(match, mcemvs), _words(match)
+    return _composed(match, mcemvs)
 
 
 def code_of(mean: str, axis: str, mcemvs: bool) -> int:
@@ -47,14 +47,20 @@ def code_of(mean: str, axis: str, mcemvs: bool) -> int:
     return MEANS[mean].code
 
 
-def _composed(match: re.Match[str], mcemvs: bool) -> Fusion:
+def _composed(match: re.Match[str], mcemvs: bool) -> tuple[Fusion, str]:
     outer, outer_axis, inner, inner_axis, digits, by_time, shuffle = match.groups()
-    return Fusion(
+    split = Split(int(digits), "time" if by_time else "count")
+    fusion = Fusion(
         code_of(inner, inner_axis, mcemvs),
-        Split(int(digits), "time" if by_time else "count"),
+        split,
         outer=code_of(outer, outer_axis, mcemvs),
         time_first=inner_axis == "t",
         shuffled=shuffle is not None,
+    )
+    return fusion, (
+        f"{digits} sub-intervals of equal {split.by}{', shuffled' if shuffle else ''}; fused "
+        f"{_AXIS[inner_axis]} by the {MEANS[inner].words}, then {_AXIS[outer_axis]} by the "
+        f"{MEANS[outer].words}"
     )
 
 
@@ -71,13 +77,3 @@ def _check(name: str, match: re.Match[str]) -> None:
             f"{name}: shuffling changes nothing here; it needs 2 or more sub-intervals and the "
             "fusion across cameras first, such as Alg2/AtHc@2~"
         )
-
-
-def _words(match: re.Match[str]) -> str:
-    outer, outer_axis, inner, inner_axis, count, by_time, shuffle = match.groups()
-    kind = "time" if by_time else "count"
-    return (
-        f"{count} sub-intervals of equal {kind}{', shuffled' if shuffle else ''}; fused "
-        f"{_AXIS[inner_axis]} by the {MEANS[inner].words}, then {_AXIS[outer_axis]} by the "
-        f"{MEANS[outer].words}"
-    )

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+import numpy as np
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth.depth_map import DepthMap, Float32s, Mask, extract, union
+from eventsweep.emvs.depth.focus import at_least, estimate_in_focus
 from eventsweep.emvs.depth.kept_votes import KeptVotes
 from eventsweep.emvs.depth.precision import stated
 from eventsweep.emvs.dsi.backend import SweepResult
@@ -18,7 +21,7 @@ from eventsweep.emvs.dsi.maxima import Maximum
 from eventsweep.emvs.dsi.method import OWN_UNIT, VOTES, NamedMethod
 from eventsweep.emvs.errors import InputError, check_type
 from eventsweep.emvs.methods.fusion_names import named_fusion
-from eventsweep.emvs.reference_view import ReferenceView
+from eventsweep.emvs.reference_view import ReferenceView, inverse_depth_at
 
 
 class Extraction(ABC):
@@ -228,11 +231,6 @@ class Swept:
         return self._maps[method.name]
 
 
-def single_cameras(n_cameras: int) -> tuple[Method, ...]:
-    """Lists EMVS with each camera."""
-    return tuple(single_camera(c) for c in range(n_cameras))
-
-
 def single_camera(camera: int) -> Method:
     """EMVS with one camera."""
     return Method(f"EMVS/cam{camera}", f"camera {camera} alone", Fusion(CAMERA + camera))
@@ -252,7 +250,7 @@ class Late(Extraction):
 
     def parts(self, n_cameras: int) -> tuple[Method, ...]:
         """EMVS with each camera."""
-        return single_cameras(n_cameras)
+        return tuple(map(single_camera, range(n_cameras)))
 
     def extract(self, method: Method, swept: Swept, /) -> DepthMap:
         """Joins the single cameras' depth maps."""
@@ -268,3 +266,34 @@ class Late(Extraction):
 
 
 LATE = Late()
+
+
+class Focus(Extraction):
+    """Depth where the fused rays are most in focus (`emvs.depth.focus`); no median."""
+
+    family = "Focus"
+    grammar = "Focus/<F>, Focus/camK or Focus/<an Algorithm 2, such as AtHc@4>"
+    summary = (
+        "our own: depth where the fused rays are most in focus, kept where cameras and neighbours "
+        "agree; camK: one camera, without agreement"
+    )
+    examples: tuple[str, ...] = ("Focus/H", "Focus/cam0", "Focus/AtHc@4")
+    how = ", by focus"
+    per_camera = needs_baseline = True
+
+    def measure(self, config: MapperConfig) -> str:
+        """The focus measure of the configuration."""
+        return config.focus.measure
+
+    def extract(self, method: Method, swept: Swept, /) -> DepthMap:
+        """Depth where the rays are most in focus, at candidates of enough reliability."""
+        votes, focus = swept.result.maxima[method.name], swept.result.focus[method.name]
+        view, config, per_rho_px = swept.view, swept.config, swept.known_per_rho_px
+        estimate = estimate_in_focus(votes, focus, per_rho_px * view.rho, config)
+        depth_m = np.reciprocal(inverse_depth_at(view.rho, estimate.position))
+        mask = at_least(estimate, config.focus.reliability, config.border_px)
+        extracted = swept.new_map(method, focus.maximum, depth_m, mask, estimate.reliability)
+        return stated(replace(extracted, scatter_px=estimate.scatter_px), per_rho_px, config)
+
+
+FOCUS = Focus()

@@ -21,8 +21,7 @@ from numpy.typing import DTypeLike, NDArray
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.dsi.rays import RayCounts, Rays
 from eventsweep.emvs.errors import InputError
-from eventsweep.plugins.cuda import device
-from eventsweep.plugins.cuda.arrays_kernels import copy_bytes, fill
+from eventsweep.plugins.cuda import arrays_kernels, device
 
 _BUFFER_BYTES = 16 << 20
 _of_thread = threading.local()
@@ -44,21 +43,11 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike) -> Any:
         ) from error
 
 
-def filled(shape: tuple[int, int], dtype: DTypeLike, value: float) -> Any:
-    """An array on the GPU that holds one value everywhere."""
-    there = empty(shape, dtype)
-    _fill(there, value)
-    return there
-
-
-def clear(there: Any) -> None:
-    """Fills a (P, N) array on the GPU with zeros."""
-    _fill(there, 0)
-
-
-def _fill(there: Any, value: float) -> None:
+def fill(there: Any, value: float) -> Any:
+    """Fills a (P, N) array on the GPU with one value; returns it."""
     rows, items = there.shape
-    fill[device.strided(items, rows)](there, np.array(value, there.dtype)[()])
+    arrays_kernels.fill[device.strided(items, rows)](there, np.array(value, there.dtype)[()])
+    return there
 
 
 def up(array: NDArray[Any]) -> Any:
@@ -126,7 +115,7 @@ def _parts(array: NDArray[Any]) -> Iterator[tuple[int, int]]:
 
 
 def _copy(source: NDArray[Any], target: NDArray[Any]) -> None:
-    copy_bytes(source.view(np.uint8), target.view(np.uint8))
+    arrays_kernels.copy_bytes(source.view(np.uint8), target.view(np.uint8))
 
 
 @dataclass(frozen=True, slots=True)

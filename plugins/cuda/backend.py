@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.dsi.backend import SweepResult, Task
-from eventsweep.emvs.dsi.fusion import Target
+from eventsweep.emvs.dsi.fusion import FusionTables
 from eventsweep.emvs.dsi.maxima import FocusMaxima, RunningMaxima
 from eventsweep.emvs.dsi.rays import Rays
 from eventsweep.emvs.dsi.slices import SliceRecorder
 from eventsweep.emvs.dsi.voting import VoteCounts
 from eventsweep.emvs.errors import InputError
-from eventsweep.plugins.cuda import arrays, device, fusion_kernels
+from eventsweep.plugins.cuda import arrays, device, fusion_kernels, voting_kernels
 from eventsweep.plugins.cuda.arrays import DeviceRays
 from eventsweep.plugins.cuda.device import Gpu
 from eventsweep.plugins.cuda.maxima import (
@@ -24,13 +24,20 @@ from eventsweep.plugins.cuda.maxima import (
     DeviceFocusMaxima,
     DeviceMaxima,
 )
-from eventsweep.plugins.cuda.voting import VoteVolume
 
 Float32s = NDArray[np.float32]
 _CACHE_SHARE = 0.6  # of the second-level cache, for the sums that votes are added to
 _MEMORY_SHARE = 0.9  # of the free memory; the rest is lost to its division into blocks
 _MOST_PLANES = 16
-_SUM_BYTES = {"fixed": 8, "float": 4, "nearest": 4}
+_SUM_BYTES = {"bilinear": 8, "nearest": 4}
+
+# A lane of 32 bits takes 65 535 votes of 2^16 each. Where a voxel may have more, the check after
+# the votes finds it, and they are cast again with fewer bits.
+MOST_BITS, _FEWER, _FEWEST_BITS = 16, 4, 4
+
+# What casts votes into sums, and makes votes of these
+_FIXED = voting_kernels.vote_fixed, voting_kernels.settle_fixed
+_NEAREST = voting_kernels.vote_nearest, voting_kernels.settle_nearest
 
 
 class CudaBackend:
@@ -46,20 +53,27 @@ class CudaBackend:
     def __init__(self, task: Task, rays: Sequence[Rays | DeviceRays]) -> None:
         self._rays = [r if isinstance(r, DeviceRays) else DeviceRays.of(r) for r in rays]
         size, planes, config = (task.width_px, task.height_px), len(task.rho), task.config
-        self._task, volumes, polarities = task, len(rays), config.polarities
-        own = [target for target in task.sought if target.fusion.function is not None]
-        compiled = [target for target in task.sought if target.fusion.function is None]
-        focused = sum(target.in_focus for target in compiled)
+        self._task, volumes = task, len(rays)
+        passing: dict[str, Any] = {"planes": planes, "polarities": config.polarities}
+        self._own = [target for target in task.sought if target.fusion.function is not None]
+        self._compiled = [target for target in task.sought if target.fusion.function is None]
+        focused = sum(target.in_focus for target in self._compiled)
         self.planes_in_flight = planes_in_flight(task, volumes, focused, device.gpu())
-        self._volume = VoteVolume(volumes, self.planes_in_flight, *size, sums=config.sums)
-        self._maxima = DeviceMaxima(compiled, volumes, *size, planes, polarities)
+        nearest = config.voting == "nearest"
+        self._volume = VoteVolume(volumes, self.planes_in_flight, *size, nearest=nearest)
+        if self._compiled:
+            fusions = [target.fusion for target in self._compiled]
+            tables = FusionTables.of(fusions, volumes, config.polarities)
+            self._maxima = DeviceMaxima(tables, *size, planes)
         self._focus = DeviceFocusMaxima(
-            compiled, task.cameras, volumes, self.planes_in_flight, *size,
-            config.focus.sigma_px,
-            planes=planes, polarities=polarities,
+            self._compiled, task.cameras, volumes, self.planes_in_flight, *size,
+            config.focus.sigma_px, **passing,
         )  # fmt: skip
+        self._own_maxima = RunningMaxima([t.fusion for t in self._own], *size, **passing)
+        self._own_focus = FocusMaxima(
+            self._own, task.cameras, *size, config.focus.sigma_px, **passing
+        )
         self._rows = arrays.empty((volumes, planes, size[0]), np.float32)
-        self._own = _HostMaxima(own, task) if own else None
         self._rho = arrays.up(task.rho)
         self._votes = [VoteCounts()] * volumes
         self._first = self._last = 0
@@ -73,14 +87,17 @@ class CudaBackend:
     def fuse(self) -> None:
         """Fuses these planes for every target, and takes them into the running maxima."""
         votes, planes = self._volume.votes, self._last - self._first
-        self._maxima.update(votes, planes)
+        if self._compiled:
+            self._maxima.update(votes, planes)
         self._focus.update(votes, planes)
         width = self._task.width_px
         fusion_kernels.keep_row[device.strided(width, len(self._rays))](
             votes, width, self._task.row_px, self._first, planes, self._rows
         )
-        if self._own is not None:
-            self._own.update(self.images())
+        if self._own:
+            images = self.images()
+            self._own_maxima.update(images.reshape(*images.shape[:2], -1), planes)
+            self._own_focus.update(images)
 
     def images(self) -> Float32s:
         """(V, P, H, W) votes of these planes, copied from the GPU."""
@@ -92,28 +109,11 @@ class CudaBackend:
         rows = arrays.down(self._rows)
         slices = SliceRecorder(task.shown, len(task.rho), task.width_px, 0, task.config.polarities)
         slices.take(0, rows[:, :, np.newaxis])
-        maxima, focus = self._maxima.result(), self._focus.result()
-        if self._own is not None:
-            maxima |= {target.name: self._own.maxima.of(k) for k, target in self._own.numbered}
-            focus |= self._own.focus.result()
+        maxima = {target.name: self._maxima.of(k) for k, target in enumerate(self._compiled)}
+        maxima |= {target.name: self._own_maxima.of(k) for k, target in enumerate(self._own)}
         in_order = {target.name: maxima[target.name] for target in task.sought}
+        focus = self._focus.result() | self._own_focus.result()
         return SweepResult(in_order, focus, slices.values, task.per_camera(self._votes))
-
-
-class _HostMaxima:
-    """What the CPU remembers of the volumes that are functions of a user's own."""
-
-    def __init__(self, targets: Sequence[Target], task: Task) -> None:
-        size, config = (task.width_px, task.height_px), task.config
-        passing: dict[str, Any] = {"planes": len(task.rho), "polarities": config.polarities}
-        self.numbered = tuple(enumerate(targets))
-        self.maxima = RunningMaxima([target.fusion for target in targets], *size, **passing)
-        self.focus = FocusMaxima(targets, task.cameras, *size, config.focus.sigma_px, **passing)
-
-    def update(self, images: Float32s) -> None:
-        """Takes in the next planes of (V, P, H, W) votes, in order."""
-        self.maxima.update(images.reshape(*images.shape[:2], -1), images.shape[1])
-        self.focus.update(images)
 
 
 def planes_in_flight(task: Task, volumes: int, focused: int, gpu: Gpu) -> int:
@@ -126,7 +126,7 @@ def planes_in_flight(task: Task, volumes: int, focused: int, gpu: Gpu) -> int:
         InputError: too little memory for a single plane.
     """
     cells = task.width_px * task.height_px
-    sums = _SUM_BYTES[task.config.sums] * cells
+    sums = _SUM_BYTES[task.config.voting] * cells
     cached = max(1, int(_CACHE_SHARE * gpu.l2_bytes) // sums)
     per_plane = sums + 4 * cells * (volumes + (SCRATCH_IMAGES if focused else 0))
     states = len(task.sought) + (focused + task.cameras if focused else 0)
@@ -141,3 +141,83 @@ def planes_in_flight(task: Task, volumes: int, focused: int, gpu: Gpu) -> int:
         )
     fit = min(len(task.rho), cached, _MOST_PLANES)
     return fit if always + fit * per_plane <= free else int((free - always) // per_plane)
+
+
+class VoteVolume:
+    """Planes of every volume on the GPU that votes are cast into, allocated once for all batches.
+
+    `votes` are (V, planes, H * W) float32 there. With `nearest` a ray votes for the nearest pixel,
+    and not bilinearly for four.
+    """
+
+    def __init__(
+        self, volumes: int, planes: int, width_px: int, height_px: int, *, nearest: bool = False
+    ) -> None:
+        self._size, self._nearest = (width_px, height_px), nearest
+        cells = width_px * height_px
+        self.votes = arrays.empty((volumes, planes, cells), np.float32)
+        self._sums = arrays.empty((planes, cells), np.int32 if nearest else np.int64)
+        # per volume: votes inside, behind their camera, and the sum of all lanes; each per plane,
+        # spread over slots
+        self._counts = arrays.empty((volumes, 3 * planes, device.SLOTS), np.int64)
+
+    def cast(self, rays: Sequence[DeviceRays], rho: Any, planes: int) -> list[VoteCounts]:
+        """Fills `votes[:, :planes]` with the votes of every volume's rays in planes `rho`.
+
+        Raises:
+            InputError: more votes in one voxel than any scale can hold.
+        """
+        for volume, cast_rays in enumerate(rays):
+            self._cast(volume, cast_rays, rho, planes, MOST_BITS)
+        # Nothing above waits for the GPU; this does, once per batch.
+        counts = self._counted(self._counts, planes)
+        for volume, cast_rays in enumerate(rays):
+            bits = MOST_BITS
+            while not self._nearest and not _is_whole(counts[volume], bits):
+                if bits == _FEWEST_BITS:
+                    raise InputError(
+                        f"more than {2**32 >> bits} votes in one voxel: choose voting nearest, a "
+                        "shorter window or hot_pixels"
+                    )
+                bits -= _FEWER
+                self._cast(volume, cast_rays, rho, planes, bits)
+                counts[volume] = self._counted(self._counts[volume : volume + 1], planes)[0]
+        return [_votes(*pair, planes) for pair in zip(rays, counts, strict=True)]
+
+    def _cast(self, volume: int, rays: DeviceRays, rho: Any, planes: int, bits: int) -> None:
+        sums, counts = self._sums[:planes], self._counts[volume]
+        arrays.fill(sums, 0)
+        arrays.fill(counts, 0)
+        inside, behind, total = (counts[k * planes : (k + 1) * planes] for k in range(3))
+        scale, settled = ((), ()) if self._nearest else ((bits,), (bits, total))
+        vote, settle = _NEAREST if self._nearest else _FIXED
+        for block in rays.blocks:
+            vote[device.each(block.shape[1])](block, rho, *self._size, *scale, sums, inside, behind)
+        grid = device.strided(sums.shape[1], planes)
+        settle[grid](sums, self.votes[volume, :planes], *settled)
+
+    def _counted(self, counts: Any, planes: int) -> NDArray[np.int64]:
+        """(V, 3, planes) votes inside, behind, and the sum of all lanes."""
+        every: NDArray[np.int64] = arrays.down(counts).sum(axis=2)
+        return every[:, : 3 * planes].reshape(-1, 3, planes)
+
+    def on_host(self, planes: int) -> Float32s:
+        """The first `planes` planes as (V, planes, H, W), copied from the GPU."""
+        width, height = self._size
+        images = [arrays.down(self.votes[v, :planes]) for v in range(len(self.votes))]
+        return np.stack(images).reshape(len(images), planes, height, width)
+
+
+def _is_whole(counts: NDArray[np.int64], bits: int) -> bool:
+    """Whether no lane ran over.
+
+    The lanes of one vote sum to 2^bits. A lane that runs over loses 2^32, or gives 1 for 2^32 to
+    the lane above it: then the sum is too small, and nothing makes it larger again.
+    """
+    inside, _, total = counts
+    return bool(np.array_equal(total, inside << bits))
+
+
+def _votes(rays: DeviceRays, counts: NDArray[np.int64], planes: int) -> VoteCounts:
+    counted, hidden = int(counts[0].sum()), int(counts[1].sum())
+    return VoteCounts(counted, len(rays) * planes - counted - hidden, hidden)

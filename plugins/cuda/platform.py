@@ -2,27 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from eventsweep.emvs.dsi.backend import Task
-from eventsweep.emvs.dsi.rays import Rays
 from eventsweep.plugins.cuda import device
-from eventsweep.plugins.cuda.arrays import DeviceRays
-from eventsweep.plugins.cuda.backend import CudaBackend
-from eventsweep.plugins.cuda.backprojection import CudaProjector
-from eventsweep.plugins.cuda.device import missing as missing
+from eventsweep.plugins.cuda.backend import CudaBackend as backend
+from eventsweep.plugins.cuda.backprojection import CudaProjector as projector
+from eventsweep.plugins.cuda.device import missing
+
+__all__ = ["backend", "missing", "name", "projector"]
 
 
 def name() -> str:
     """The GPU's name; an `InputError` where there is none."""
     return device.gpu().name
-
-
-def projector() -> CudaProjector:
-    """What turns events into rays on the GPU."""
-    return CudaProjector()
-
-
-def backend(task: Task, rays: Sequence[Rays | DeviceRays]) -> CudaBackend:
-    """What computes the sweep of one split on the GPU."""
-    return CudaBackend(task, rays)

@@ -40,24 +40,6 @@ def _add_fixed(sums, p, u, v, width, bits):
 
 
 @cuda.jit(device=True)
-def _add_float(sums, p, u, v, width):
-    column, row = np.int64(u), np.int64(v)
-    right, down = u - np.float32(column), v - np.float32(row)
-    left, up = _ONE - right, _ONE - down
-    cell = row * width + column
-    cuda.atomic.add(sums, (p, cell), left * up)
-    cuda.atomic.add(sums, (p, cell + 1), right * up)
-    cuda.atomic.add(sums, (p, cell + width), left * down)
-    cuda.atomic.add(sums, (p, cell + width + 1), right * down)
-
-
-@cuda.jit(device=True)
-def _add_nearest(sums, p, u, v, width):
-    cell = np.int64(v + _HALF) * width + np.int64(u + _HALF)
-    cuda.atomic.add(sums, (p, cell), np.int32(1))
-
-
-@cuda.jit(device=True)
 def _ray(rays, k):
     """Ray `k` in registers; beyond the last one, NaN."""
     if k < rays.shape[1]:
@@ -83,7 +65,7 @@ def _tally(inside, p, ok):
         cuda.atomic.add(inside, (p, cuda.blockIdx.x & (SLOTS - 1)), np.int64(count))
 
 
-# The three below: a thread per ray, all planes of the batch while its ray is in registers.
+# The two below: a thread per ray, all planes of the batch while its ray is in registers.
 #   rays: (5, N) float32, rows a_u, b_u, a_v, b_v, c_z; a ray of NaN never votes.
 #   rho: (P,) float32 planes, 1/m.
 #   width, height: px.
@@ -105,19 +87,6 @@ def vote_fixed(rays, rho, width, height, bits, sums, inside, behind):
 
 
 @cuda.jit(cache=True)
-def vote_float(rays, rho, width, height, sums, inside, behind):
-    """Bilinear votes in float32: their order, and so the last bits, differ from run to run."""
-    k = cuda.grid(1)
-    a_u, b_u, a_v, b_v, c_z = _ray(rays, k)
-    for p in range(len(rho)):
-        u, v = a_u + product(rho[p], b_u), a_v + product(rho[p], b_v)
-        ok = _votes_at(u, v, width, height, c_z, rho[p], p, k & (SLOTS - 1), behind)
-        if ok:
-            _add_float(sums, p, u, v, width)
-        _tally(inside, p, ok)
-
-
-@cuda.jit(cache=True)
 def vote_nearest(rays, rho, width, height, sums, inside, behind):
     """Votes for the nearest pixel, counted in int32."""
     k = cuda.grid(1)
@@ -126,7 +95,8 @@ def vote_nearest(rays, rho, width, height, sums, inside, behind):
         u, v = a_u + product(rho[p], b_u), a_v + product(rho[p], b_v)
         ok = _votes_at(u, v, width, height, c_z, rho[p], p, k & (SLOTS - 1), behind)
         if ok:
-            _add_nearest(sums, p, u, v, width)
+            cell = np.int64(v + _HALF) * width + np.int64(u + _HALF)
+            cuda.atomic.add(sums, (p, cell), np.int32(1))
         _tally(inside, p, ok)
 
 
@@ -154,8 +124,8 @@ def settle_fixed(sums, votes, bits, total):
 
 
 @cuda.jit(cache=True)
-def settle_plain(sums, votes):
-    """Sums of one lane to float32 votes; the grid is (blocks, P)."""
+def settle_nearest(sums, votes):
+    """Counts in int32 to float32 votes; the grid is (blocks, P)."""
     p, c = cuda.blockIdx.y, cuda.grid(1)
     while c < sums.shape[1]:
         votes[p, c] = np.float32(sums[p, c])

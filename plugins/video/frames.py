@@ -155,7 +155,9 @@ def _folder(path: Path, video: VideoConfig) -> ImageFolder:
     )
     images, others = _listing(path)
     if video.rate_hz is not None:
-        folder = _by_rate(path, images, video.rate_hz)
+        _check_one_kind(path, images)
+        t_us = tuple(round(k * 1e6 / video.rate_hz) for k in range(len(images)))
+        folder = ImageFolder(path, tuple(images), t_us, f"{video.rate_hz:g} Hz as stated")
     elif listed is None:
         raise InputError(
             f"{path}: no times; add timestamps.txt with a line `t` or `t name` for each image "
@@ -170,30 +172,24 @@ def _folder(path: Path, video: VideoConfig) -> ImageFolder:
 
 def _listing(path: Path) -> tuple[list[Path], list[str]]:
     """The images by name, numbers counted as such, and what else lies beside them."""
-    images = _images(path)
+    beside = _files(path)
+    images = [file for file in beside if file.suffix.lower() in READERS]
     below = [path / name for name in IMAGE_FOLDERS if (path / name).is_dir()]
     if not images and below:
-        images = _images(below[0])
+        images = [file for file in _files(below[0]) if file.suffix.lower() in READERS]
     known = {*STAMP_FILES, *(image.name for image in images)}
-    files = (file.name for file in path.iterdir() if file.name[0] != "." and not file.is_dir())
-    return images, sorted(name for name in files if name not in known)
+    return images, sorted(file.name for file in beside if file.name not in known)
 
 
-def _images(folder: Path) -> list[Path]:
+def _files(folder: Path) -> list[Path]:
     files = (file for file in folder.iterdir() if file.name[0] != "." and not file.is_dir())
-    return sorted((file for file in files if file.suffix.lower() in READERS), key=_by_number)
+    return sorted(files, key=_by_number)
 
 
 def _by_number(path: Path) -> tuple[list[tuple[int, str]], str]:
     """Sorts `9.png` before `10.png`, and what has no numbers by its letters."""
     parts = re.findall(r"\d+|\D+", path.name)
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], path.name
-
-
-def _by_rate(path: Path, images: list[Path], rate_hz: float) -> ImageFolder:
-    _check_one_kind(path, images)
-    t_us = tuple(round(k * 1e6 / rate_hz) for k in range(len(images)))
-    return ImageFolder(path, tuple(images), t_us, f"{rate_hz:g} Hz as stated")
 
 
 def _by_stamps(path: Path, images: list[Path], listed: Path, stamps: Stamps) -> ImageFolder:
@@ -207,7 +203,7 @@ def _by_stamps(path: Path, images: list[Path], listed: Path, stamps: Stamps) -> 
             )
         return ImageFolder(path, tuple(images), stamps.t_us, base)
     files = tuple(_named(listed, name) for name in stamps.names)
-    _check_several(path, files)
+    _check_several(path, len(files))
     left_out = len({*images} - {*files})
     notes = [f"{path}: {left_out} images left out, which {listed.name} does not name"] * (
         left_out > 0
@@ -235,11 +231,10 @@ def _check_one_kind(path: Path, images: list[Path]) -> None:
             f"{path}: images of several kinds, {', '.join(kinds)}: keep one, or name the images in "
             "images.txt, lines `t name`"
         )
-    _check_several(path, images)
+    _check_several(path, len(images))
 
 
-def _check_several(path: Path, images: Iterable[Path]) -> None:
-    number = len(tuple(images))
+def _check_several(path: Path, number: int) -> None:
     if number < 2:
         kinds = ", ".join(READERS)
         raise InputError(f"{path}: {number} images; events need two or more, of {kinds}")

@@ -43,12 +43,6 @@ def read_image(path: Path) -> Image:
     return _checked(path, image)
 
 
-def _png(path: Path) -> NDArray[Any]:
-    data = path.read_bytes()
-    check_png(path, data)
-    return _decoded(path, data)
-
-
 def _jpeg(path: Path) -> Image:
     # Pillow refuses a truncated file; OpenCV may fill it with grey.
     from PIL import Image as Pillow
@@ -63,12 +57,11 @@ def _jpeg(path: Path) -> Image:
         raise InputError(f"{path}: not a complete JPEG ({said(error)}); export it again") from error
 
 
-def _tiff(path: Path) -> NDArray[Any]:
-    return _decoded(path, path.read_bytes())
-
-
-def _decoded(path: Path, data: bytes) -> NDArray[Any]:
-    """What OpenCV decodes: it keeps 16 bits and floats."""
+def _decoded(path: Path) -> NDArray[Any]:
+    """What OpenCV decodes of a PNG or TIFF: it keeps 16 bits and floats."""
+    data = path.read_bytes()
+    if path.suffix.lower() == ".png":
+        check_png(path, data)
     try:
         with quiet_opencv():
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -116,8 +109,8 @@ def _exr(path: Path) -> Image:
 
 
 READERS: dict[str, Callable[[Path], NDArray[Any]]] = {
-    ".png": _png, ".jpg": _jpeg, ".jpeg": _jpeg, ".tif": _tiff, ".tiff": _tiff, ".exr": _exr,
-    ".npy": _npy,
+    ".png": _decoded, ".jpg": _jpeg, ".jpeg": _jpeg, ".tif": _decoded, ".tiff": _decoded,
+    ".exr": _exr, ".npy": _npy,
 }  # fmt: skip
 """End of a file's name -> what reads it."""
 

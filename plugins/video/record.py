@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -131,11 +131,16 @@ def record(
     inputs = tuple(p for p in (source, view.calibration, view.poses, video.stamps) if p is not None)
     check_output(out, force=force, inputs=inputs, folder=kind == SEQUENCE)
     film = Film(open_frames(source, video), pixels, video, seed)
-    place = _Place(out, force, inputs)
     if kind == SEQUENCE:
-        notes = _to_sequence(film, place, view, progress)
+        notes = _to_sequence(film, out, view, progress, force=force, inputs=inputs)
     else:
-        notes = _to_file(film, place, kind, progress)
+        notes = []
+        with output_file(out, force=force, inputs=inputs) as file, closing(iter(film)) as packets:
+            write_events(
+                file, kind, film.width_px, film.height_px,
+                {"cam0": (labelled.events for labelled in packets)},
+                lambda count: progress(film.frames.share, count),
+            )  # fmt: skip
     return RecordedVideo(
         out, kind, film.width_px, film.height_px, film.count, film.events, film.span_us,
         film.frames.time_base, film.light.said, film.pace.lost_at_half_rate,
@@ -143,28 +148,9 @@ def record(
     )  # fmt: skip
 
 
-class _Place(NamedTuple):
-    """Where to write, whether to replace what is there, and what not to."""
-
-    out: Path
-    force: bool
-    inputs: tuple[Path, ...]
-
-
-def _to_file(film: Film, place: _Place, kind: str, progress: Progress) -> list[str]:
-    with (
-        output_file(place.out, force=place.force, inputs=place.inputs) as file,
-        closing(iter(film)) as packets,
-    ):
-        streams = {"cam0": (labelled.events for labelled in packets)}
-        write_events(
-            file, kind, film.width_px, film.height_px, streams,
-            lambda count: progress(film.frames.share, count),
-        )  # fmt: skip
-    return []
-
-
-def _to_sequence(film: Film, place: _Place, view: View, progress: Progress) -> list[str]:
+def _to_sequence(
+    film: Film, out: Path, view: View, progress: Progress, *, force: bool, inputs: Sequence[Path]
+) -> list[str]:
     """Writes a sequence; returns what is to be said of its poses."""
     poses = None if view.poses is None else read_poses(view.poses)
     parameters = film.pixels.sensor.resolved()
@@ -172,9 +158,9 @@ def _to_sequence(film: Film, place: _Place, view: View, progress: Progress) -> l
     source = film.frames.path.resolve()
     with (
         SequenceWriter(
-            place.out, name=source.stem, rig=_rig(view, film), trajectory=poses,
+            out, name=source.stem, rig=_rig(view, film), trajectory=poses,
             config=_configuration(film), seed=film.seed, renderer=f"video {source.name}",
-            force=place.force, inputs=place.inputs,
+            force=force, inputs=inputs,
         ) as writer,
         closing(iter(film)) as packets,
     ):  # fmt: skip
@@ -238,12 +224,11 @@ def _pose_notes(view: View, poses: Trajectory | None, span_us: tuple[int, int]) 
 
 
 def _pace_note(film: Film) -> list[str]:
-    pace = film.pace
-    if not pace.too_fast:
-        return []
-    return [
-        f"{film.frames.path}: without every second frame {pace.lost_at_half_rate:.0%} of the "
+    lost = film.pace.lost_at_half_rate
+    note = (
+        f"{film.frames.path}: without every second frame {lost:.0%} of the "
         f"events would be missing, more than {TOO_FAST:.0%}: the image moves too far between "
         "frames, and an event camera would have seen more; film at a higher rate, or "
         "interpolate frames (upsample)"
-    ]
+    )
+    return [note] * (lost > TOO_FAST)

@@ -129,3 +129,11 @@ def test_former_names_of_grouped_settings_are_read():
     assert MapperConfig.model_validate(config.model_dump(mode="json")) == config
     mixed = MapperConfig.model_validate({"focus": {"sigma_px": 2.0}, "focus_measure": "dog"})
     assert (mixed.focus.sigma_px, mixed.focus.measure) == (2.0, "dog")
+
+
+def test_the_removed_setting_of_gpus_is_read_and_told_of_where_it_mattered(caplog):
+    assert MapperConfig.model_validate({"voting_precision": "fixed"}) == MapperConfig()
+    assert caplog.messages == []
+    assert MapperConfig.model_validate({"voting_precision": "float"}) == MapperConfig()
+    assert caplog.messages == ["voting_precision float is ignored: GPUs sum votes as integers now"]
+    refused("unknown key voting_precision", MapperConfig, voting_precision="double")

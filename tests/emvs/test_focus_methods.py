@@ -9,7 +9,7 @@ import pytest
 
 from depth_maps import assert_same_bits, mapper, steps_off
 from eventsweep.emvs.config import FocusParameters, MapperConfig
-from eventsweep.emvs.depth.focus import FocusConfig, at_least
+from eventsweep.emvs.depth.focus import AGREEMENT_PX, at_least
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.maxima import RunningMaxima
 from eventsweep.emvs.mapper import map_window
@@ -35,7 +35,7 @@ def test_streaming_equals_whole_volumes(tmp_path, fusion):
     rho, camera = result.view.rho, recording.rig.cameras[0]
     disparity_px = 0.1 * camera.fx_px * rho.astype(np.float64)
     fused = np.load(tmp_path / f"Focus-{fusion}.npy")
-    found = found_in_volumes(fused, votes, disparity_px, FocusConfig())
+    found = found_in_volumes(fused, votes, disparity_px)
     depth = result.depth_maps[f"Focus/{fusion}"]
     np.testing.assert_array_equal(depth.confidence, found.confidence)
     np.testing.assert_allclose(1 / depth.depth_m, inverse_depth_at(rho, found.position), rtol=1e-5)
@@ -165,10 +165,10 @@ def test_reliability_depends_on_disparity_and_not_on_how_finely_it_is_cut():
     """Twice the planes at half the distance, far to near or near to far: the same reliability."""
     confidence, (own, other) = some_depths()
     coarse_px, fine_px = 15 - 0.4 * np.arange(31), 15 - 0.2 * np.arange(61)
-    coarse = judge(confidence, other, own, [other], coarse_px, FocusConfig())
-    fine = judge(confidence, 2 * other, 2 * own, [2 * other], fine_px, FocusConfig())
+    coarse = judge(confidence, other, own, [other], coarse_px)
+    fine = judge(confidence, 2 * other, 2 * own, [2 * other], fine_px)
     back, front = 30 - other, 30 - own
-    turned = judge(confidence, back, front, [back], coarse_px[::-1], FocusConfig())
+    turned = judge(confidence, back, front, [back], coarse_px[::-1])
     np.testing.assert_allclose(fine.reliability, coarse.reliability, atol=1e-4)
     np.testing.assert_allclose(turned.reliability, coarse.reliability, atol=1e-4)
 
@@ -177,17 +177,16 @@ def test_tolerance_grows_with_the_square_root_of_disparity():
     """Cameras 1 px apart at 10 px agree as much as cameras 2 px apart at 40 px."""
     confidence, position = np.full((6, 6), 5, F), np.full((6, 6), 10, F)
     at_10, at_40 = (judge(
-        confidence, position, position, [position + 1], first_px - step_px * np.arange(20),
-        FocusConfig(),
+        confidence, position, position, [position + 1], first_px - step_px * np.arange(20)
     ).agreement for first_px, step_px in ((20.0, 1.0), (60.0, 2.0)))  # fmt: skip
-    np.testing.assert_allclose(at_10, np.exp(-1 / FocusConfig().agreement_px), rtol=1e-5)
+    np.testing.assert_allclose(at_10, np.exp(-1 / AGREEMENT_PX), rtol=1e-5)
     np.testing.assert_allclose(at_40, at_10, rtol=1e-5)
 
 
 def test_votes_whose_own_maximum_lies_elsewhere_are_not_trusted():
     confidence, position = np.full((6, 6), 5, F), np.full((6, 6), 10, F)
     near, far = (
-        judge(confidence, loudest, position, [], 20 - np.arange(20.0), FocusConfig()).ray
+        judge(confidence, loudest, position, [], 20 - np.arange(20.0)).ray
         for loudest in (position, position + 9)
     )
     np.testing.assert_array_equal(near, 1)
@@ -200,9 +199,7 @@ def test_beyond_a_silhouette_is_told_from_inside():
     confidence[:, 18:23] = np.array([3, 8, 10, 8, 3], F)  # the ridge; its middle is column 20
     confidence[4:36:4, 3:17:4] = 9  # the texture
     position = np.full((40, 40), 10, F)
-    found = judge(
-        confidence, position, position, [position], 9 - 0.3 * np.arange(25), FocusConfig()
-    )
+    found = judge(confidence, position, position, [position], 9 - 0.3 * np.arange(25))
     inner, outer = found.inside[8:32, 19], found.inside[8:32, 21]
     assert found.candidate[8:32, 20].all()
     assert outer.max() < 0.3
@@ -212,7 +209,7 @@ def test_beyond_a_silhouette_is_told_from_inside():
 def test_without_slope_no_side_is_preferred():
     confidence, (own, _) = some_depths(1)
     disparity_px = 10 - 0.3 * np.arange(31)
-    even = judge(np.full_like(confidence, 5), own, own, [], disparity_px, FocusConfig())
+    even = judge(np.full_like(confidence, 5), own, own, [], disparity_px)
     np.testing.assert_array_equal(even.inside, F(0.5))
     np.testing.assert_array_equal(even.agreement, 1)
 

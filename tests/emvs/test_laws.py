@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.dsi.rays import PACKET, event_rays
+from eventsweep.emvs.dsi.rays import PACKET
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.reference_view import inverse_depth_planes
 from made_events import random_events
 from point_world import fronto_parallel, pinhole, sideways
-from volumes import dsi
+from volumes import dsi, event_rays
 
 CONFIG = MapperConfig(planes=25, min_depth_m=0.5, max_depth_m=4.0)
 CAMERA = pinhole()

@@ -13,13 +13,12 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.depth.depth_map import confidence_mask, eight_bits, masked_median
 from eventsweep.emvs.dsi.maxima import RunningMaxima
-from eventsweep.emvs.dsi.rays import event_rays
 from eventsweep.emvs.dsi.voting import VoteCounts
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.methods import methods_by_name
 from eventsweep.emvs.reference_view import mcemvs_planes
-from volumes import dsi
+from volumes import dsi, event_rays
 
 CONFIG = MapperConfig(compatibility="mcemvs", planes=64, threshold_c=5)
 # In the outermost pixels single votes are accepted or rejected by rounding.

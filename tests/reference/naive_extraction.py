@@ -134,15 +134,3 @@ def fitted_surface(disparity, candidate, weight, tolerance, ridge):
         slope = np.linalg.solve(spread, (way - middle).T @ ((apart - height) * w))
         out[y, x] = own + height - slope @ middle
     return out
-
-
-def most_reliable(reliability, confidence, candidate, points, border_px):
-    """The pixels of the best `points` candidates, as a set."""
-    height, width = candidate.shape
-    inside = [
-        (-reliability[y, x], -confidence[y, x], y, x)
-        for y in range(border_px, height - border_px)
-        for x in range(border_px, width - border_px)
-        if candidate[y, x]
-    ]
-    return {(y, x) for _, _, y, x in sorted(inside)[:points]}

@@ -71,14 +71,15 @@ def test_polarities_are_fused_apart_and_summed():
 def test_maxima_and_their_neighbours_equal_those_of_the_cpu(batch):
     votes = random_votes(3, 2)
     chosen = [Target(m.name, m.fusion) for m in known_methods(2) if m.family != "Focus"]
-    there = DeviceMaxima(chosen, 2, W, H, PLANES)
-    here = RunningMaxima([target.fusion for target in chosen], W, H, planes=PLANES)
+    fusions = [target.fusion for target in chosen]
+    there = DeviceMaxima(FusionTables.of(fusions, 2), W, H, PLANES)
+    here = RunningMaxima(fusions, W, H, planes=PLANES)
     for first in range(0, PLANES, batch):
         part = np.ascontiguousarray(votes[:, first : first + batch])
         there.update(arrays.up(part), part.shape[1])
         here.update(part, part.shape[1])
     for m, method in enumerate(chosen):
-        mine, its = there.result()[method.name], here.of(m)
+        mine, its = there.of(m), here.of(m)
         np.testing.assert_allclose(mine.value, its.value, rtol=1e-6)
         np.testing.assert_array_equal(mine.plane, its.plane, err_msg=method.name)
         np.testing.assert_allclose(mine.left, its.left, rtol=1e-6)

@@ -24,7 +24,7 @@ from eventsweep.emvs.methods import (
 )
 from eventsweep.emvs.methods.method import Method
 from eventsweep.plugins.cuda import backend as cuda_backend
-from eventsweep.plugins.cuda import device
+from eventsweep.plugins.cuda import device, platform
 
 if device.missing():
     pytest.skip(device.missing(), allow_module_level=True)
@@ -86,7 +86,6 @@ def test_every_method_of_the_registry_gives_the_map_of_the_cpu():
     [
         {"polarity": "separate"},
         {"voting": "nearest"},
-        {"voting_precision": "float"},
         {"extraction": "dog"},
         {"view_width_px": 13, "view_height_px": 6, "reference_shift": 0.5, "spacing": "linear"},
     ],
@@ -226,6 +225,6 @@ def test_a_run_does_not_go_on_on_another_device(tmp_path, monkeypatch):
     index = json.loads((tmp_path / "map.json").read_text())
     assert {window["device"] for window in index["windows"]} == {device.gpu().name}
     said = re.escape(f"was mapped on {device.gpu().name}, not cpu: choose")
-    monkeypatch.setattr(device, "missing", lambda: "it is gone")
+    monkeypatch.setattr(platform, "missing", lambda: "it is gone")
     with pytest.raises(InputError, match=said):
         map_windows(recording(60), tmp_path, asked, about, clouds=False)

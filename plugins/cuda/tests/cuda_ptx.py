@@ -33,12 +33,11 @@ STATE = (IMAGES, IMAGES, IMAGES)
 def signatures():
     """Kernel -> the types of its arguments, one for each use that differs."""
     for name, sums, more in (
-        ("vote_fixed", I8, (I8,)), ("vote_float", F4, ()), ("vote_nearest", I4, ()),
+        ("vote_fixed", I8, (I8,)), ("vote_nearest", I4, ()),
     ):  # fmt: skip
         yield name, voting_kernels, (IMAGES, F4[::1], *SIZE, *more, sums[:, ::1], *TALLIES)
     yield "settle_fixed", voting_kernels, (I8[:, ::1], IMAGES, I8, SLOTS)
-    for sums in (I4, F4):
-        yield "settle_plain", voting_kernels, (sums[:, ::1], IMAGES)
+    yield "settle_nearest", voting_kernels, (I4[:, ::1], IMAGES)
     yield "rays", rays_kernels, (
         U2[::1], U2[::1], I8[::1], F8[:, :, ::1], I8[::1], MATRIX, MATRIX, MATRIX, F8[::1], MATRIX,
         MATRIX, IMAGES, SLOTS,

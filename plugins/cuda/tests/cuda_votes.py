@@ -13,7 +13,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.reference_view import ReferenceView
 from eventsweep.plugins.cuda import arrays, device
-from eventsweep.plugins.cuda import voting as cuda_voting
+from eventsweep.plugins.cuda import backend as cuda_voting
 from eventsweep.plugins.cuda.backprojection import CudaCaster, CudaProjector
 
 if device.missing():
@@ -21,7 +21,7 @@ if device.missing():
 
 W, H = 9, 7
 RHO = np.array([2, 0.9, 0.5], np.float32)
-SUMS = pytest.mark.parametrize("sums", ["fixed", "float", "nearest"])
+NEAREST = pytest.mark.parametrize("nearest", [False, True], ids=["bilinear", "nearest"])
 LANE_ERROR = 3 * 2.0**-17  # of one vote in one cell
 
 
@@ -38,9 +38,9 @@ def random_rays(seed, n=40, c_z=-0.5):
     )  # fmt: skip
 
 
-def dsi(its_rays, rho, width_px, height_px, *, sums="fixed"):
+def dsi(its_rays, rho, width_px, height_px, *, nearest=False):
     """Builds one camera's whole volume on the GPU, as `volumes.dsi` does on the CPU."""
-    votes = cuda_voting.VoteVolume(1, len(rho), width_px, height_px, sums=sums)
+    votes = cuda_voting.VoteVolume(1, len(rho), width_px, height_px, nearest=nearest)
     (counts,) = votes.cast([arrays.DeviceRays.of(its_rays)], arrays.up(rho), len(rho))
     return votes.on_host(len(rho))[0], counts
 
@@ -50,15 +50,15 @@ def at(u, v, n):
     return made(np.full(n, u), np.zeros(n), np.full(n, v), np.zeros(n), np.full(n, -1))
 
 
-@SUMS
+@NEAREST
 @pytest.mark.parametrize("c_z", [-0.5, 0.8])
-def test_votes_equal_the_slow_twin_and_the_cpu(sums, c_z):
+def test_votes_equal_the_slow_twin_and_the_cpu(nearest, c_z):
     some = random_rays(1, c_z=c_z)
-    volume, counts = dsi(some, RHO, W, H, sums=sums)
-    cast = naive_sweep.nearest if sums == "nearest" else naive_sweep.bilinear
+    volume, counts = dsi(some, RHO, W, H, nearest=nearest)
+    cast = naive_sweep.nearest if nearest else naive_sweep.bilinear
     twin, counted, behind = naive_sweep.vote(*some.columns, RHO, W, H, cast)
     np.testing.assert_allclose(volume, twin, atol=1e-3)
-    cpu, cpu_counts = volumes.dsi(some, RHO, W, H, nearest=sums == "nearest")
+    cpu, cpu_counts = volumes.dsi(some, RHO, W, H, nearest=nearest)
     np.testing.assert_allclose(volume, cpu, atol=1e-3)
     assert counts == cpu_counts
     assert (counts.counted, counts.behind) == (counted.sum(), behind.sum())
@@ -66,27 +66,27 @@ def test_votes_equal_the_slow_twin_and_the_cpu(sums, c_z):
     assert counts.outside > 0
 
 
-@SUMS
-def test_edges_poles_and_rays_from_nowhere(sums):
+@NEAREST
+def test_edges_poles_and_rays_from_nowhere(nearest):
     edges = [0.0, -0.0, 2.9999998, -1e-7, W - 1, np.nextafter(np.float32(W - 1), 0), H - 1,
              np.nextafter(np.float32(H - 1), 0), np.inf, np.nan, 1e30]  # fmt: skip
     columns = np.array(list(itertools.product(edges, [0.0, np.inf], edges, [0.0], [-1, 0.5])))
     some = made(*columns[::3].T)
     rho = RHO[:1]
-    volume, counts = dsi(some, rho, W, H, sums=sums)
-    cpu, cpu_counts = volumes.dsi(some, rho, W, H, nearest=sums == "nearest")
+    volume, counts = dsi(some, rho, W, H, nearest=nearest)
+    cpu, cpu_counts = volumes.dsi(some, rho, W, H, nearest=nearest)
     np.testing.assert_allclose(volume, cpu, atol=1e-3)
     assert counts == cpu_counts
     assert counts.behind > 0
 
 
-@pytest.mark.parametrize("sums", ["fixed", "nearest"])
-def test_the_order_of_rays_changes_no_bit(sums):
+@NEAREST
+def test_the_order_of_rays_changes_no_bit(nearest):
     some = random_rays(2)
-    volume, counts = dsi(some, RHO, W, H, sums=sums)
+    volume, counts = dsi(some, RHO, W, H, nearest=nearest)
     order = np.random.default_rng(0).permutation(len(some))
     shuffled = made(*(column[order] for column in some.columns))
-    again, again_counts = dsi(shuffled, RHO, W, H, sums=sums)
+    again, again_counts = dsi(shuffled, RHO, W, H, nearest=nearest)
     np.testing.assert_array_equal(volume, again)
     assert counts == again_counts
 
@@ -129,7 +129,7 @@ def test_a_lane_that_runs_over_is_found_and_cast_again(monkeypatch, u, v):
 def test_no_scale_holds_too_many_votes_and_says_so(monkeypatch):
     monkeypatch.setattr(cuda_voting, "MOST_BITS", 28)
     monkeypatch.setattr(cuda_voting, "_FEWEST_BITS", 28)
-    with pytest.raises(InputError, match=r"more than 16 votes in one voxel: choose .* float"):
+    with pytest.raises(InputError, match=r"more than 16 votes in one voxel: choose voting nearest"):
         dsi(at(3, 2, 80), RHO[:1], W, H)
 
 

@@ -66,7 +66,7 @@ def test_every_kernel_is_translated(ptx):
 @needs_compiler
 def test_where_a_ray_meets_a_plane_no_product_is_joined_with_its_sum(ptx):
     # Column, row and depth; only a product that is rounded by its own instruction stays alone.
-    for kernel in ("vote_fixed", "vote_float", "vote_nearest"):
+    for kernel in ("vote_fixed", "vote_nearest"):
         assert all(len(re.findall(r"\bmul\.rn\.f32", code)) >= 3 for code in ptx[kernel])
 
 
@@ -79,9 +79,7 @@ def test_no_product_of_a_ray_is_joined_with_its_sum(ptx):
 @needs_compiler
 def test_votes_are_added_in_the_type_that_the_setting_names(ptx):
     # 64-bit integers also count the votes
-    for kernel, types in (
-        ("vote_fixed", {"u64"}), ("vote_float", {"f32", "u64"}), ("vote_nearest", {"u32", "u64"}),
-    ):  # fmt: skip
+    for kernel, types in (("vote_fixed", {"u64"}), ("vote_nearest", {"u32", "u64"})):
         assert [added(code) for code in ptx[kernel]] == [types]
 
 

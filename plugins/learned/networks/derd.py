@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Literal
 
@@ -24,7 +23,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.reference_view import ReferenceView
 from eventsweep.plugins.learned.networks import derd_kernels
 from eventsweep.plugins.learned.networks.inputs import fused_patches
-from eventsweep.plugins.learned.networks.weights import Weights, packaged, read_weights, stamp
+from eventsweep.plugins.learned.networks.weights import Weights, loaded, read_weights
 
 NAME = "derd-net"
 """Of the network in manifests."""
@@ -124,12 +123,10 @@ def derd_net(path: Path | None = None) -> DerdNet:
     Raises:
         InputError: weights that cannot be read, or are of another network.
     """
-    path = path or packaged("derd")
-    return _derd_net(path, stamp(path))
+    return loaded("derd", _read, path)
 
 
-@cache
-def _derd_net(path: Path, _stamp: tuple[int, ...]) -> DerdNet:
+def _read(path: Path) -> DerdNet:
     known = [shapes(models) for models in range(1, MOST_MODELS + 1)]
     weights = read_weights(path, NAME, *known)
     uniform_in = weights.manifest.get("uniform_in")
@@ -159,7 +156,8 @@ def columns_of(
     for first in range(0, len(rows), BATCH):
         part = rows[first : first + BATCH], columns[first : first + BATCH]
         middle, every = np.full(len(part[0]), PLANES // 2), np.ones(len(part[0]), np.int64)
-        fused, _ = fused_patches(kept, fusion, (*part, middle, every), PLANES, SIDE_PX)
+        patches = kept.patches(*part, middle, every, PLANES, SIDE_PX)
+        fused, _ = fused_patches(fusion, patches)
         near_first = fused if view.rho[0] > view.rho[-1] else fused[:, ::-1]
         top = np.maximum(near_first.max(axis=(1, 2, 3), keepdims=True), _LEAST_VOTES)
         yield np.ascontiguousarray(near_first / top), len(part[0])

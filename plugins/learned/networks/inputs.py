@@ -32,7 +32,6 @@ _CUBIC = np.array([-1, 9, 9, -1]) / 16
 
 Float32s = NDArray[np.float32]
 Indices = NDArray[np.int64]
-Pixels = tuple[Indices, Indices, Indices, Indices]  # rows, columns, centres, strides
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,26 +124,18 @@ def channels(kept: KeptVotes, fusion: Fusion, chosen: Candidates) -> Float32s:
             of block m // LANES. The channels are `networks.network.CHANNELS`; a single camera
             is all three.
     """
-    fused, cameras = _fused(fusion, _sampled(kept, chosen))
+    fused, cameras = fused_patches(fusion, _sampled(kept, chosen))
     shape = len(fused), len(CHANNELS), SIDE_PX, SIDE_PX, DEPTH + 2, LANES
     shares: Float32s = aligned(math.prod(shape)).reshape(shape)
     inputs_kernels.shares(fused, cameras, shares)
     return shares
 
 
-def fused_patches(
-    kept: KeptVotes, fusion: Fusion, where: Pixels, depth: int, side_px: int
-) -> tuple[Float32s, Float32s]:
-    """The fused votes around some pixels, and those of each camera that takes part.
+def fused_patches(fusion: Fusion, cameras: Float32s) -> tuple[Float32s, Float32s]:
+    """Patches of all cameras (C, B, depth, side, side, LANES), fused, and of those that take part.
 
-    Returns:
-        (B, depth, side, side, LANES) and (C, B, depth, side, side, LANES) float32.
+    Both are float32, the fused ones without C.
     """
-    return _fused(fusion, kept.patches(*where, depth, side_px))
-
-
-def _fused(fusion: Fusion, cameras: Float32s) -> tuple[Float32s, Float32s]:
-    """Patches of all cameras, fused, and of those that take part."""
     alone = fusion.camera
     if alone is not None:
         cameras = cameras[alone : alone + 1]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.depth import kept_votes_kernels
 from eventsweep.plugins.learned.networks import network_kernels
-from eventsweep.plugins.learned.networks.weights import Weights, packaged, read_weights, stamp
+from eventsweep.plugins.learned.networks.weights import Weights, loaded, read_weights
 
 NAME = "eventsweep-learned-1"
 """Of the network in manifests: another architecture, or other inputs, is another network."""
@@ -32,6 +32,8 @@ CUES = (
 )  # fmt: skip
 """What the network sees beside the votes, as numbers of about unit size."""
 OUTPUTS = 2  # expected errors: of the network's own depth, and of the depth by focus
+LOG_ERROR_RANGE = -6.0, 4.0
+"""What training can distinguish, ln px: from a four-hundredth of a pixel to some dozen."""
 Float32s = NDArray[np.float32]
 
 _L = kept_votes_kernels.LANES
@@ -144,11 +146,9 @@ def network(path: Path | None = None) -> Network:
     Raises:
         InputError: weights that cannot be read, or are of another network.
     """
-    path = path or packaged("learned")
-    return _network(path, stamp(path))
+    return loaded("learned", _read, path)
 
 
-@cache
-def _network(path: Path, _stamp: tuple[int, ...]) -> Network:
+def _read(path: Path) -> Network:
     shape = Architecture()
     return Network(read_weights(path, NAME, shape.shapes()), shape)

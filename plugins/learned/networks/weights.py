@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ from eventsweep.emvs.utils.inputs import (
 MOST_BYTES = 1 << 24
 """More than any weights here; what an archive unpacks to counts, too."""
 Float32s = NDArray[np.float32]
+Net = TypeVar("Net")
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +67,20 @@ def files_of_weights(path: Path) -> tuple[Path, ...]:
     return files
 
 
-def stamp(path: Path) -> tuple[int, ...]:
-    """Changes when one of the two files does: for those who keep weights that they have read."""
-    both = [file for file in (path, path.with_suffix(".json")) if file.is_file()]
-    return tuple(n for file in both for n in (file.stat().st_mtime_ns, file.stat().st_size))
+def loaded(name: str, load: Callable[[Path], Net], path: Path | None) -> Net:
+    """What `load` makes of a file of weights, by default that of the name that ships.
+
+    It is loaded once, and again where the file or its manifest has changed.
+    """
+    path = path or packaged(name)
+    both = [file.stat() for file in (path, path.with_suffix(".json")) if file.is_file()]
+    net: Net = _loaded(load, path, tuple((one.st_mtime_ns, one.st_size) for one in both))
+    return net
+
+
+@cache
+def _loaded(load: Callable[[Path], Any], path: Path, _stamp: tuple[tuple[int, int], ...]) -> Any:
+    return load(path)
 
 
 def read_weights(path: Path, network: str, *shapes: Mapping[str, tuple[int, ...]]) -> Weights:

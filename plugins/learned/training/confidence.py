@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +28,12 @@ from eventsweep.emvs.mapper import map_window
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.scoring.pairing import Truth
 from eventsweep.eval.scoring.run_folder import truth_of
-from eventsweep.plugins.learned.training.sequences import TrainingSequence, TrainingWindow, windows
+from eventsweep.plugins.learned.training.sequences import TrainingSequence, windows
 
 _BINS = 48
 _FEWEST = 20  # points of a bin, at least
 _FEW_PLANES = 40  # coarser than the usual 100: recordings of a large range have such
 _SHARE = 0.005  # of all points in a bin, at least
-
-Floats = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,17 +58,19 @@ class Scored:
 
 
 def collect(
-    folder: Path, wanted: Iterable[TrainingSequence], methods: Sequence[str],
+    folder: Path, specs: Iterable[TrainingSequence], methods: Sequence[str],
     weights: Path | None = None,
 ) -> dict[str, Scored]:  # fmt: skip
     """Maps the windows of some sequences without errors, and collects their points by table.
 
+    All of a sequence is mapped again with fewer planes.
     Learned methods use the weights that ship, unless others are given.
     """
-    found: dict[str, list[Scored]] = defaultdict(list)
-    for one in wanted:
-        sequence = EventSequence.open(folder / one.name)
-        for window in calibration_windows(one):
+    points: dict[str, list[Scored]] = defaultdict(list)
+    for spec in specs:
+        sequence = EventSequence.open(folder / spec.name)
+        exact = [window for window in windows(spec) if not window.imperfection]
+        for window in (*exact, replace(exact[0], planes=_FEW_PLANES)):
             config = MapperConfig(
                 start_s=window.start_s, duration_s=window.duration_s, planes=window.planes,
                 methods=tuple(methods), learned={"weights": weights},
@@ -78,23 +78,17 @@ def collect(
             result = map_window(sequence, config)
             truth = truth_of(sequence, result.view.t_us, EvalConfig())
             for name, depth_map in result.depth_maps.items():
-                found[table_name(name)].append(points_of(depth_map, truth))
-    return {name: joined(parts) for name, parts in found.items()}
-
-
-def calibration_windows(one: TrainingSequence) -> list[TrainingWindow]:
-    """The windows of a sequence without errors, and all of it again with fewer planes."""
-    exact = [window for window in windows(one) if not window.imperfection]
-    return [*exact, replace(exact[0], planes=_FEW_PLANES)]
+                points[table_name(name)].append(points_of(depth_map, truth))
+    return {name: joined(parts) for name, parts in points.items()}
 
 
 def joined(parts: Sequence[Scored]) -> Scored:
     """Points of several windows together."""
-    scatter = [one.scatter_px for one in parts if one.scatter_px is not None]
+    scatter = [part.scatter_px for part in parts if part.scatter_px is not None]
     return Scored(
-        np.concatenate([one.score for one in parts]),
-        np.concatenate([one.error_px for one in parts]),
-        max(one.most_step_px for one in parts),
+        np.concatenate([part.score for part in parts]),
+        np.concatenate([part.error_px for part in parts]),
+        max(part.most_step_px for part in parts),
         np.concatenate(scatter) if len(scatter) == len(parts) else None,
     )
 
@@ -112,29 +106,30 @@ def points_of(depth_map: DepthMap, truth: Truth) -> Scored:
     return Scored(score, error_px, step_px, None if scatter is None else scatter.astype(np.float64))
 
 
-def fit(found: Scored) -> Precision:
+def fit(points: Scored) -> Precision:
     """The table of a score whose points have known errors; a larger score is better.
 
     Scores are cut into bins, the finer the higher they are. The errors' quantile falls from bin to
     bin, as isotonic regression has it, and the precision of what is above never falls. Where
     surfaces were fitted, errors are taken as multiples of the scatter around them.
     """
-    score, error_px = found.score, found.error_px
+    score, error_px, scatter_px = points.score, points.error_px, points.scatter_px
     if len(score) < 2 * _FEWEST:
         raise InputError(f"{len(score)} points: calibration needs {2 * _FEWEST} or more")
     order = np.argsort(score, kind="stable")
     edges = _edges(len(order))
-    parts = [order[a:b] for a, b in zip(edges, [*edges[1:], len(order)], strict=True)]
-    by_scatter = found.scatter_px is not None
-    relative = error_px if found.scatter_px is None else error_px / scatter_scale(found.scatter_px)
+    bins = list(pairwise([*edges, len(order)]))
+    parts = [order[a:b] for a, b in bins]
+    relative = error_px if scatter_px is None else error_px / scatter_scale(scatter_px)
     band = np.array([float(np.quantile(relative[part], BAND)) for part in parts])
     falling = np.asarray(isotonic_regression(band, increasing=False).x)
     right = error_px[order] <= WITHIN_PX
     above = np.cumsum(right[::-1])[::-1] / np.arange(len(order), 0, -1)
-    middle = [a + (b - a) // 2 for a, b in zip(edges, [*edges[1:], len(order)], strict=True)]
+    middle = [a + (b - a) // 2 for a, b in bins]
     rising = np.maximum.accumulate(above[middle])
     knots, kept = np.unique(score[order][middle].astype(np.float64), return_index=True)
-    return Precision(knots, falling[kept], rising[kept], found.most_step_px, by_scatter)
+    by_scatter = scatter_px is not None
+    return Precision(knots, falling[kept], rising[kept], points.most_step_px, by_scatter)
 
 
 def _edges(points: int) -> list[int]:

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.progress import Update
 from eventsweep.plugins.learned.training.config import History, TrainingConfig
-from eventsweep.plugins.learned.training.network import MOST_PX
+from eventsweep.plugins.learned.training.network import MOST_PX, Inputs, untrained
 from eventsweep.plugins.learned.training.samples import SampleSet
-from eventsweep.plugins.learned.training.tasks import TASKS, untrained
-from eventsweep.plugins.learned.training.trainable import Inputs
+from eventsweep.plugins.learned.training.tasks import TASKS
 
 _JUDGED_AT_ONCE = 2048
 
@@ -47,17 +44,16 @@ class Fitting:
         self.network = untrained(config).to(config.device)
         self._steps = len(training) // config.batch
         self._optimiser = torch.optim.AdamW(self.network.parameters(), config.learning_rate)
-        self._schedule = self._scheduled()
+        self._schedule: torch.optim.lr_scheduler.LRScheduler = (
+            torch.optim.lr_scheduler.OneCycleLR(
+                self._optimiser, config.learning_rate, config.epochs * self._steps
+            )
+            if self.network.one_cycle
+            else torch.optim.lr_scheduler.ConstantLR(self._optimiser, factor=1.0)
+        )
         self.history: History = []
         if checkpoint.exists():
             self._resume()
-
-    def _scheduled(self) -> torch.optim.lr_scheduler.LRScheduler:
-        if not self.network.one_cycle:
-            return torch.optim.lr_scheduler.ConstantLR(self._optimiser, factor=1.0)
-        return torch.optim.lr_scheduler.OneCycleLR(
-            self._optimiser, self._config.learning_rate, self._config.epochs * self._steps
-        )
 
     def run(self, update: Update) -> None:
         """Trains the epochs that are left."""
@@ -98,10 +94,11 @@ class Fitting:
         return float(value.item())
 
     def _inputs(self, batch: SampleSet) -> Inputs:
-        return {name: self._tensor(array) for name, array in batch.inputs().items()}
-
-    def _tensor(self, array: NDArray[Any]) -> Tensor:
-        return torch.from_numpy(np.ascontiguousarray(array)).to(self._config.device)
+        arrays = batch.inputs().items()
+        return {
+            name: torch.from_numpy(np.ascontiguousarray(array)).to(self._config.device)
+            for name, array in arrays
+        }
 
     @torch.no_grad()
     def _judged(self) -> dict[str, float]:
@@ -109,10 +106,10 @@ class Fitting:
         known, compared = self._calibration, TASKS[self._config.network].compared
         starts = range(0, len(known), _JUDGED_AT_ONCE)
         parts = (known[first : first + _JUDGED_AT_ONCE] for first in starts)
-        found = [self.network.outcome(self._inputs(part)) for part in parts]
-        error = torch.cat([one.error_px for one in found]).cpu().numpy()
+        outcomes = [self.network.outcome(self._inputs(part)) for part in parts]
+        error = torch.cat([outcome.error_px for outcome in outcomes]).cpu().numpy()
         numbers = _errors("all", error) | _errors(f"{compared}_all", known.compared_error_px)
-        expected = [one.expected_px for one in found if one.expected_px is not None]
+        expected = [each.expected_px for each in outcomes if each.expected_px is not None]
         rank = known.compared_rank
         if rank is not None and expected:
             third = len(error) // 3

@@ -32,30 +32,25 @@ def convert(paths: Sequence[Path], folder: Path) -> Path:
     weights = folder / "derd.npz"
     if weights.exists():
         raise InputError(f"{weights}: exists already; choose another folder")
-    arrays: dict[str, NDArray[np.float32]] = {}
-    for k, path in enumerate(paths):
-        arrays |= {f"{k}.{name}": one for name, one in _model(path).items()}
-    folder.mkdir(parents=True, exist_ok=True)
-    write_weights(weights, NAME, arrays, _manifest(paths))
-    return weights
-
-
-def _manifest(paths: Sequence[Path]) -> dict[str, Any]:
-    hashes = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
-    return {
+    models = [_model(path) for path in paths]
+    arrays = {f"{k}.{name}": array for k, own in enumerate(models) for name, array in own.items()}
+    manifest = {
         "licence": "MIT, TU Berlin, Robotic Interactive Perception",
         "uniform_in": "linear",
-        "published": hashes,
+        "published": {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in paths},
     }
+    folder.mkdir(parents=True, exist_ok=True)
+    write_weights(weights, NAME, arrays, manifest)
+    return weights
 
 
 def _model(path: Path) -> dict[str, NDArray[np.float32]]:
     state = _state(path)
-    found = {str(name): tuple(getattr(one, "shape", ())) for name, one in state.items()}
-    if found.get("dense_output.3.weight") == _MULTIPIXEL:
+    shapes = {str(name): tuple(getattr(array, "shape", ())) for name, array in state.items()}
+    if shapes.get("dense_output.3.weight") == _MULTIPIXEL:
         raise InputError(f"{path}: weights of the 3 x 3 pixel variant; needs those of one pixel")
-    if found != dict(LAYERS):
-        differing = sorted(n for n in {*found, *LAYERS} if found.get(n) != LAYERS.get(n))
+    if shapes != dict(LAYERS):
+        differing = sorted(n for n in {*shapes, *LAYERS} if shapes.get(n) != LAYERS.get(n))
         raise InputError(f"{path}: arrays differ from DERD-Net's: {', '.join(differing[:4])}")
     return {name: np.asarray(state[name].to("cpu").float().numpy()) for name in LAYERS}
 

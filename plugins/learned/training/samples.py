@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.config import DerdParameters, MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.depth.depth_map import confidence_mask, without_border
 from eventsweep.emvs.depth.focus import estimate_in_focus, parallax_baseline_m
 from eventsweep.emvs.depth.kept_votes import KeptVotes, votes_of_codes
 from eventsweep.emvs.dsi.backend import SweepResult
@@ -20,41 +21,28 @@ from eventsweep.emvs.dsi.backprojection import back_project
 from eventsweep.emvs.dsi.device import CPU, projector_on
 from eventsweep.emvs.dsi.fusion import WHOLE
 from eventsweep.emvs.dsi.sweep import sweep
-from eventsweep.emvs.methods.focus import FOCUS
-from eventsweep.emvs.methods.method import Method
+from eventsweep.emvs.methods.method import FOCUS, Method
 from eventsweep.emvs.reference_view import ReferenceView, reference_view
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.windows import choose_window
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.perturbations import Perturbation, perturbed
-from eventsweep.eval.scoring.pairing import Truth
 from eventsweep.eval.scoring.run_folder import truth_of
+from eventsweep.plugins.learned.methods.derd import DERD
+from eventsweep.plugins.learned.networks import derd
+from eventsweep.plugins.learned.networks.derd import DepthRange, columns_of, selecting
 from eventsweep.plugins.learned.networks.inputs import (
     BATCH,
-    Candidates,
     as_patches,
     candidates,
     channels,
 )
 from eventsweep.plugins.learned.networks.network import CHANNELS, DEPTH, SIDE_PX
-from eventsweep.plugins.learned.training.sequences import TrainingWindow
+from eventsweep.plugins.learned.training.sequences import TrainingSequence, TrainingWindow, windows
 
-
-@dataclass(frozen=True, eq=False)
-class Shown:
-    """One window as the network sees it: everything but the truth.
-
-    Attributes:
-        disparity_px: (N,) disparity of each plane, px.
-        reliability: (M,) float32, that of the extraction by focus.
-    """
-
-    method: Method
-    view: ReferenceView
-    kept: KeptVotes
-    chosen: Candidates
-    disparity_px: NDArray[np.float64]
-    reliability: NDArray[np.float32]
+Floats = NDArray[np.float32]
+LEAST_C = MapperConfig().threshold_c
+"""Pixels are those of Algorithm 1, so that the network knows those that it is compared on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,12 +59,12 @@ class SampleSet:
         return len(self.true_px)
 
     def __getitem__(self, part: slice | NDArray[np.int64]) -> Self:
-        return type(self)(**{one.name: getattr(self, one.name)[part] for one in fields(self)})
+        return type(self)(**{name: column[part] for name, column in vars(self).items()})
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """Several in one, in their order."""
-        names = [one.name for one in fields(cls)]
+        names = [field.name for field in fields(cls)]
         return cls(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
 
     @property
@@ -96,13 +84,13 @@ class SampleSet:
     def save(self, path: Path) -> None:
         """Writes a NumPy archive, whole or not at all."""
         with atomic_path(path) as part, part.open("wb") as file:
-            np.savez(file, **{one.name: getattr(self, one.name) for one in fields(self)})
+            np.savez(file, **vars(self))
 
     @classmethod
     def load(cls, path: Path) -> Self:
         """Reads what `save` wrote."""
         with np.load(path, allow_pickle=False) as archive:
-            return cls(**{one.name: archive[one.name] for one in fields(cls)})
+            return cls(**{field.name: archive[field.name] for field in fields(cls)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +148,17 @@ class Swept:
     disparity_px: NDArray[np.float64]
     result: SweepResult
 
+    @property
+    def per_rho_px(self) -> np.float64:
+        """Disparity per inverse depth, px m."""
+        return np.float64(self.disparity_px[0] / float(self.view.rho[0]))
+
+    def true_px(self, sequence: EventSequence) -> Floats:
+        """(H, W) true disparity, px; NaN where it is not known."""
+        truth = truth_of(sequence, self.view.t_us, EvalConfig())
+        true_px = np.where(truth.scored, self.per_rho_px / truth.depth_m, np.nan)
+        return np.asarray(true_px, np.float32)
+
 
 def swept_window(recording: Recording, config: MapperConfig, method: Method) -> Swept:
     """Sweeps one window for a method that looks at the votes again."""
@@ -174,20 +173,6 @@ def swept_window(recording: Recording, config: MapperConfig, method: Method) -> 
     return Swept(view, kept, disparity_px, result)
 
 
-def show(recording: Recording, config: MapperConfig, method: Method) -> Shown:
-    """Sweeps one window and lists its candidates."""
-    return shown_of(swept_window(recording, config, method), config, method)
-
-
-def shown_of(swept: Swept, config: MapperConfig, method: Method) -> Shown:
-    """Lists the candidates of a window after its sweep."""
-    votes, focus = swept.result.maxima[method.name], swept.result.focus[method.name]
-    estimate = estimate_in_focus(votes, focus, swept.disparity_px, config)
-    chosen = candidates(votes, focus, estimate, swept.disparity_px, config.border_px)
-    reliability = estimate.reliability[chosen.rows, chosen.columns]
-    return Shown(method, swept.view, swept.kept, chosen, swept.disparity_px, reliability)
-
-
 def window_config(window: TrainingWindow) -> MapperConfig:
     """The mapper's configuration for one window."""
     return MapperConfig(start_s=window.start_s, duration_s=window.duration_s, planes=window.planes)
@@ -197,42 +182,37 @@ def samples(sequence: EventSequence, window: TrainingWindow, most: int) -> Sampl
     """Draws at most so many candidates at random of a window whose true depth is known."""
     amount = Perturbation.model_validate(window.imperfection)
     recording = perturbed(sequence, amount, window.seed) if window.imperfection else sequence
-    shown = show(recording, window_config(window), FOCUS.build(f"Focus/{window.fusion}"))
-    true_px = true_disparity_px(shown, truth_of(sequence, shown.view.t_us, EvalConfig()))
-    known = np.flatnonzero(np.isfinite(true_px))
-    rng = np.random.default_rng([window.seed, 0x5A3])
-    picked = np.sort(rng.permutation(known)[:most])
-    return drawn(shown, picked, true_px)
-
-
-def true_disparity_px(shown: Shown, truth: Truth) -> NDArray[np.float32]:
-    """(M,) true disparity of each candidate, px; NaN where it is not known."""
-    chosen = shown.chosen
-    depth_m = np.where(truth.scored, truth.depth_m, np.nan)[chosen.rows, chosen.columns]
-    per_rho = shown.disparity_px[0] / float(shown.view.rho[0])
-    return np.asarray(per_rho / depth_m, np.float32)
-
-
-def drawn(shown: Shown, picked: NDArray[np.int64], true_px: NDArray[np.float32]) -> Samples:
-    """The samples of some candidates, by their numbers."""
-    chosen = shown.chosen[picked]
+    config, method = window_config(window), FOCUS.build(f"Focus/{window.fusion}")
+    swept = swept_window(recording, config, method)
+    votes, focus = swept.result.maxima[method.name], swept.result.focus[method.name]
+    estimate = estimate_in_focus(votes, focus, swept.disparity_px, config)
+    every = candidates(votes, focus, estimate, swept.disparity_px, config.border_px)
+    true_px = swept.true_px(sequence)
+    known = np.isfinite(true_px[every.rows, every.columns])
+    chosen = every[_drawn(known, [window.seed, 0x5A3], most)]
     codes = [
-        _in_255ths(as_patches(channels(shown.kept, shown.method.fusion, part), len(part)))
+        _logarithmic(as_patches(channels(swept.kept, method.fusion, part), len(part)))
         for part in (chosen[first : first + BATCH] for first in range(0, len(chosen), BATCH))
     ]
     empty = np.empty((0, len(CHANNELS), DEPTH, SIDE_PX, SIDE_PX), np.uint8)
+    at = chosen.rows, chosen.columns
     return Samples(
-        true_px=true_px[picked],
+        true_px=true_px[at],
         codes=np.concatenate([empty, *codes]),
         cues=chosen.cues,
         sample_px=chosen.sample_px,
-        centre_px=shown.disparity_px[chosen.centres].astype(np.float32),
+        centre_px=swept.disparity_px[chosen.centres].astype(np.float32),
         focus_px=chosen.focus_px,
-        reliability=shown.reliability[picked],
+        reliability=estimate.reliability[at],
     )
 
 
-def _in_255ths(shares: NDArray[np.float32]) -> NDArray[np.uint8]:
+def _drawn(known: NDArray[np.bool_], seed: Sequence[int], most: int) -> NDArray[np.int64]:
+    """At most so many of those that are known, at random, in their order."""
+    return np.sort(np.random.default_rng(seed).permutation(np.flatnonzero(known))[:most])
+
+
+def _logarithmic(shares: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Shares as bytes of the same shape; what exceeds 4 is cut off there."""
     bits = np.ascontiguousarray(np.minimum(shares, 4) * 64 + 1).view(np.int32)
     codes: NDArray[np.uint8] = (((bits + (1 << 18)) >> 19) - (127 << 4)).clip(0, 255).astype("u1")
@@ -242,3 +222,72 @@ def _in_255ths(shares: NDArray[np.float32]) -> NDArray[np.uint8]:
 def shares_of_codes() -> NDArray[np.float32]:
     """What the bytes of `Samples.codes` stand for: (256,) float32."""
     return votes_of_codes() / np.float32(64)
+
+
+@dataclass(frozen=True, eq=False)
+class DerdSamples(SampleSet):
+    """Columns of votes.
+
+    Attributes:
+        columns: (M, PLANES, S, S) uint8, shares of the largest value in 255ths, near to far.
+        near_px: (M,) float32 disparity at the near end of the depth range, px.
+        far_px: (M,) float32 disparity at its far end, px.
+        votes_px: (M,) float32 disparity that has most votes, px: what Algorithm 1 reports.
+    """
+
+    columns: NDArray[np.uint8]
+    near_px: Floats
+    far_px: Floats
+    votes_px: Floats
+
+    @property
+    def compared_error_px(self) -> Floats:
+        """(M,) error of Algorithm 1, px of disparity."""
+        return np.asarray(np.abs(self.votes_px - self.true_px), np.float32)
+
+    def inputs(self) -> dict[str, NDArray[Any]]:
+        """Columns, what is true, and the range that both refer to."""
+        return {
+            "columns": self.columns,
+            "true_px": self.true_px,
+            "near_px": self.near_px,
+            "far_px": self.far_px,
+        }
+
+
+def derd_windows(sequence: TrainingSequence) -> tuple[TrainingWindow, ...]:
+    """The windows of a sequence that the network can read: all of it and a part, nothing wrong."""
+    exact = (each for each in windows(sequence) if not each.imperfection and each.fusion == "H")
+    return tuple(replace(each, planes=derd.PLANES) for each in exact)
+
+
+def derd_samples(sequence: EventSequence, window: TrainingWindow, most: int) -> DerdSamples:
+    """Draws at most so many pixels at random of a window whose true depth is known."""
+    method = DERD.build("DERD/H")
+    least = DerdParameters(threshold_c=LEAST_C)
+    config = window_config(window).model_copy(update={"derd": least})
+    swept = swept_window(sequence, config, method)
+    true_px = swept.true_px(sequence)
+    votes = swept.result.maxima[method.name]
+    chosen = without_border(confidence_mask(votes.value, selecting(config)), derd.SIDE_PX // 2)
+    picked = _drawn(chosen & np.isfinite(true_px), [window.seed, 0xDE2D], most)
+    rows, columns = np.divmod(picked, true_px.shape[1])
+    parts = columns_of(method.fusion, swept.kept, swept.view, rows, columns)
+    shares = [_in_255ths(*part) for part in parts]
+    span = DepthRange.of(swept.view.rho)
+    voted_px = np.interp(votes.position().flat[picked], np.arange(derd.PLANES), swept.disparity_px)
+    return DerdSamples(
+        true_px=true_px.flat[picked],
+        columns=np.concatenate(
+            [np.empty((0, derd.PLANES, derd.SIDE_PX, derd.SIDE_PX), np.uint8), *shares]
+        ),
+        near_px=np.full(len(picked), swept.per_rho_px / span.near_m, np.float32),
+        far_px=np.full(len(picked), swept.per_rho_px / span.far_m, np.float32),
+        votes_px=voted_px.astype(np.float32),
+    )
+
+
+def _in_255ths(shares: Floats, count: int) -> NDArray[np.uint8]:
+    """(B, D, S, S, L) shares of `count` pixels as (count, D, S, S) bytes."""
+    pixels = np.moveaxis(shares, -1, 1).reshape(-1, *shares.shape[1:-1])[:count]
+    return np.asarray(np.rint(pixels * np.float32(255)), np.uint8)

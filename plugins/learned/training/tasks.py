@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.plugins.learned.networks import derd, network
 from eventsweep.plugins.learned.training.config import NetworkName, TrainingConfig
-from eventsweep.plugins.learned.training.derd_samples import DerdSamples, derd_samples, derd_windows
-from eventsweep.plugins.learned.training.samples import Samples, SampleSet, samples
+from eventsweep.plugins.learned.training.samples import (
+    DerdSamples,
+    Samples,
+    SampleSet,
+    derd_samples,
+    derd_windows,
+    samples,
+)
 from eventsweep.plugins.learned.training.sequences import TrainingSequence, TrainingWindow, windows
-
-if TYPE_CHECKING:
-    from eventsweep.plugins.learned.training.trainable import Trainable
 
 
 @dataclass(frozen=True)
@@ -55,14 +58,3 @@ TASKS: dict[NetworkName, Task] = {
         lambda config: {"uniform_in": config.uniform_in},
     ),
 }  # fmt: skip
-
-
-def untrained(config: TrainingConfig) -> Trainable:
-    """The network to train, with weights drawn at random."""
-    if config.network == "learned":
-        from eventsweep.plugins.learned.training.network import Network
-
-        return Network(network.Architecture())
-    from eventsweep.plugins.learned.training.derd_network import DerdNetwork
-
-    return DerdNetwork(config.uniform_in)

@@ -61,9 +61,9 @@ def train(folder: Path, config: TrainingConfig, progress: Display) -> Trained:
 
 
 def _precision(folder: Path, config: TrainingConfig, weights: Path) -> dict[str, Any]:
-    wanted, methods = data.chosen("calibration", config), TASKS[config.network].methods
-    found = confidence.collect(folder / "sequences", wanted, methods, weights)
-    return {name: confidence.fit(one).to_json() for name, one in found.items()}
+    specs, methods = data.chosen("calibration", config), TASKS[config.network].methods
+    points = confidence.collect(folder / "sequences", specs, methods, weights)
+    return {name: confidence.fit(own).to_json() for name, own in points.items()}
 
 
 def _fitting() -> type[Fitting]:

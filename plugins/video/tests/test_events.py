@@ -1,14 +1,13 @@
 """`eventsweep events`: what it takes, what it prints, what it refuses in one line."""
 
 import json
-import os
 
 import numpy as np
 import pytest
 
 from eventsweep.eval.cli.main import main
 from refusals import command_refused, untouched
-from video_files import drifting, events_of, rows, write_folder, write_image, write_video
+from video_files import drifting, events_of, rows, write_folder, write_video
 
 SECONDS = [f"{k / 20:.2f}" for k in range(6)]
 
@@ -18,38 +17,23 @@ def here(tmp_path, monkeypatch):
     """A folder with a video, images with times, and much that is wrong."""
     monkeypatch.chdir(tmp_path)
     frames, colour = drifting(6), drifting(6, 64, 48, colour=True)
-    for name, stamps in {
-        "images": SECONDS, "timeless": None, "whole": range(6), "falling": SECONDS[::-1],
-        "short": SECONDS[:5], "damaged": SECONDS, "sizes": SECONDS,
-    }.items():  # fmt: skip
+    for name, stamps in {"images": SECONDS, "timeless": None, "whole": range(6)}.items():
         write_folder(tmp_path / name, frames, stamps)
-    write_folder(tmp_path / "single", frames[:1], SECONDS[:1])
-    os.truncate(tmp_path / "damaged" / "3.png", 200)
-    write_image(tmp_path / "sizes" / "3.png", frames[0][:9])
     write_folder(tmp_path / "empty", [np.zeros((0, 4), np.uint8)] * 6, SECONDS, ".npy")
     (tmp_path / "void").mkdir()
     write_video(tmp_path / "v.avi", colour)
-    write_video(tmp_path / "one.avi", colour[:1])
     (tmp_path / "broken.mp4").write_bytes(b"\0\0\0\x18ftypmp42" + bytes(300))
-    (tmp_path / "zero.mp4").write_bytes(b"")
     (tmp_path / "stream.mjpeg").write_bytes(b"\xff\xd8\xff\xe0" + bytes(100))
     (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n")
     return tmp_path
 
 
 REFUSED = [
-    ("nowhere", "nowhere: no such file or folder"), ("images/0.png", "is a single image"),
     ("timeless", "no times; add timestamps.txt"), ("timeless", "add --rate-hz"),
-    ("whole", "say --unit s, ms, us or ns"), ("falling", "times must increase"),
-    ("short", "5 times for 6 images"), ("single", "1 images; events need two or more"),
-    ("void --rate-hz 30", "0 images"), ("damaged", "3.png: not a complete PNG image"),
-    ("sizes", "3.png is 40x9 grey uint8"), ("empty", "4x0 pixels"),
-    ("one.avi", "1 frame; events need two"), ("broken.mp4", "no codec"), ("zero.mp4", "no codec"),
+    ("whole", "say --unit s, ms, us or ns"), ("void --rate-hz 30", "0 images"),
+    ("empty", "4x0 pixels"), ("broken.mp4", "no codec"),
     ("stream.mjpeg", "no time base in its video stream; add --rate-hz"),
     ("images --encoding rec709", "rec709"), ("images --encoding log", "cannot hold logarithms"),
-    ("images --gamma 2", "unless encoding is gamma"), ("images --rate-hz 0", "rate_hz"),
-    ("images --rate-hz 30 --unit s", "both set the times"),
-    ("images --slow-motion 4", "slow_motion is for video files"),
     ("images --upsample nothing", "MODULE:FUNCTION"),
     ("images --poses poses.txt", "but no calibration"), ("images --calibration v.avi", "v.avi"),
     ("images --to dat", "cannot be written"), ("images --seed -1", "seed -1"),

@@ -9,8 +9,8 @@ import pytest
 from PIL import Image as Pillow
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.plugins.video.film import Light
 from eventsweep.plugins.video.images import READERS, read_image
-from eventsweep.plugins.video.light import Light
 from eventsweep.sim.config import VideoConfig
 from refusals import refused
 from video_files import write_image

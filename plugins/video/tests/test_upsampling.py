@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from eventsweep.plugins.video import upsampling
+from eventsweep.plugins.video import film
+from eventsweep.plugins.video.film import find_upsampler
 from eventsweep.plugins.video.record import record
-from eventsweep.plugins.video.upsampling import find_upsampler
 from eventsweep.sim.config import PixelConfig, VideoConfig
 from refusals import refused
 from video_files import drifting, events_of, rows, write_folder
@@ -58,7 +58,7 @@ def test_it_is_given_what_the_files_hold(tmp_path, monkeypatch):
         calls.append((before.copy(), after.copy(), t0_us, t1_us))
         return [(t0_us + 1, before)]
 
-    monkeypatch.setattr(upsampling, "find_upsampler", None)
+    monkeypatch.setattr(film, "find_upsampler", None)
     monkeypatch.setattr("eventsweep.plugins.video.film.find_upsampler", lambda name: spy)
     assert made(folder, tmp_path / "out", "spy").frames == 5
     assert [call[2:] for call in calls] == [(500_000, 600_000), (600_000, 800_000)]
@@ -105,8 +105,6 @@ def test_a_module_and_an_entry_point_are_found(monkeypatch):
             return max
 
     assert find_upsampler("builtins:min") is min
-    monkeypatch.setattr(
-        upsampling, "entry_points", lambda group: [Point()] * (group == upsampling.GROUP)
-    )
+    monkeypatch.setattr(film, "entry_points", lambda group: [Point()] * (group == film.GROUP))
     assert find_upsampler("film") is max
     refused("registered are film", find_upsampler, "rife")

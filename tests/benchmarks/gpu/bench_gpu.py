@@ -40,10 +40,10 @@ from markdown_blocks import into_page
 
 PAPER = (*(f"Alg1/{name}" for name in MEANS), "EMVS/cam0", "EMVS/cam1")
 VOLUMES = ("Alg1/H", "EMVS/cam0", "EMVS/cam1")
-NAMES = {"fixed": "GPU, fixed-point votes", "float": "GPU, float votes", "cpu": "CPU, all cores"}
+NAMES = {"gpu": "GPU", "cpu": "CPU, all cores"}
 LIMIT_MS, DSI_LIMIT, ARGMAX_LIMIT, LIGHT_LIMIT = 100.0, 1e-3, 0.999, 1e-6
 """Of a whole call on an H200; of volumes, maxima, and a shader's light against the CPU's."""
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 _WRONG, _DRAWING_LIMIT_S = 1, 120.0
 _SMI = ["nvidia-smi", "--query-gpu=name,driver_version", "--format=csv,noheader", "--id=0"]
 Part = dict[str, Any]
@@ -71,13 +71,10 @@ class Plan:
     rigs: tuple[str, ...] = ("davis346", "tumvie", "tumvie-kb4")
     frame_s: float = 2.0
 
-    def config(self, device: str, precision: str = "fixed") -> MapperConfig:
+    def config(self, device: str) -> MapperConfig:
         """The mapper's settings: every function of Algorithm 1 and both cameras alone."""
-        fields = {
-            "device": device, "voting_precision": precision, "methods": PAPER,
-            "planes": self.planes, "duration_s": 1e-6 * WINDOW_US,
-        }  # fmt: skip
-        return MapperConfig.model_validate(fields)
+        duration_s = 1e-6 * WINDOW_US
+        return MapperConfig(device=device, methods=PAPER, planes=self.planes, duration_s=duration_s)
 
 
 QUICK = Plan((16, 12), 60, 2, rounds=1, cpu_rounds=1, rigs=("oblique",), frame_s=0.05)
@@ -85,7 +82,7 @@ QUICK = Plan((16, 12), 60, 2, rounds=1, cpu_rounds=1, rigs=("oblique",), frame_s
 
 
 def whole(plan: Plan, device: str, wrong: list[str]) -> Part:
-    """Algorithm 1 with all functions, on the GPU by both ways of summing, and on the CPU.
+    """Algorithm 1 with all functions, on the GPU and on the CPU.
 
     Raises:
         InputError: the device cannot be used.
@@ -94,20 +91,15 @@ def whole(plan: Plan, device: str, wrong: list[str]) -> Part:
     recording.event_span_us(0)  # makes the events now
     calls: dict[str, Part] = {}
     with tempfile.TemporaryDirectory() as folder:
-        for name in ("cpu", "fixed", "float"):
-            on_cpu = name == "cpu"
-            config = plan.config("cpu") if on_cpu else plan.config(device, name)
-            rounds = plan.cpu_rounds if on_cpu else plan.rounds
-            calls[name], last = called(recording, config, rounds)
-            own = Path(folder) / name
-            own.mkdir()
+        own, results = {name: Path(folder) / name for name in NAMES}, {}
+        for name, on, rounds in (("cpu", "cpu", plan.cpu_rounds), ("gpu", device, plan.rounds)):
+            config = plan.config(on)
+            calls[name], results[name] = called(recording, config, rounds)
+            own[name].mkdir()
             saved = {"methods": VOLUMES, "save_dsi": True}
-            map_window(recording, config.model_copy(update=saved), dsi_dir=own)
-            if on_cpu:
-                cpu = last
-                continue
-            calls[name] |= apart(last, cpu, own, Path(folder) / "cpu")
-            wrong += faults(name, calls[name])
+            map_window(recording, config.model_copy(update=saved), dsi_dir=own[name])
+        calls["gpu"] |= apart(results["gpu"], results["cpu"], own["gpu"], own["cpu"])
+        wrong += faults(calls["gpu"])
     load = {"events": 2 * plan.events, "planes": plan.planes, "size_px": plan.size_px}
     return {"load": load, "calls": {name: calls[name] for name in NAMES}}
 
@@ -156,14 +148,14 @@ def apart(gpu: WindowResult, cpu: WindowResult, ours: Path, theirs: Path) -> Par
     return {"volume": most, "argmax": min(shares), "counted": votes - expected}
 
 
-def faults(name: str, found: Part) -> Iterator[str]:
-    """What is wrong with the calls of a device, a sentence each."""
-    if not found["volume"] <= DSI_LIMIT:
-        yield f"{name}: the DSI is off by {found['volume']:.2g}, above {DSI_LIMIT:g}"
-    if not found["argmax"] >= ARGMAX_LIMIT:
-        yield f"{name}: the argmax is equal in {found['argmax']:.3%} of pixels only"
-    if name == "fixed" and not found["repeats"]:
-        yield "fixed: votes gave other bits in another call"
+def faults(calls: Part) -> Iterator[str]:
+    """What is wrong with the calls on the GPU, a sentence each."""
+    if not calls["volume"] <= DSI_LIMIT:
+        yield f"the DSI is off by {calls['volume']:.2g}, above {DSI_LIMIT:g}"
+    if not calls["argmax"] >= ARGMAX_LIMIT:
+        yield f"the argmax is equal in {calls['argmax']:.3%} of pixels only"
+    if not calls["repeats"]:
+        yield "votes gave other bits in another call"
 
 
 def frames(plan: Plan, device: str, wrong: list[str]) -> Part:

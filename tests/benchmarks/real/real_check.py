@@ -29,7 +29,7 @@ from eventsweep.emvs.dsi.method import MethodName
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.mapper import map_window
 from eventsweep.eval.cli.exit_codes import exit_code
-from eventsweep.plugins.learned.networks.judgement import at_reference_px
+from eventsweep.plugins.learned.methods.learned import at_reference_px
 from frame_depth import FrameDepth, depth_from_frames, undistorted
 from markdown_blocks import show
 from slid_pair import SlidPair, straight_way

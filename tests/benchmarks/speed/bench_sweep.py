@@ -12,7 +12,7 @@ import pytest
 from eventsweep.emvs.dsi import voting as sweep_module
 from eventsweep.emvs.dsi.fusion import MEANS
 from eventsweep.emvs.dsi.maxima import RunningMaxima
-from eventsweep.emvs.dsi.rays import BAND_ROWS, event_rays, grouped_by_rows
+from eventsweep.emvs.dsi.rays import BAND_ROWS, grouped_by_rows, knots, rays_between
 from eventsweep.emvs.dsi.voting import Scratch, batch_planes
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.methods import methods_by_name
@@ -47,7 +47,7 @@ def _one_thread():
 
 def cast_rays(camera, n=EVENTS, band_rows=BAND_ROWS):
     events = edge_stream(camera, MOTION, n)
-    rays = event_rays(events, camera, np.eye(4), MOTION, MOTION.at(250_000), camera)
+    rays = rays_between(events, camera, np.eye(4), knots(MOTION, MOTION.at(250_000)), camera)
     if band_rows is None:
         return rays
     return grouped_by_rows(rays, RHO[PLANES // 2], camera.height_px, band_rows)

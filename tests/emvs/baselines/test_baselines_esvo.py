@@ -9,8 +9,17 @@ from hypothesis import strategies as st
 
 import naive_baselines as naive
 from eventsweep.emvs.baselines import esvo
-from eventsweep.emvs.baselines.esvo import EsvoMap, Lines, Refined, match_blocks, refine
-from eventsweep.emvs.baselines.esvo_filter import Estimates, fuse_into, propagate, regularised
+from eventsweep.emvs.baselines.esvo import (
+    Estimates,
+    EsvoMap,
+    Lines,
+    Refined,
+    fuse_into,
+    match_blocks,
+    propagate,
+    refine,
+    regularised,
+)
 from eventsweep.emvs.baselines.esvo_kernels import compatible, fuse_two
 from eventsweep.emvs.config import (
     CleanUp,

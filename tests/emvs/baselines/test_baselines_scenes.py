@@ -5,8 +5,7 @@ import pytest
 
 from eventsweep import scenes
 from eventsweep.emvs.baselines import sgm
-from eventsweep.emvs.baselines.esvo import EsvoMapper
-from eventsweep.emvs.baselines.esvo_filter import propagate
+from eventsweep.emvs.baselines.esvo import EsvoMapper, propagate
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.errors import InputError

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import naive_baselines
+from eventsweep.emvs.baselines.pixels_kernels import NEVER_US
 from eventsweep.emvs.baselines.time_surface import TimeSurface
-from eventsweep.emvs.baselines.time_surface_kernels import NEVER_US
 from eventsweep.emvs.data.events import Events
 from made_events import random_events
 from refusals import refused

@@ -10,11 +10,9 @@ from scipy import ndimage
 
 import naive_extraction as naive
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.depth import surface_kernels
+from eventsweep.emvs.depth import neighbours_kernels
 from eventsweep.emvs.depth.focus import (
-    FocusConfig,
     FocusEstimate,
-    at_least,
     between_the_ends,
     disparity_at,
     estimate_in_focus,
@@ -24,7 +22,7 @@ from eventsweep.emvs.depth.focus import (
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.focus_kernels import BLOCK, PAIR
 from eventsweep.emvs.dsi.maxima import FocusPeak, InFocus, Maximum
-from volumes import found_in_volumes, judge, maximum_of, most_reliable
+from volumes import found_in_volumes, judge, maximum_of
 
 F = np.float32
 TWINS = {
@@ -38,9 +36,9 @@ def falling(volume):
     return 16 - 0.3 * np.arange(len(volume))
 
 
-def find(fused, votes, config=FocusConfig()):  # noqa: B008 - frozen
+def find(fused, votes, measure="variance"):
     """Depth by focus in whole volumes."""
-    return found_in_volumes(fused, votes, falling(fused), config)
+    return found_in_volumes(fused, votes, falling(fused), measure)
 
 
 def random_planes(seed, *shape):
@@ -91,7 +89,7 @@ def test_support_equals_twin(seed, radius, tolerance):
     rng = np.random.default_rng(seed)
     position, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
     out = np.zeros((7, 9), F)
-    surface_kernels.support(position, candidate, radius, F(tolerance), out)
+    neighbours_kernels.support(position, candidate, radius, F(tolerance), out)
     slow = naive.support(position, candidate, radius, tolerance)
     np.testing.assert_allclose(out, slow, atol=1e-6)
 
@@ -101,7 +99,7 @@ def test_own_surface_equals_twin(seed, radius, tolerance):
     rng = np.random.default_rng(seed)
     disparity, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
     out = np.zeros((2, 7, 9), F)
-    surface_kernels.own_surface(disparity, candidate, radius, F(tolerance), out)
+    neighbours_kernels.own_surface(disparity, candidate, radius, F(tolerance), out)
     slow = naive.own_surface(disparity, candidate, radius, tolerance)
     np.testing.assert_allclose(out, slow, atol=1e-5)
 
@@ -113,19 +111,19 @@ def test_fitted_surface_equals_twin(seed, radius, tolerance):
     disparity, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
     weight = np.exp(-0.1 * np.arange(radius + 1)).astype(F)
     out = np.full((7, 9), -1, F)
-    surface_kernels.fit_surface(disparity, candidate, weight, F(tolerance), 0.5, out)
+    neighbours_kernels.fit_surface(disparity, candidate, weight, F(tolerance), 0.5, out)
     slow = naive.fitted_surface(disparity, candidate, weight, tolerance, 0.5)
     np.testing.assert_allclose(out[candidate], slow[candidate], atol=1e-4)
     assert (out[~candidate] == -1).all()
 
 
 def test_scatter_around_a_surface_equals_its_twin():
-    rng, config = np.random.default_rng(4), FocusConfig()
+    rng = np.random.default_rng(4)
     own_px, candidate = rng.uniform(1, 9, (20, 24)).astype(F), rng.random((20, 24)) < 0.3
     fitted_px = own_px + rng.normal(0, 0.2, own_px.shape).astype(F)
-    found = surface_scatter_px(own_px, fitted_px, candidate, config)
+    found = surface_scatter_px(own_px, fitted_px, candidate)
     reach = 6  # 1.5 scales of 4 px
-    near = np.exp(-0.5 * (np.arange(-reach, reach + 1) / config.surface_sigma_px) ** 2)
+    near = np.exp(-0.5 * (np.arange(-reach, reach + 1) / 4) ** 2)
     weight = np.outer(near, near)
     apart, there = (np.pad(a, reach, mode="reflect") for a in (abs(fitted_px - own_px), candidate))
     for y, x in np.ndindex(own_px.shape):
@@ -148,14 +146,12 @@ def test_a_slanted_surface_stays_and_its_noise_goes():
     x, y = np.arange(40.0), np.arange(30.0)[:, None]
     exact = (8 + 0.02 * x - 0.03 * y + 3 * (x > 20)).astype(F)
     here = surface(exact, planes_px)
-    kept = on_surface(here, planes_px, FocusConfig())
+    kept = on_surface(here, planes_px)
     np.testing.assert_allclose(kept.position, here.position, atol=0.06)
-    noisy = on_surface(surface((exact + noise).astype(F), planes_px), planes_px, FocusConfig())
+    noisy = on_surface(surface((exact + noise).astype(F), planes_px), planes_px)
     off_px = 0.3 * abs(noisy.position - here.position)
     assert np.median(off_px) < 0.3 * np.median(abs(noise))
-    turned = on_surface(
-        replace(here, position=40 - here.position), planes_px[::-1], FocusConfig()
-    )  # fmt: skip
+    turned = on_surface(replace(here, position=40 - here.position), planes_px[::-1])
     np.testing.assert_allclose(40 - turned.position, kept.position, atol=1e-3)
 
 
@@ -254,46 +250,17 @@ def test_candidates_are_judged_as_if_every_pixel_were(refine):
     votes = maximum_of(volume)
     focus = InFocus(maximum_of(volume[:, ::-1].copy()), (maximum_of(volume[::-1].copy()),))
     found = estimate_in_focus(votes, focus, disparity_px, config)
-    scales = FocusConfig()
     gaussian = [m.position(gaussian=True) if refine else m.plane.astype(F)
                 for m in (focus.maximum, *focus.camera_maxima)]  # fmt: skip
     peak = votes.position() if refine else votes.plane.astype(F)
     inside = between_the_ends(focus.maximum)
     assert 0 < inside.mean() < 1
-    whole = judge(votes.value, peak, gaussian[0], gaussian[1:], disparity_px, scales, inside)
-    whole = on_surface(whole, disparity_px, scales) if refine else whole
+    whole = judge(votes.value, peak, gaussian[0], gaussian[1:], disparity_px, inside)
+    whole = on_surface(whole, disparity_px) if refine else whole
     assert 20 < found.candidate.sum() < found.candidate.size / 2
     np.testing.assert_array_equal(found.position, whole.position)
     np.testing.assert_array_equal(found.reliability, whole.reliability)
     assert found.reliability.any()
-
-
-def some_found(seed, levels=5):
-    rng = np.random.default_rng(seed)
-    confidence, *factors = rng.integers(0, levels, (6, 12, 15)).astype(F) / levels
-    candidate = rng.random((12, 15)) < 0.5
-    return FocusEstimate(confidence, confidence, candidate, *factors)
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(0, 120), st.integers(0, 4))
-def test_most_reliable_equals_twin(seed, points, border_px):
-    found = some_found(seed)
-    mask = most_reliable(found, points, border_px)
-    slow = naive.most_reliable(
-        found.reliability, found.confidence, found.candidate, points, border_px
-    )
-    assert {(y, x) for y, x in np.argwhere(mask)} == slow
-
-
-def test_more_points_only_add_points():
-    found = some_found(3)
-    fewer, more = most_reliable(found, 20, 1), most_reliable(found, 40, 1)
-    assert fewer.sum() == 20
-    assert more.sum() == 40
-    assert not (fewer & ~more).any()
-    strict, lax = at_least(found, 0.05, 1), at_least(found, 0.005, 1)
-    assert 0 < strict.sum() < lax.sum()
-    assert not (strict & ~lax).any()
 
 
 def slanted_line(planes=41, at_plane=20, at_px=24.4, slant_px=0.35):
@@ -309,7 +276,7 @@ def test_variance_finds_the_plane_beside_the_line_where_the_ray_maximum_slides_o
     volume = slanted_line()
     beside = (16, slice(23, 27))
     focused = find(volume, volume[None]).position[beside]
-    plain = find(volume, volume[None], FocusConfig(measure="votes")).position[beside]
+    plain = find(volume, volume[None], "votes").position[beside]
     assert abs(plain - 20).max() > 1.0
     assert abs(focused - 20).max() < 0.5 * abs(plain - 20).max()
 
@@ -328,11 +295,6 @@ def test_cameras_that_agree_are_trusted_and_others_are_not():
     np.testing.assert_array_equal(alike.agreement, 1)
     assert apart.agreement[16, 24] < 1e-2
     assert (apart.reliability <= alike.reliability).all()
-
-
-def test_one_camera_agrees_with_itself():
-    volume = slanted_line()
-    np.testing.assert_array_equal(find(volume, volume[None]).agreement, 1)
 
 
 @settings(max_examples=10)

@@ -52,19 +52,6 @@ def test_permuting_cameras_changes_nothing():
             )
 
 
-def test_of_equal_volumes_every_fusion_is_that_volume():
-    volumes = np.repeat(votes(1, 1), 3, axis=0)
-    for function in FUSIONS.values():
-        np.testing.assert_allclose(function(volumes), volumes[0], rtol=1e-6)
-
-
-def test_a_zero_silences_the_and_like_fusions():
-    volumes = votes(2)
-    volumes[1] = 0
-    for name in ("min", "H", "G"):
-        assert not FUSIONS[name](volumes).any()
-
-
 def test_reference_harmonic_mean_has_its_eps():
     volumes = votes(3)
     a, b = volumes
@@ -124,20 +111,6 @@ def test_the_shared_volume_takes_the_place_of_the_first_and_nothing_else_changes
     for k in range(len(every)):
         np.testing.assert_array_equal(alone.of(k).value, sharing.of(k).value)
         np.testing.assert_array_equal(alone.of(k).plane, sharing.of(k).plane)
-
-
-def test_no_interpolation_at_the_first_and_last_plane():
-    ramp = np.arange(5, dtype=np.float32)[None, :, None, None] * np.ones((1, 5, 2, 3), np.float32)
-    for volumes, plane in ((ramp, 4), (ramp[:, ::-1].copy(), 0)):
-        maximum = fold(volumes, (Fusion(fusion_kernels.CAMERA),), 2).of(0)
-        np.testing.assert_array_equal(maximum.position(), plane)
-
-
-def test_a_parabola_is_found_exactly():
-    z = np.arange(9, dtype=np.float32)
-    volumes = np.tile((30 - (z - 4.3) ** 2)[None, :, None, None], (1, 1, 2, 3)).astype(np.float32)
-    maximum = fold(volumes, (Fusion(fusion_kernels.CAMERA),), 4).of(0)
-    np.testing.assert_allclose(maximum.position(), 4.3, atol=1e-5)
 
 
 def test_method_names():

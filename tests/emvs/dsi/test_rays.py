@@ -6,15 +6,13 @@ from scipy.spatial.transform import Rotation
 
 import naive_sweep
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.dsi.rays import event_rays
-from eventsweep.emvs.dsi.voting_kernels import CHUNK
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from made_events import random_events
 from point_world import pinhole
 from refusals import refused
+from volumes import event_rays
 
 # Strong enough that the corners have no ray.
 CAMERA = Camera(40, 30, 25.0, 26.0, 19.0, 15.5, "radtan", (-0.35, 0.02, 0.001, -0.001))
@@ -54,15 +52,6 @@ def test_kernel_equals_twin(seed, turn):
     got = np.stack([rays.a_u, rays.b_u, rays.a_v, rays.b_v, rays.c_z], axis=1)
     assert got.dtype == np.float32
     np.testing.assert_allclose(got, expected, rtol=1e-5, atol=1e-4)
-
-
-def test_pixels_without_a_ray_are_dropped_and_counted():
-    motion = random_motion(1, turn=0.0)
-    events = events_on(np.random.default_rng(0), CAMERA, *motion.span_us, 500)
-    rays = event_rays(events, CAMERA, np.eye(4), motion, motion.at(motion.span_us[0]), pinhole())
-    no_ray = np.isnan(CAMERA.bearing_table()).any(axis=-1)[events.y, events.x]
-    assert rays.counts.without_ray == no_ray.sum() > 0
-    assert len(rays) == 500 - no_ray.sum() > 0
 
 
 def test_every_pose_of_the_span_is_covered_and_nothing_beyond():
@@ -107,17 +96,6 @@ def test_a_point_projects_where_its_ray_says():
     np.testing.assert_allclose(uv, camera.project(p_rv), atol=1e-4)
 
 
-def test_backward_looking_events_are_dropped_and_counted():
-    motion = random_motion(2, turn=0.0)
-    rng = np.random.default_rng(0)
-    events = events_on(rng, CAMERA, *motion.span_us, 100)
-    turned = se3.from_rotation(Rotation.from_rotvec([0, np.pi, 0]), [0, 0, 0])
-    rays = event_rays(events, CAMERA, turned, motion, motion.at(motion.span_us[0]), pinhole())
-    assert len(rays) == 0
-    assert rays.counts.backwards + rays.counts.without_ray == 100
-    assert rays.counts.backwards > 0
-
-
 def test_packets_share_the_pose_of_event_512_and_the_tail_is_dropped():
     motion = random_motion(4, turn=0.1)
     rng = np.random.default_rng(1)
@@ -141,22 +119,9 @@ def test_no_events_give_no_rays():
         assert len(rays) == rays.counts.events == len(rays.c_z_max) == 0
 
 
-def test_chunk_limits_are_the_chunks_maxima():
-    motion = random_motion(6, turn=0.1)
-    events = events_on(np.random.default_rng(2), pinhole(), *motion.span_us, 2 * CHUNK + 5)
-    T_world_rv = motion.at(motion.span_us[0])
-    rays = event_rays(events, pinhole(), np.eye(4), motion, T_world_rv, pinhole())
-    expected = [rays.c_z[k : k + CHUNK].max() for k in range(0, len(rays), CHUNK)]
-    np.testing.assert_array_equal(rays.c_z_max, expected)
-
-
-def test_one_pose_is_refused():
-    motion = Trajectory(np.array([5]), np.zeros((1, 3)), np.array([[0, 0, 0, 1.0]]))
-    refused("one pose", event_rays, Events.empty(), CAMERA, np.eye(4), motion, np.eye(4), pinhole())
-
-
-def test_events_outside_the_sensor_are_refused():
-    events = Events(np.array([99], np.uint16), np.array([0], np.uint16), np.array([5]),
+@pytest.mark.parametrize(("x", "poses", "words"), [(99, 5, "outside"), (9, 1, "one pose")])
+def test_one_pose_and_events_outside_the_sensor_are_refused(x, poses, words):
+    events = Events(np.array([x], np.uint16), np.array([0], np.uint16), np.array([5]),
                     np.zeros(1, np.uint8))  # fmt: skip
-    with pytest.raises(InputError, match="outside"):
-        event_rays(events, CAMERA, np.eye(4), random_motion(0), np.eye(4), pinhole())
+    motion = random_motion(0, poses=poses)
+    refused(words, event_rays, events, CAMERA, np.eye(4), motion, np.eye(4), pinhole())

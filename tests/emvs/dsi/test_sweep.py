@@ -9,7 +9,7 @@ import naive_sweep
 from eventsweep.emvs.dsi.rays import RayCounts, Rays
 from eventsweep.emvs.dsi.voting import PASS_PLANES, Scratch, batch_planes
 from eventsweep.emvs.dsi.voting_kernels import CHUNK
-from eventsweep.emvs.reference_view import inverse_depth_at, inverse_depth_planes, mcemvs_planes
+from eventsweep.emvs.reference_view import inverse_depth_at, inverse_depth_planes
 from eventsweep.emvs.utils.runtime import use_threads
 from volumes import dsi
 
@@ -101,13 +101,6 @@ def test_sum_of_a_plane_is_the_number_of_votes_inside_it():
     assert volume.sum(dtype=np.float64) == pytest.approx(counts.counted, abs=1e-2)
 
 
-def test_planes_behind_the_camera_get_no_vote():
-    rays = make_rays([5], [0], [5], [0], [1.0])
-    volume, counts = dsi(rays, np.array([2, 1, 0.5], np.float32), W, H)
-    np.testing.assert_allclose(volume.sum(axis=(1, 2)), [0, 0, 1])
-    assert (counts.counted, counts.behind, counts.outside) == (1, 2, 0)
-
-
 @NEAREST
 def test_neither_threads_nor_batches_change_a_bit(nearest):
     rays, rho = random_rays(3, 20_000), inverse_depth_planes(0.4, 5, 7)
@@ -154,10 +147,3 @@ def test_planes_run_near_to_far_with_both_ends(near_m, ratio, count):
     np.testing.assert_allclose(
         inverse_depth_at(rho, np.arange(count, dtype=np.float32)), rho, rtol=1e-4
     )
-
-
-def test_mcemvs_planes_run_far_to_near_and_stop_short():
-    depth_m = 1 / mcemvs_planes(0.5, 5, 64)
-    assert depth_m[0] == pytest.approx(5)
-    assert depth_m[-1] == pytest.approx(1 / (0.2 + 63 * 1.8 / 64))
-    assert depth_m[-1] > 0.5

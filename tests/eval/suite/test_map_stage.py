@@ -27,7 +27,7 @@ def test_a_baselines_code_belongs_to_the_key_of_who_runs_it(name):
     modules = stage.code(parameters("Alg1/H", name))[0]
     place = {"SGM": "sgm", "ESVO": "esvo", "GTS": "gts", "Frames": "sgm"}[name.split("/")[0]]
     assert modules == (f"{baselines.__name__}.{place}",)
-    assert f"{baselines.__name__}.rectification_kernels" in closure(modules)
+    assert f"{baselines.__name__}.pixels_kernels" in closure(modules)
 
 
 def test_groups_have_the_code_of_all_their_baselines():

@@ -8,7 +8,7 @@ from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.windows import choose_window
 
-FIELDS = ("depth_m", "confidence", "mask", "argmax")
+FIELDS = ("depth_m", "confidence", "mask", "argmax", "reliability")
 
 
 def assert_same_bits(one, other):

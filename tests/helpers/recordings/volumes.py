@@ -8,9 +8,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.depth.depth_map import without_border
+from eventsweep.emvs.config import FocusParameters
 from eventsweep.emvs.depth.focus import (
-    FocusConfig,
     FocusEstimate,
     between_the_ends,
     candidate_mask,
@@ -19,12 +18,19 @@ from eventsweep.emvs.depth.focus import (
 )
 from eventsweep.emvs.dsi.fusion import MEANS, Fusion, fuse
 from eventsweep.emvs.dsi.maxima import FocusPeak, Maximum
+from eventsweep.emvs.dsi.rays import knots, rays_between
 from eventsweep.emvs.dsi.voting import Scratch
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 FUSIONS = {name: partial(fuse, Fusion(mean.code)) for name, mean in MEANS.items()}
 """Every compiled mean as a function of (C, N, H, W) votes."""
+
+
+def event_rays(events, camera, T_body_cam, trajectory, T_world_rv, rv_camera, *, packets=False):
+    """Rays of events in the reference view, each by its own pose on the trajectory."""
+    poses = knots(trajectory, T_world_rv)
+    return rays_between(events, camera, T_body_cam, poses, rv_camera, packets=packets)
 
 
 def dsi(rays, rho, width_px, height_px, *, nearest=False):
@@ -34,28 +40,12 @@ def dsi(rays, rho, width_px, height_px, *, nearest=False):
     return scratch.images(len(rho))[0].copy(), counts
 
 
-def most_reliable(estimate: FocusEstimate, points: int, border_px: int) -> Mask:
-    """The (H, W) mask of the `points` most reliable candidates, or of all if there are fewer.
-
-    Equal reliability is decided by confidence, then by the order of pixels.
-    """
-    allowed = np.flatnonzero(without_border(estimate.candidate, border_px))
-    reliability, confidence = (
-        image.ravel()[allowed] for image in (estimate.reliability, estimate.confidence)
-    )
-    kept = allowed[np.lexsort((allowed, -confidence, -reliability))[: max(points, 0)]]
-    mask = np.zeros(estimate.candidate.shape, np.bool_)
-    mask.flat[kept] = True
-    return mask
-
-
 def judge(
     confidence: Floats,
     vote_peak: Floats,
     position: Floats,
     camera_positions: Sequence[Floats],
     disparity_px: NDArray[np.floating],
-    config: FocusConfig,
     allowed: Mask | None = None,
 ) -> FocusEstimate:
     """`emvs.depth.focus.judge_at` at every pixel; everything is an image.
@@ -63,12 +53,12 @@ def judge(
     `allowed` is where a candidate may be, by default everywhere.
     """
     everywhere = tuple(np.indices(confidence.shape).reshape(2, -1))
-    candidate, cameras = candidate_mask(confidence, config), [c.ravel() for c in camera_positions]
+    candidate = candidate_mask(confidence, FocusParameters())
+    cameras = [position.ravel() for position in camera_positions]
     candidate = candidate if allowed is None else candidate & allowed
     return judge_at(
-        everywhere, candidate, confidence, vote_peak.ravel(), position, cameras, disparity_px,
-        config,
-    )  # fmt: skip
+        everywhere, candidate, confidence, vote_peak.ravel(), position, cameras, disparity_px
+    )
 
 
 def maximum_of(volume: Floats) -> Maximum:
@@ -85,28 +75,28 @@ def maximum_of(volume: Floats) -> Maximum:
 
 
 def found_in_volumes(
-    fused: Floats, votes: Floats, disparity_px: NDArray[np.floating], config: FocusConfig
+    fused: Floats, votes: Floats, disparity_px: NDArray[np.floating], measure: str = "variance"
 ) -> FocusEstimate:
-    """What the mapper's `Focus/...` finds, with any parameters, in volumes that are kept whole.
+    """What the mapper's `Focus/...` finds, by any measure, in volumes that are kept whole.
 
     Args:
         fused: (N, H, W) float32, the cameras' votes fused by any function.
         votes: (C, N, H, W) float32 votes of each camera.
         disparity_px: (N,) disparity of each plane, px, above 0.
-        config: parameters.
+        measure: by its name in `emvs.dsi.focus_measures.MEASURES`.
     """
     vote_peak = maximum_of(fused)
-    own, *cameras = (_sharpest(volume, config) for volume in (fused, *votes))
+    own, *cameras = (_sharpest(volume, measure) for volume in (fused, *votes))
     judged = judge(
         vote_peak.value, vote_peak.position(), own.position(gaussian=True),
-        [camera.position(gaussian=True) for camera in cameras], disparity_px, config,
+        [camera.position(gaussian=True) for camera in cameras], disparity_px,
         between_the_ends(own),
     )  # fmt: skip
-    return on_surface(judged, disparity_px, config)
+    return on_surface(judged, disparity_px)
 
 
-def _sharpest(volume: Floats, config: FocusConfig) -> Maximum:
+def _sharpest(volume: Floats, measure: str) -> Maximum:
     """Where a whole (N, H, W) volume is most in focus."""
-    peak = FocusPeak(volume.shape[2], volume.shape[1], config.measure, config.sigma_px)
+    peak = FocusPeak(volume.shape[2], volume.shape[1], measure, FocusParameters().sigma_px)
     peak.update(volume)
     return peak.maximum()

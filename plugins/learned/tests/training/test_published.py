@@ -120,4 +120,4 @@ def test_what_makes_no_sense_is_refused(tmp_path, capsys):
     said = command_refused(capsys, *asked, "--epochs", "3")
     assert "published weights are not trained: leave out epochs" in said
     assert main(asked) == 0
-    assert "derd.npz: is there already" in command_refused(capsys, *asked)
+    assert "derd.npz: exists already" in command_refused(capsys, *asked)

@@ -11,7 +11,7 @@ from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.scoring.run_folder import truth_of
 from eventsweep.plugins.learned.methods.derd import DERD
 from eventsweep.plugins.learned.networks.derd import DepthRange, derd_net, selecting
-from eventsweep.plugins.learned.training import data, derd_samples
+from eventsweep.plugins.learned.training import data, samples
 from eventsweep.plugins.learned.training import sequences as training
 from eventsweep.plugins.learned.training.config import TrainingConfig
 from eventsweep.plugins.learned.training.samples import swept_window, window_config
@@ -31,7 +31,7 @@ def folder(tmp_path_factory):
 
 def test_its_windows_are_those_of_the_same_list_with_nothing_wrong():
     for one in training.sequences("training"):
-        found = derd_samples.derd_windows(one)
+        found = samples.derd_windows(one)
         assert found
         assert {(w.planes, w.fusion) for w in found} == {(100, "H")}
         assert not any(w.imperfection for w in found)
@@ -43,7 +43,7 @@ def test_its_windows_are_those_of_the_same_list_with_nothing_wrong():
 def test_samples_are_columns_of_the_volume_and_their_true_place(folder, tmp_path):
     """Against the volume that the mapper writes, and the depth that Algorithm 1 reports."""
     sequence = EventSequence.open(folder / TINY.name)
-    found = derd_samples.derd_samples(sequence, WINDOW, 300)
+    found = samples.derd_samples(sequence, WINDOW, 300)
     assert len(found) == 300
     names = ("Alg1/H",)
     config = window_config(WINDOW).model_copy(
@@ -73,7 +73,7 @@ def test_its_pixels_are_those_of_algorithm_1(folder):
     """It learns at least the pixels that it is compared on."""
     sequence = EventSequence.open(folder / TINY.name)
     config = window_config(WINDOW)
-    derd = config.derd.model_copy(update={"threshold_c": derd_samples.LEAST_C})
+    derd = config.derd.model_copy(update={"threshold_c": samples.LEAST_C})
     asked = selecting(config.model_copy(update={"derd": derd}))
     swept = swept_window(sequence, config, DERD.build("DERD/H"))
     value = swept.result.maxima["DERD/H"].value
@@ -84,7 +84,7 @@ def test_its_pixels_are_those_of_algorithm_1(folder):
 def test_the_network_is_taught_what_is_read_off_it(uniform_in):
     """A network that gives exactly what it is taught makes no error, in either kind of place."""
     torch = pytest.importorskip("torch", reason="torch is an extra, [train]")
-    from eventsweep.plugins.learned.training.derd_network import DerdNetwork
+    from eventsweep.plugins.learned.training.network import DerdNetwork
 
     near_m, far_m, depth_m = 0.5, 5.0, np.array([0.5, 0.8, 1.9, 4.9], np.float32)
     inputs = {

@@ -6,10 +6,10 @@ import pytest
 from check_cases import DEVELOPMENT, NEW
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
-from eventsweep.emvs.methods.focus import FOCUS
-from eventsweep.eval.config import EvalConfig
-from eventsweep.eval.scoring.run_folder import truth_of
+from eventsweep.emvs.depth.focus import estimate_in_focus
+from eventsweep.emvs.methods.method import FOCUS
 from eventsweep.eval.suite import definition as suites
+from eventsweep.plugins.learned.networks.inputs import candidates
 from eventsweep.plugins.learned.training import data, samples
 from eventsweep.plugins.learned.training.config import TrainingConfig
 from eventsweep.plugins.learned.training.sequences import (
@@ -76,13 +76,15 @@ def test_samples_hold_what_the_volumes_hold(sequence, fusion, tmp_path):
     window = TrainingWindow(0.0, 0.2, planes=30, fusion=fusion, seed=3)
     found = samples.samples(sequence, window, 200)
     assert len(found) == 200
-    shown = samples.show(sequence, samples.window_config(window), FOCUS.build(f"Focus/{fusion}"))
+    own, method = samples.window_config(window), FOCUS.build(f"Focus/{fusion}")
+    swept = samples.swept_window(sequence, own, method)
+    votes, focus = swept.result.maxima[method.name], swept.result.focus[method.name]
+    estimate = estimate_in_focus(votes, focus, swept.disparity_px, own)
+    chosen = candidates(votes, focus, estimate, swept.disparity_px, own.border_px)
     name = "Alg1/H" if fusion == "H" else "EMVS/cam1"
-    config = samples.window_config(window).model_copy(update={"methods": (name,), "save_dsi": True})
+    config = own.model_copy(update={"methods": (name,), "save_dsi": True})
     samples_volume = _volume(sequence, config, tmp_path, name)
-    truth = truth_of(sequence, shown.view.t_us, EvalConfig())
-    true_px = samples.true_disparity_px(shown, truth)
-    chosen = shown.chosen
+    true_px = swept.true_px(sequence)[chosen.rows, chosen.columns]
     match = [
         np.flatnonzero((true_px == found.true_px[k]) & (chosen.focus_px == found.focus_px[k]))[0]
         for k in range(20)
