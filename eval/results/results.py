@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, overload
@@ -20,7 +20,6 @@ from eventsweep.emvs.utils.files import write_text
 from eventsweep.emvs.utils.inputs import file_in
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.results.files import json_text, read_json
-from eventsweep.eval.results.older import as_version_3
 from eventsweep.eval.results.table import RIG, Rows, tidy, together, unit_fault, write_csv
 
 if TYPE_CHECKING:
@@ -31,6 +30,7 @@ JSON_NAME, CSV_NAME = "results.json", "results.csv"
 SUITE_NAME, SUITE_CSV, PICTURES_FOLDER = "suite.json", "suite.csv", "pictures"
 DEFAULT_MAPPER = "default"
 Made = TypeVar("Made")
+_COLUMNS_OF_1 = {"better": "direction", "points": "support"}
 _STRICT = ConfigDict(extra="forbid")
 _Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -343,7 +343,45 @@ def read_results(path: str | Path, of: Callable[[Results], Any] = lambda results
 
 def results_from(content: dict[str, Any]) -> Results:
     """The results in a file's content, of this or an earlier version."""
-    return _RESULTS.validate_python({**as_version_3(content), "schema_version": SCHEMA_VERSION})
+    return _RESULTS.validate_python({**_as_version_3(content), "schema_version": SCHEMA_VERSION})
+
+
+def _as_version_3(content: dict[str, Any]) -> dict[str, Any]:
+    """The content of a file of results; what is wrong with it is left for the reader to say."""
+    version = content["schema_version"]
+    if version == 3:
+        return content
+    if "samples" in content:
+        return _of_suite(content, version)
+    rows = content["rows"] if version > 1 else _rows_of_version_1(content["rows"])
+    old = {name: content.pop(name, {}) for name in ("sequences", "metrics")}
+    seed = content.pop("seed", None)
+    samples = [
+        {"case": case, "seed": seed, "sequence": old["sequences"].get(case, ""),
+         "metrics": old["metrics"]}
+        for case in dict.fromkeys(row["case"] for row in rows)
+    ]  # fmt: skip
+    return {**content, "samples": samples, "rows": _seeded(rows, seed)}
+
+
+def _of_suite(content: Mapping[str, Any], version: int) -> dict[str, Any]:
+    """Of version 1 every sample held its rows; of both, facts in a group of their own."""
+    samples, rows = [], content.get("rows", [])
+    for sample in content["samples"]:
+        about = {**sample, **sample["facts"]}
+        samples.append({name: about[name] for name in about if name not in ("facts", "rows")})
+        if version == 1:
+            rows = [*rows, *_seeded(_rows_of_version_1(sample["rows"]), about["seed"])]
+    return {**content, "samples": samples, "rows": rows}
+
+
+def _rows_of_version_1(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of a file of version 1, with today's names of columns."""
+    return [{_COLUMNS_OF_1.get(name, name): cell for name, cell in row.items()} for row in rows]
+
+
+def _seeded(rows: Iterable[Mapping[str, Any]], seed: int | None) -> list[dict[str, Any]]:
+    return [{**row, "seed": seed if row.get("seed") is None else row["seed"]} for row in rows]
 
 
 def mapper_method(method: str, mapper: str) -> str:

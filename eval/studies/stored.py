@@ -13,7 +13,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
 from eventsweep.eval.results.files import read_json
 from eventsweep.eval.results.results import JobNote, Results, results_from
-from eventsweep.eval.results.table import Value
+from eventsweep.eval.results.table import Value, tidy
 from eventsweep.eval.studies.curves import RobustnessCurve
 from eventsweep.eval.studies.run import StudyFacts, StudyResult
 
@@ -75,17 +75,17 @@ def _study(content: dict[str, Any]) -> StudyResult:
     about = StudyFacts(old.study, old.axis, old.unit, old.amounts, old.cases, tuple(old.breaks_at))
     failures = tuple(JobNote(name, failure=why) for name, why in old.failures.items())
     results = Results(
-        (), {"study": asdict(about)}, versions=old.versions, suite=old.study, seeds=old.seeds,
+        tidy(()), {"study": asdict(about)}, versions=old.versions, suite=old.study, seeds=old.seeds,
         jobs=failures,
     )  # fmt: skip
     return StudyResult(results, tuple(_curve(curve, old.amounts) for curve in old.curves))
 
 
 def _curve(old: _OldCurve, amounts: tuple[float, ...]) -> RobustnessCurve:
-    ends = [np.array(values) for values in (old.mean, old.low, old.high)]
-    if any(len(end) != len(amounts) for end in ends):
+    mean, low, high = (np.array(values) for values in (old.mean, old.low, old.high))
+    if any(len(end) != len(amounts) for end in (mean, low, high)):
         raise InputError(
             f"{old.method} {old.metric} has {len(old.mean)} values for {len(amounts)} amounts"
         )
-    samples = np.isfinite(ends[0]).astype(np.int64)
-    return RobustnessCurve(old.method, old.metric, old.unit, amounts, *ends, samples)
+    samples = np.isfinite(mean).astype(np.int64)
+    return RobustnessCurve(old.method, old.metric, old.unit, amounts, mean, low, high, samples)
