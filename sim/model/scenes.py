@@ -36,8 +36,7 @@ from eventsweep.sim.model.mounts import (
 from eventsweep.sim.model.survey import not_drawn, survey
 from eventsweep.sim.model.tracks import CarriedMotion, StateTrack
 from eventsweep.sim.motion import Motion
-from eventsweep.sim.motion.curves import CurveMotion
-from eventsweep.sim.motion.head_motion import generate, placed
+from eventsweep.sim.motion.head_motion import styled
 from eventsweep.sim.motion.head_styles import STYLES
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.scene import Scene
@@ -228,7 +227,7 @@ class _Drive:
         """What moves the rig."""
         start = self._start()
         if self._config.motion in STYLES:
-            return partial(_styled, self._config.motion, start)
+            return partial(styled, self._config.motion, start)
         if self._recorded is not None:
             return FixedMotion(Still(start))
         return FixedMotion(CarriedMotion(self._path.resolve(), self._track, self._needed_mount()))
@@ -243,7 +242,3 @@ class _Drive:
 
     def _needed_mount(self) -> Mount:
         return self._mount or find_mount(self._model, self._config.mount)
-
-
-def _styled(style: str, T_start: Array, duration_s: float, seed: int) -> CurveMotion:
-    return placed(generate(style, duration_s, seed), T_start)

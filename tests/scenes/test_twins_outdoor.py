@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from eventsweep import scenes
-from eventsweep.scenes.parts.bodies import RECORD_S
-from eventsweep.scenes.textures import facades, outdoor, vehicles
+from eventsweep.scenes.moving_objects import RECORD_S
+from eventsweep.scenes.textures import facades, objects, outdoor
 from eventsweep.scenes.textures.noise import BRIGHTEST, DARKEST, streams
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.rendering.renderer import StereoRenderer
@@ -151,9 +151,9 @@ MAKERS = {
     "lockers": lambda rng: facades.lockers((192, 256), rng, 4, (0.3, 0.4, 0.5)),
     "boards": lambda rng: facades.picket_row((128, 256), rng, 8),
     "checker": lambda rng: facades.checker((128, 128), rng, 8),
-    "car": lambda rng: vehicles.car_side((96, 320), rng, (0.5, 0.2, 0.2)),
-    "cabin": lambda rng: vehicles.car_cabin((64, 192), rng, (0.5, 0.2, 0.2)),
-    "wheel": lambda rng: vehicles.wheel(64, rng),
+    "car": lambda rng: objects.car_side((96, 320), rng, (0.5, 0.2, 0.2)),
+    "cabin": lambda rng: objects.car_cabin((64, 192), rng, (0.5, 0.2, 0.2)),
+    "wheel": lambda rng: objects.wheel(64, rng),
 }
 
 
