@@ -82,13 +82,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
     rng = default_rng(34)
     _rack(spec, rng)
     _ladder(spec)
-    cord = [
-        (0.9, 2.2, 0.01),
-        (0.5, 2.0, 0.01),
-        (0.2, 2.9, 0.01),
-        (-0.4, 2.6, 0.01),
-        (-0.3, 3.2, 0.01),
-    ]
+    cord = [(*at, 0.01) for at in ((0.9, 2.2), (0.5, 2.0), (0.2, 2.9), (-0.4, 2.6), (-0.3, 3.2))]
     cable(spec, "floor_cord", cord, 0.009, "yellow")
     bake(spec, floor="floor", bench="bench")
 

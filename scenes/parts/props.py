@@ -125,8 +125,7 @@ def rod(
     material: str,
 ) -> None:
     """Puts a capsule between two points (3,), m."""
-    ends = [*a.tolist(), *b.tolist()]
-    size = [radius_m, 0, 0]
+    ends, size = [*a.tolist(), *b.tolist()], [radius_m, 0, 0]
     spec.worldbody.add_geom(
         name=name, type=geom_type("CAPSULE"), size=size, fromto=ends, material=material
     )
