@@ -35,7 +35,7 @@ RECORD_S = _STEP_S * _STEPS_PER_RECORD
 
 @dataclass(frozen=True)
 class Bodies:
-    """Where the bodies of a scene are at any time, see `sim.motion.animation.Animation`.
+    """Where the bodies of a scene are at any time, see `sim.motion.Animation`.
 
     MuJoCo steps the scene's joints from their places in the MJCF with `start` velocities. The
     steps do not depend on when frames are taken, so any time can be asked for, in any order.

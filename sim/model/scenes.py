@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
@@ -20,7 +20,6 @@ from eventsweep.sim.config import SimConfig
 from eventsweep.sim.geoms import moving_geoms
 from eventsweep.sim.mjcf import digests, model_of
 from eventsweep.sim.model.drives import (
-    at_rest,
     initial_data,
     load_controller,
     read_joints,
@@ -108,7 +107,7 @@ def scene_of(
         name=path.stem,
         summary=f"the model {path.name}",
         mjcf=path.resolve(),
-        textures=_no_textures,
+        textures=dict,
         motion=motion,
         depth_range_m=clip_m,
         rig=rig.name,
@@ -139,14 +138,10 @@ def rig_on(path: Path, rig: str | None, mount: str) -> Rig:
     if rig is not None:
         return rig_of_cameras(model, tuple(rig.removeprefix(_OWN).split(",")))
     name = mount or first_camera(model)
-    found = find_mount(model, name) if name else None
-    if found and found.kind == "camera" and has_resolution(model, found.name):
-        return rig_of_cameras(model, (found.name,))
+    place = find_mount(model, name) if name else None
+    if place and place.kind == "camera" and has_resolution(model, place.name):
+        return rig_of_cameras(model, (place.name,))
     return named_rig(_USUAL_RIG)
-
-
-def _no_textures() -> Mapping[str, NDArray[np.uint8]]:
-    return {}
 
 
 def _noted(path: Path, config: SimConfig) -> SimConfig:
@@ -210,7 +205,7 @@ class _Drive:
         if self._recorded is not None and config.duration_s is None:
             first_us, last_us = read_poses(self._recorded).span_us
             self.duration_s = (last_us - first_us) * 1e-6 - config.replay.start_s
-        return at_rest(self._model, key)
+        return StateTrack.at_rest(initial_data(self._model, key))
 
     @property
     def carrier(self) -> str:

@@ -16,7 +16,7 @@ from eventsweep.sim.graphics.choice import Driver
 from eventsweep.sim.motion.curves import look_at
 from eventsweep.sim.rendering import light_shader, renderer
 from eventsweep.sim.rendering.base import Samples
-from eventsweep.sim.rendering.gl_objects import GLObjects, opengl
+from eventsweep.sim.rendering.draw_target import GLObjects, opengl
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import RIGS
 from eventsweep.sim.simulate import simulate
