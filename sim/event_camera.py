@@ -31,7 +31,12 @@ from eventsweep.sim.geoms import moving_geoms
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.model.mounts import find_mount, rig_of_cameras
 from eventsweep.sim.model.scenes import FixedMotion, clip_of
-from eventsweep.sim.model.survey import FEW, IN_FLOATS, ends_m, glanced_beyond_8_bits, range_of
+from eventsweep.sim.model.survey import (
+    ends_m,
+    glanced_beyond_8_bits,
+    needs_floats,
+    range_of,
+)
 from eventsweep.sim.model.tracks import LiveMotion, LiveTrack
 from eventsweep.sim.parallel.render_job import (
     ChunkRenderer,
@@ -99,7 +104,9 @@ class EventRig:
     ) -> None:
         self._mj: Any = import_mujoco()
         check_type("model", model, self._mj.MjModel, "a compiled mujoco.MjModel")
-        self.rig = rig_of(model, rig)
+        if not isinstance(rig, Rig):
+            rig = named_rig(rig) if isinstance(rig, str) else rig_of_cameras(model, tuple(rig))
+        self.rig = rig
         self._mount = find_mount(model, mount)
         self._track, self._model = LiveTrack(), model
         self._motion = LiveMotion(model, self._track, self._mount, _pose(T_mount_body))
@@ -227,10 +234,8 @@ class EventRig:
             return job
         with job.drawing.open(job.scene, job.rig, 1, floats=True, border_px=None) as seen:
             beyond = glanced_beyond_8_bits(seen, self._motion, [0.0], job.config, cut=False)
-        if beyond <= FEW:
-            return job
-        self._notice(IN_FLOATS.format(name=job.scene.name, percent=100 * beyond))
-        return self._job(hdr=True)
+        floats = needs_floats(job.scene.name, beyond, self._notice)
+        return self._job(hdr=True) if floats else job
 
     def _check_begun(self) -> None:
         if self._chunks is None:
@@ -289,19 +294,6 @@ class EventCamera(EventRig):
     def T_world_cam(self) -> Pose:
         """Pose (4, 4) at the last call, axes right, down, forward."""
         return self.T_world_body
-
-
-def rig_of(model: Any, rig: Rig | str | tuple[str, ...]) -> Rig:
-    """The cameras: as given, by name or path, or the model's own by their names.
-
-    Raises:
-        InputError: an unknown rig or camera.
-    """
-    if isinstance(rig, Rig):
-        return rig
-    if isinstance(rig, str):
-        return named_rig(rig)
-    return rig_of_cameras(model, tuple(rig))
 
 
 def _camera_name(model: Any, mount: str) -> str:

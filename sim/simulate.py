@@ -28,7 +28,7 @@ from eventsweep.emvs.utils.outputs import check_output
 from eventsweep.emvs.utils.runtime import available_bytes, versions
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.graphics import note
-from eventsweep.sim.model.survey import FEW, IN_FLOATS, glanced_beyond_8_bits
+from eventsweep.sim.model.survey import FEW, glanced_beyond_8_bits, needs_floats
 from eventsweep.sim.motion.curves import sampled
 from eventsweep.sim.parallel.checkpoint import CheckpointFolder, Notice, Stopped
 from eventsweep.sim.parallel.render_job import (
@@ -151,8 +151,7 @@ def _lit(
     """The job whose light the scene needs, and its renderer: in floats unless 8 bits hold it."""
     renderer = graphics.enter_context(floating.renderer())
     beyond = _beyond_8_bits(floating, renderer, cut=False)
-    if beyond > FEW:
-        notice(IN_FLOATS.format(name=job.scene.name, percent=100 * beyond))
+    if needs_floats(job.scene.name, beyond, notice):
         return floating, renderer
     graphics.close()
     return job, graphics.enter_context(job.renderer())

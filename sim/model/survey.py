@@ -23,11 +23,6 @@ from eventsweep.sim.scene import Scene, replayed
 
 FEW = 0.05
 """Share of pixels that may be darker or brighter than 8 bits can tell."""
-IN_FLOATS = (
-    "{name}: {percent:.0f} % of the view is too dark or too bright for 8 bits, so light is "
-    "rendered in floating point"
-)
-"""What is said then."""
 # A step of 8 bits, in log intensity, as a share of the contrast threshold.
 _COARSE = 0.25
 # White is 1 but for rounding.
@@ -91,8 +86,8 @@ def survey(
     known_m = range_of(seen.still_m) or range_of(seen.depths_m)
     assert known_m is not None
     beyond = float(np.mean(seen.beyond_8_bits))
-    if beyond > FEW and not scene.hdr and config.light.renderer == "auto":
-        notice(IN_FLOATS.format(name=scene.name, percent=100 * beyond))
+    unsaid = not scene.hdr and config.light.renderer == "auto"
+    if unsaid and needs_floats(scene.name, beyond, notice):
         scene = replace(scene, hdr=True)
     return replace(scene, depth_range_m=known_m)
 
@@ -146,6 +141,16 @@ def glanced_beyond_8_bits(
             for k in range(len(renderer.rig))
         ]
     return float(np.mean(shares))
+
+
+def needs_floats(name: str, beyond: float, notice: Callable[[str], None]) -> bool:
+    """Whether so large a share of a view beyond 8 bits needs floats; a line says so if it does."""
+    if beyond > FEW:
+        notice(
+            f"{name}: {100 * beyond:.0f} % of the view is too dark or too bright for 8 bits, so "
+            "light is rendered in floating point"
+        )
+    return beyond > FEW
 
 
 def ends_m(depth_m: NDArray[np.float32]) -> list[float]:

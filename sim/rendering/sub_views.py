@@ -156,7 +156,7 @@ def cells_of(rays: Array, change: Array, supersample: int) -> tuple[int, int, bo
     for most, turned in itertools.product(range(1, _MOST_CELLS + 1), (False, True)):
         rows, columns = (max(1, round(most * side / longer)) for side in (height, width))
         samples = 0.0
-        for cell in itertools.chain(*_cut(*seen[0].shape[:2], rows, columns)):
+        for cell in itertools.chain(*_cut(len(seen[0]), len(seen[0][0]), rows, columns)):
             part, moved = seen[0][cell], seen[1][cell]
             if samples < least and not np.isnan(part).all():
                 view = _aimed(part, moved, supersample, turned, every)
