@@ -225,7 +225,7 @@ def emit(
 
 @numba.njit(cache=True, nogil=True)
 def awake(
-    pixel: NDArray[np.int32],
+    pixel: NDArray[np.integer],
     t_us: NDArray[np.int64],
     refractory_us: int,
     last_us: NDArray[np.int64],
