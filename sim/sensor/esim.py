@@ -152,11 +152,11 @@ class EventSimulator:
         before_us: int, step_us: int,
     ) -> Events:  # fmt: skip
         """Crossings, each pixel's in order of time, without those in silence, sorted."""
-        t_us, refractory_us = before_us + offset_us, self._config.refractory_period_us
-        if refractory_us:
-            kept, last_us = np.empty(len(pixel), np.bool_), self._memory["last_emitted_us"]
-            kernels.awake(pixel, t_us, refractory_us, last_us, kept)
-            offset_us = offset_us * kept
+        kept, last_us = np.empty(len(pixel), np.bool_), self._memory["last_emitted_us"]
+        t_us = before_us + offset_us
+        # Without a refractory period, too: what comes before the pixel's event before is left out.
+        kernels.awake(pixel, t_us, self._config.refractory_period_us, last_us, kept)
+        offset_us *= kept
         order = time_order(offset_us, step_us)
         self.suppressed += len(pixel) - len(order)
         pixel = pixel[order]

@@ -106,9 +106,7 @@ def test_a_place_is_cheap_complete_and_matt(name):
     assert name not in INDOORS or not np.any(model.light_castshadow)
 
 
-@pytest.mark.parametrize(
-    "name", often(("hdr-night", *OFTEN), ["hdr-night", "rpg-boxes", *RIDES, *HARD])
-)
+@pytest.mark.parametrize("name", often(OFTEN & {*REPEATED}, REPEATED))
 def test_a_place_is_the_same_every_time(name):
     parts = "tex_data", "geom_pos", "geom_size", "geom_quat", "mat_emission", "light_diffuse"
     check_same_every_time(name, (*parts, "mesh_vert", "qpos0"))
