@@ -2,9 +2,10 @@
 
 A module of this package that does not begin with an underscore is a scene and defines `SCENE`; what
 scenes share lies in the packages `scenes.parts` and `scenes.textures`. A scene is called what its
-module is called, with dashes for underscores; both spellings are taken. Other packages add scenes
-by an entry point of the group `eventsweep.scenes`, `NAME = "MODULE:ATTRIBUTE"`; and the path of a
-model (MJCF or URDF) stands for a scene in `prepared`.
+module is called, with dashes for underscores; both spellings are taken. Scenes of one place are
+rows of its module, which `_ROWS` lists, in `SCENES`. Other packages add scenes by an entry point of
+the group `eventsweep.scenes`, `NAME = "MODULE:ATTRIBUTE"`; and the path of a model (MJCF or URDF)
+stands for a scene in `prepared`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from eventsweep.emvs.errors import InputError, shown
 from eventsweep.emvs.utils.plugins import run_point
+from eventsweep.sim.mjcf import is_model_file
 
 if TYPE_CHECKING:
     from eventsweep.emvs.geometry.rig import Rig
@@ -26,6 +28,12 @@ if TYPE_CHECKING:
     from eventsweep.sim.scene import Scene
 
 GROUP = "eventsweep.scenes"
+_ROWS = {
+    "desk": ("trinocular-desk",),
+    "parts.den": ("hdr-night", "hdr-window"),
+    "parts.mocap": ("tumvie-1d", "tumvie-3d", "tumvie-6dof", "tumvie-desk2"),
+    "parts.office": ("rpg-bin", "rpg-boxes", "rpg-monitor", "rpg-reader"),
+}
 
 
 class Prepared(NamedTuple):
@@ -55,7 +63,8 @@ def load(name: str) -> Scene:
     """
     known = name.replace("_", "-") if isinstance(name, str) else ""
     if known in _own():
-        scene: Scene = importlib.import_module(module_of(known)).SCENE
+        module = importlib.import_module(module_of(known))
+        scene: Scene = getattr(module, "SCENES", {}).get(known) or module.SCENE
         return scene
     if known in _points():
         return _of_point(_points()[known])
@@ -65,9 +74,7 @@ def load(name: str) -> Scene:
 def module_of(name: str) -> str:
     """Name of the module that a scene is defined in."""
     known = name.replace("_", "-")
-    if known in _own():
-        return f"{__name__}.{known.replace('-', '_')}"
-    return _points()[known].module
+    return f"{__name__}.{_own()[known]}" if known in _own() else _points()[known].module
 
 
 def summaries() -> dict[str, str]:
@@ -77,8 +84,6 @@ def summaries() -> dict[str, str]:
 
 def case_name(scene: str) -> str:
     """What results call a scene: its name, or that of a model's file."""
-    from eventsweep.sim.mjcf import is_model_file
-
     return Path(scene).stem if is_model_file(scene) else scene
 
 
@@ -90,7 +95,6 @@ def rig_for(scene: str, rig: Rig | str | None, config: SimConfig) -> Rig:
     """
     if rig is not None and not isinstance(rig, str):
         return rig
-    from eventsweep.sim.mjcf import is_model_file
     from eventsweep.sim.rigs import rig as named_rig
 
     if is_model_file(scene):
@@ -120,11 +124,13 @@ def prepared(
     Raises:
         InputError: an unknown scene, rig or camera, or an unusable model.
     """
-    from eventsweep.sim.mjcf import is_model_file
-
     chosen = rig_for(scene, rig, config)
     if not is_model_file(scene):
-        _refuse_model(scene, config)
+        if asked := sorted(config.model.model_fields_set - {"files", "sha256"}):
+            raise InputError(
+                f"{', '.join(asked)} given for scene {scene}, but only model files take it: leave "
+                "it out, or name a file in MJCF (.xml) or URDF (.urdf)"
+            )
         return Prepared(load(scene), chosen, config)
     from eventsweep.sim.model.scenes import scene_of
 
@@ -132,19 +138,11 @@ def prepared(
     return Prepared(made, chosen, noted)
 
 
-def _refuse_model(scene: str, config: SimConfig) -> None:
-    asked = sorted(config.model.model_fields_set - {"files", "sha256"})
-    if asked:
-        raise InputError(
-            f"{', '.join(asked)} given for scene {scene}, but only model files take it: leave it "
-            "out, or name a file in MJCF (.xml) or URDF (.urdf)"
-        )
-
-
-def _own() -> frozenset[str]:
-    found = pkgutil.iter_modules(__path__)
-    modules = [m.name for m in found if not m.ispkg and not m.name.startswith("_")]
-    return frozenset(module.replace("_", "-") for module in modules)
+def _own() -> dict[str, str]:
+    """The module of each scene of this package."""
+    modules = [m.name for m in pkgutil.iter_modules(__path__) if not m.ispkg]
+    single = {name.replace("_", "-"): name for name in modules if not name.startswith("_")}
+    return single | {name: module for module, names in _ROWS.items() for name in names}
 
 
 @cache

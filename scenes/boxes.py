@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator, default_rng
 
+from eventsweep.scenes.parts.props import box, cable, rod
+from eventsweep.scenes.parts.shadows import bake
 from eventsweep.scenes.parts.texture_cache import kept
 from eventsweep.sim.motion.curves import HeadSway, Wave, look_at
 from eventsweep.sim.scene import Scene
@@ -77,19 +79,10 @@ def _things(rng: list[Generator]) -> dict[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from eventsweep.scenes.parts.props import cable
-    from eventsweep.scenes.parts.shadows import bake
-
     rng = default_rng(34)
     _rack(spec, rng)
     _ladder(spec)
-    cord = [
-        (0.9, 2.2, 0.01),
-        (0.5, 2.0, 0.01),
-        (0.2, 2.9, 0.01),
-        (-0.4, 2.6, 0.01),
-        (-0.3, 3.2, 0.01),
-    ]
+    cord = [(*at, 0.01) for at in ((0.9, 2.2), (0.5, 2.0), (0.2, 2.9), (-0.4, 2.6), (-0.3, 3.2))]
     cable(spec, "floor_cord", cord, 0.009, "yellow")
     bake(spec, floor="floor", bench="bench")
 
@@ -97,8 +90,6 @@ def _edit(spec: mujoco.MjSpec) -> None:
 def _rack(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A rack along the back wall, left, with boxes of all sizes on its boards."""
     from scipy.spatial.transform import Rotation
-
-    from eventsweep.scenes.parts.props import box
 
     left, right, y = -2.1, -0.35, 5.3
     for k, x in enumerate((left, left, right, right)):
@@ -119,8 +110,6 @@ def _rack(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 def _ladder(spec: mujoco.MjSpec) -> None:
     """Leans a ladder against the right wall: two rails and nine rungs."""
-    from eventsweep.scenes.parts.props import rod
-
     foot, head = np.array([1.75, 4.5, 0.0]), np.array([2.4, 4.5, 2.5])
     side = np.array([0.0, 0.21, 0.0])
     for name, shift in (("near", -side), ("far", side)):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.random import Generator, default_rng
 
+from eventsweep.scenes.parts.props import book_row, box, cable, plant
+from eventsweep.scenes.parts.shadows import bake
 from eventsweep.scenes.parts.texture_cache import kept
 from eventsweep.sim.motion.curves import HeadSway, Wave, look_at
 from eventsweep.sim.scene import Scene
@@ -32,9 +35,14 @@ _BOOK_COLOURS: tuple[tuple[Colour, Colour], ...] = (
 
 @kept
 def _textures() -> Mapping[str, Image]:
-    from eventsweep.scenes.textures.noise import streams
+    from eventsweep.scenes import textures as tx
 
-    return {**_room(streams(11, 11)), **_things(streams(12, 15)), **_books(streams(13, 8))}
+    books = zip(tx.streams(13, 8), _BOOK_COLOURS, strict=True)
+    return {
+        **_room(tx.streams(11, 11)),
+        **_things(tx.streams(12, 15)),
+        **{f"book_{k}": tx.book(256, rng, *colours) for k, (rng, colours) in enumerate(books)},
+    }
 
 
 def _room(rng: list[Generator]) -> dict[str, Image]:
@@ -78,16 +86,7 @@ def _things(rng: list[Generator]) -> dict[str, Image]:
     }
 
 
-def _books(rng: list[Generator]) -> dict[str, Image]:
-    from eventsweep.scenes import textures as tx
-
-    return {f"book_{k}": tx.book(256, rng[k], *colours) for k, colours in enumerate(_BOOK_COLOURS)}
-
-
 def _edit(spec: mujoco.MjSpec) -> None:
-    from eventsweep.scenes.parts.props import book_row, cable, plant
-    from eventsweep.scenes.parts.shadows import bake
-
     rng = default_rng(14)
     for board, top_m in enumerate((0.112, 0.472, 0.812, 1.142, 1.472)):
         start = 0.64 + 0.05 * rng.random()
@@ -106,8 +105,6 @@ def _edit(spec: mujoco.MjSpec) -> None:
 def _stack(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Lays three books on top of each other, spines towards the viewer."""
     from scipy.spatial.transform import Rotation
-
-    from eventsweep.scenes.parts.props import box
 
     base_m = 0.74
     for k, half_thick_m in enumerate((0.017, 0.012, 0.014)):
@@ -152,3 +149,11 @@ SCENE = Scene(
     depth_range_m=(0.45, 4.0),
     edit=_edit,
 )
+SCENES = {
+    "trinocular-desk": replace(
+        SCENE,
+        name="trinocular-desk",
+        rig="trinocular",
+        summary="the cluttered desk seen by three cameras on the head, 0.45 to 4 m",
+    )
+}

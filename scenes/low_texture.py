@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from eventsweep.scenes.parts.furniture import BodyBuilder
+from eventsweep.scenes.parts.shadows import bake
+from eventsweep.scenes.parts.stock import made, painted
 from eventsweep.scenes.parts.texture_cache import kept
 from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.scene import Scene
@@ -19,7 +22,6 @@ if TYPE_CHECKING:
 @kept
 def _textures() -> Mapping[str, Image]:
     from eventsweep.scenes import textures as tx
-    from eventsweep.scenes.parts.stock import made, painted
 
     grey = ((0.50, 0.50, 0.49), (0.53, 0.53, 0.52))
     return made(
@@ -37,9 +39,6 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-    from eventsweep.scenes.parts.shadows import bake
-
     at = BodyBuilder(spec, "room")
     for x in (-2.14, 2.14):
         at.box((0.012, 3.2, 0.04), (x, 2.2, 0.04), "white_wood")

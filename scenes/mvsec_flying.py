@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import default_rng
 
+from eventsweep.scenes.parts.furniture import BodyBuilder
+from eventsweep.scenes.parts.shadows import bake
+from eventsweep.scenes.parts.stock import faded, made, painted
 from eventsweep.scenes.parts.texture_cache import kept
 from eventsweep.sim.motion.curves import HeadSway, Wave, look_at
 from eventsweep.sim.scene import Scene
@@ -23,7 +26,6 @@ if TYPE_CHECKING:
 def _textures() -> Mapping[str, Image]:
     from eventsweep.scenes import textures as tx
     from eventsweep.scenes.parts.print import plain_carton
-    from eventsweep.scenes.parts.stock import faded, made, painted
 
     concrete = ((0.34, 0.345, 0.35), (0.62, 0.62, 0.6))
     return made(
@@ -57,8 +59,6 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from eventsweep.scenes.parts.shadows import bake
-
     _boxes(spec)
     _drums(spec)
     _tarps(spec)
@@ -68,8 +68,6 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 
 def _boxes(spec: mujoco.MjSpec) -> None:
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     at = BodyBuilder(spec, "boxes")
     at.box((0.30, 0.28, 0.28), (-0.62, 1.72, 0.28), "carton_a", (0, 0, 24))
     at.box((0.20, 0.18, 0.17), (-0.66, 1.70, 0.73), "carton_b", (0, 0, -8))
@@ -87,8 +85,6 @@ def _boxes(spec: mujoco.MjSpec) -> None:
 
 
 def _drums(spec: mujoco.MjSpec) -> None:
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     at = BodyBuilder(spec, "drums")
     places = ((-1.55, 2.75), (-2.05, 5.0), (2.35, 3.95), (0.95, 5.5), (3.6, 5.2))
     for k, (x, y) in enumerate(places):
@@ -105,8 +101,6 @@ def _drums(spec: mujoco.MjSpec) -> None:
 
 def _tarps(spec: mujoco.MjSpec) -> None:
     """Tarpaulins thrown over crates and hung on a line: strips that swing to and fro."""
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     line = BodyBuilder(spec, "tarp_line", (2.05, 5.35, 0), -12)
     line.rod((-1.2, 0, 2.1), (1.2, 0, 2.1), 0.02, "beam")
     for x in (-1.2, 1.2):
@@ -127,8 +121,6 @@ def _tarps(spec: mujoco.MjSpec) -> None:
 
 def _net(spec: mujoco.MjSpec) -> None:
     """The net that keeps drones in, on posts along the left side."""
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     net = BodyBuilder(spec, "net", (-3.55, 0, 0))
     for y in (2.6, 4.1, 5.6):
         net.rod((0, y, 0), (0, y, 3.4), 0.035, "beam")
@@ -141,8 +133,6 @@ def _net(spec: mujoco.MjSpec) -> None:
 
 def _roof(spec: mujoco.MjSpec) -> None:
     """Trusses and rows of lamps under the ceiling."""
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     roof = BodyBuilder(spec, "roof")
     for y in (4.6, 6.0):
         for z in (3.55, 3.95):

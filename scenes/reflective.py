@@ -6,6 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from numpy.random import default_rng
+
+from eventsweep.scenes.parts import furniture as fu
+from eventsweep.scenes.parts.furniture import BodyBuilder
+from eventsweep.scenes.parts.props import plant
+from eventsweep.scenes.parts.stock import faded, made, painted
 from eventsweep.scenes.parts.texture_cache import kept
 from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.scene import Scene
@@ -20,7 +26,6 @@ if TYPE_CHECKING:
 def _textures() -> Mapping[str, Image]:
     from eventsweep.scenes import textures as tx
     from eventsweep.scenes.parts.print import plain_carton
-    from eventsweep.scenes.parts.stock import faded, made, painted
 
     marble = ((0.30, 0.29, 0.28), (0.46, 0.45, 0.43))
     glaze = ((0.50, 0.54, 0.56), (0.62, 0.66, 0.67))
@@ -44,11 +49,6 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from numpy.random import default_rng
-
-    from eventsweep.scenes.parts import furniture as fu
-    from eventsweep.scenes.parts.props import plant
-
     _line(spec)
     _on_walls(spec)
     table = fu.BodyBuilder(spec, "table", (-0.55, 1.55, 0), 12)
@@ -73,8 +73,6 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _line(spec: mujoco.MjSpec) -> None:
     """Kitchen units along the back wall: steel, lacquer, glazed tiles, pans on a rail."""
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     at = BodyBuilder(spec, "units", (0, 5.02, 0))
     for k in range(5):
         x = -2.0 + 0.62 * k
@@ -101,8 +99,6 @@ def _on_walls(spec: mujoco.MjSpec) -> None:
 
     The floor is the one mirror: MuJoCo draws the reflections of one surface per scene.
     """
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     at = BodyBuilder(spec, "on_walls")
     at.box((0.8, 0.55, 0.012), (2.33, 3.3, 1.45), "glass", (0, -90, 0))
     for y in (2.73, 3.87):

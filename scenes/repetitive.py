@@ -6,8 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from numpy.random import default_rng
 
+from eventsweep.scenes.parts import mesh
+from eventsweep.scenes.parts.furniture import BodyBuilder
+from eventsweep.scenes.parts.props import plant
+from eventsweep.scenes.parts.shadows import bake
+from eventsweep.scenes.parts.stock import made
 from eventsweep.scenes.parts.texture_cache import kept
 from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.scene import Scene
@@ -23,7 +29,6 @@ _PICKET_M = ((-0.042, 0.05), (0.042, 0.05), (0.042, 0.92), (0.0, 1.0), (-0.042, 
 @kept
 def _textures() -> Mapping[str, Image]:
     from eventsweep.scenes import textures as tx
-    from eventsweep.scenes.parts.stock import made
     from eventsweep.scenes.textures import facades, outdoor
 
     plank = ((0.62, 0.6, 0.56), (0.82, 0.8, 0.76))
@@ -48,8 +53,6 @@ def _textures() -> Mapping[str, Image]:
 
 def _slats(size_px: int) -> Field:
     """A shutter: sloping slats in a frame, as reflectance."""
-    import numpy as np
-
     down, across = np.mgrid[0:size_px, 0:size_px] / size_px
     slat = 0.25 + 0.5 * ((down * 18) % 1.0)
     rim = (np.minimum(down, 1 - down) < 0.05) | (np.abs(across - 0.5) > 0.42)
@@ -58,8 +61,6 @@ def _slats(size_px: int) -> Field:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from eventsweep.scenes.parts.shadows import bake
-
     _walls(spec)
     _fences(spec)
     _rows(spec)
@@ -68,8 +69,6 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _walls(spec: mujoco.MjSpec) -> None:
     """A brick house at the back with shutters, a board fence at both sides."""
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     at = BodyBuilder(spec, "walls")
     at.box((3.6, 0.1, 1.7), (0, 7.2, 1.7), "brick")
     for k in range(4):
@@ -83,9 +82,6 @@ def _walls(spec: mujoco.MjSpec) -> None:
 
 def _fences(spec: mujoco.MjSpec) -> None:
     """Two picket fences across the view, one behind the other."""
-    from eventsweep.scenes.parts import mesh
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     mesh.prism(spec, "picket", _PICKET_M, 0.011)
     for row, (y, x0, count, yaw) in enumerate(((2.6, -2.6, 22, 8.0), (4.9, -2.9, 38, -5.0))):
         fence = BodyBuilder(spec, f"fence_{row}", (x0, y, 0), yaw)
@@ -99,9 +95,6 @@ def _fences(spec: mujoco.MjSpec) -> None:
 
 def _rows(spec: mujoco.MjSpec) -> None:
     """Pots in a row, posts in a row, slats of a pergola overhead."""
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-    from eventsweep.scenes.parts.props import plant
-
     rng = default_rng(352)
     at = BodyBuilder(spec, "rows")
     for k in range(6):

@@ -10,6 +10,11 @@ import numpy as np
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
+from eventsweep.scenes.parts import mesh
+from eventsweep.scenes.parts.furniture import BodyBuilder
+from eventsweep.scenes.parts.props import cable, plant
+from eventsweep.scenes.parts.shadows import bake
+from eventsweep.scenes.parts.stock import made, painted
 from eventsweep.scenes.parts.texture_cache import kept
 from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.scene import Scene
@@ -23,7 +28,6 @@ if TYPE_CHECKING:
 @kept
 def _textures() -> Mapping[str, Image]:
     from eventsweep.scenes import textures as tx
-    from eventsweep.scenes.parts.stock import made, painted
     from eventsweep.scenes.textures import facades, outdoor
     from eventsweep.scenes.textures.facades import Front
 
@@ -48,8 +52,6 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from eventsweep.scenes.parts.shadows import bake
-
     rng = default_rng(362)
     _standing(spec)
     _railing(spec)
@@ -62,9 +64,6 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _mesh_fence(spec: mujoco.MjSpec) -> None:
     """A panel of welded wire (5 cm cells, 3 mm wire) at 1.7 m, and a chain-link fence behind."""
-    from eventsweep.scenes.parts import mesh
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     across, up = np.arange(-0.6, 0.61, 0.05), np.arange(0.25, 1.46, 0.05)
     segments = [((x, 0, up[0]), (x, 0, up[-1])) for x in across]
     segments += [((across[0], 0, z), (across[-1], 0, z)) for z in up]
@@ -98,8 +97,6 @@ def _cut(
 
 def _railing(spec: mujoco.MjSpec) -> None:
     """A balustrade across the right half, bars of 12 mm every 11 cm."""
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     rail = BodyBuilder(spec, "railing", (0.35, 2.75, 0), 6)
     for z in (0.12, 1.0):
         rail.rod((0, 0, z), (2.6, 0, z), 0.018, "metal")
@@ -115,9 +112,6 @@ def _railing(spec: mujoco.MjSpec) -> None:
 
 def _bare_tree(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A leafless tree: boughs that fork five times, the last ones 3 mm thick."""
-    from eventsweep.scenes.parts import mesh
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     BodyBuilder(spec, "trunk", (-0.35, 4.3, 0)).drum(0.05, 0.55, (0, 0, 0.55), "bark")
     tips = [(np.array([0, 0, 1.05]), np.array([0, 0, 1.0]), 0.62)]
     for level, radius in enumerate((0.022, 0.013, 0.007, 0.004, 0.0025)):
@@ -136,9 +130,6 @@ def _bare_tree(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 def _leaves(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A bush of single leaves, ivy on the wall, and a plant with stems like threads."""
-    from eventsweep.scenes.parts import mesh
-    from eventsweep.scenes.parts.props import plant
-
     mesh.cards(spec, "bush", mesh.crown(rng, 700, (0.5, 0.4, 0.5), lumps=5), 0.022, rng)
     mesh.place(spec, "bush", "bush", (1.5, 3.7, 0.55), "leaves")
     ivy = rng.uniform((-2.2, -0.05, 0.2), (2.2, 0.05, 3.0), (900, 3))
@@ -150,8 +141,6 @@ def _leaves(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 def _standing(spec: mujoco.MjSpec) -> None:
     """What is thick: a drum, crates, a trestle with a plan, pots."""
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     at = BodyBuilder(spec, "standing")
     at.drum(0.2, 0.22, (0.62, 1.72, 0.22), "pot")
     at.drum(0.29, 0.44, (-2.6, 3.3, 0.44), "drum")
@@ -170,9 +159,6 @@ def _standing(spec: mujoco.MjSpec) -> None:
 
 def _overhead(spec: mujoco.MjSpec) -> None:
     """Cables from wall to wall, a washing line, and guy wires of a mast."""
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-    from eventsweep.scenes.parts.props import cable
-
     lines = (
         ((-4.2, 3.4, 2.4), (0, 3.2, 2.05), (4.2, 3.0, 2.5), 0.004, "cable"),
         ((-4.2, 5.0, 2.5), (0, 5.0, 2.3), (4.2, 5.2, 2.6), 0.006, "cable"),

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from numpy.random import Generator, default_rng
 
+from eventsweep.scenes.parts import outside as out
+from eventsweep.scenes.parts.furniture import BodyBuilder
+from eventsweep.scenes.parts.outside import bench
+from eventsweep.scenes.parts.props import plant
+from eventsweep.scenes.parts.stock import made, painted
 from eventsweep.scenes.parts.texture_cache import kept
-from eventsweep.sim.motion import Motion, head_motion
 from eventsweep.sim.motion.curves import look_at
+from eventsweep.sim.motion.head_motion import styled
 from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
@@ -22,7 +28,6 @@ if TYPE_CHECKING:
 @kept
 def _textures() -> Mapping[str, Image]:
     from eventsweep.scenes import textures as tx
-    from eventsweep.scenes.parts.stock import made, painted
     from eventsweep.scenes.textures import facades, outdoor
     from eventsweep.scenes.textures.facades import Front
 
@@ -64,8 +69,6 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _arcade(spec: mujoco.MjSpec) -> None:
     """Wall with doors at the left, columns at the right, beams and boards overhead."""
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     at = BodyBuilder(spec, "arcade")
     at.box((0.2, 8.5, 1.6), (-1.9, 7.5, 1.6), "wall")
     at.box((2.0, 8.5, 0.1), (-0.1, 7.5, 3.2), "soffit")
@@ -91,19 +94,7 @@ def _arcade(spec: mujoco.MjSpec) -> None:
 
 def _things(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Benches, bins, pots and bicycle racks under the roof."""
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-    from eventsweep.scenes.parts.outside import bench
-    from eventsweep.scenes.parts.props import plant
-
-    bench(
-        spec,
-        "bench",
-        (
-            -1.4,
-            5.0,
-        ),
-        90,
-    )
+    bench(spec, "bench", (-1.4, 5.0), 90)
     at = BodyBuilder(spec, "things")
     at.drum(0.2, 0.38, (-1.38, 7.9, 0.38), "bin")
     at.drum(0.2, 0.38, (1.7, 12.1, 0.38), "bin")
@@ -120,9 +111,6 @@ def _things(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 def _yard(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Lawn, trees, hedges, a fence, and the buildings around them."""
-    from eventsweep.scenes.parts import outside as out
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     at = BodyBuilder(spec, "yard")
     at.box((9.0, 3.0, 6.5), (-1.0, 30.0, 6.5), "front_a")
     at.box((9.0, 3.0, 5.0), (17.0, 30.2, 5.0), "front_b")
@@ -140,18 +128,12 @@ def _yard(spec: mujoco.MjSpec, rng: Generator) -> None:
     out.fence(spec, "fence", (3.2, 6.0), (3.2, 11.5), every_m=1.8, height_m=0.9, rails=(0.45, 0.95))
 
 
-def _motion(duration_s: float, seed: int) -> Motion:
-    return head_motion.placed(
-        head_motion.run(duration_s, seed), look_at((0.05, 0.0, 1.68), (0.15, 10.0, 1.5))
-    )
-
-
 SCENE = Scene(
     name="tumvie-run",
     summary="a run through a covered walk out into a yard, forward, 1 to 30 m",
     mjcf=Path(__file__).with_name("arcade.xml"),
     textures=_textures,
-    motion=_motion,
+    motion=partial(styled, "run", look_at((0.05, 0.0, 1.68), (0.15, 10.0, 1.5))),
     depth_range_m=(1.0, 30.0),
     rig="tumvie-kb4",
     edit=_edit,

@@ -47,19 +47,6 @@ Positive = Annotated[float, Field(gt=0)]
 Threshold = Annotated[float, Field(ge=1e-6)]
 
 
-class ShutterConfig(FiniteGroup):
-    """How a frame camera turns light into a picture."""
-
-    exposure_us: Annotated[int, Field(ge=1)] = 10_000
-    """How long the shutter is open, µs."""
-
-    gain: Annotated[float, Field(gt=0)] = 1.0
-    """Pixel value per mean light: 1 saturates at intensity 1."""
-
-    bits: Annotated[int, Field(ge=1, le=8)] = 8
-    """Bits per pixel."""
-
-
 class FramesConfig(FiniteGroup):
     """Frames of an ordinary camera in the place of each event camera."""
 

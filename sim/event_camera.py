@@ -7,7 +7,7 @@ and times (`SimConfig.frame_period_us`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from itertools import pairwise
@@ -31,7 +31,12 @@ from eventsweep.sim.geoms import moving_geoms
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.model.mounts import find_mount, rig_of_cameras
 from eventsweep.sim.model.scenes import FixedMotion, clip_of
-from eventsweep.sim.model.survey import ends_m, range_of
+from eventsweep.sim.model.survey import (
+    ends_m,
+    glanced_beyond_8_bits,
+    needs_floats,
+    range_of,
+)
 from eventsweep.sim.model.tracks import LiveMotion, LiveTrack
 from eventsweep.sim.parallel.render_job import (
     ChunkRenderer,
@@ -40,10 +45,9 @@ from eventsweep.sim.parallel.render_job import (
     chunk_bounds_us,
     longest_chunk_us,
 )
-from eventsweep.sim.parallel.sensors import Cameras, Packet
+from eventsweep.sim.parallel.sensors import Cameras, Packet, write_events, write_truth
 from eventsweep.sim.rendering.base import Renderer, moving_ids
 from eventsweep.sim.rendering.drawing import MujocoDrawing
-from eventsweep.sim.rendering.light_range import FEW, IN_FLOATS, glanced_beyond_8_bits
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.scene import Scene
@@ -100,7 +104,9 @@ class EventRig:
     ) -> None:
         self._mj: Any = import_mujoco()
         check_type("model", model, self._mj.MjModel, "a compiled mujoco.MjModel")
-        self.rig = rig_of(model, rig)
+        if not isinstance(rig, Rig):
+            rig = named_rig(rig) if isinstance(rig, str) else rig_of_cameras(model, tuple(rig))
+        self.rig = rig
         self._mount = find_mount(model, mount)
         self._track, self._model = LiveTrack(), model
         self._motion = LiveMotion(model, self._track, self._mount, _pose(T_mount_body))
@@ -208,19 +214,19 @@ class EventRig:
 
     def _job(self, *, hdr: bool = False) -> RenderJob:
         """What `simulate` would render, but for its times."""
-        clip_m, wanted = clip_of(self._model), self._config
+        clip_m, config = clip_of(self._model), self._config
         T_start = self._motion.T_world_body(0.0)
-        fixed, drawing = wanted.model.headlight == "fixed", MujocoDrawing(self._model)
+        fixed, drawing = config.model.headlight == "fixed", MujocoDrawing(self._model)
         moves = moving_geoms(self._model).any()
         scene = Scene(
             "robot", "a model that somebody else steps", Path(), dict, FixedMotion(self._motion),
             clip_m, animate=self._track if moves else None, clip_m=clip_m, hdr=hdr,
             lamp_at=T_start if fixed else None,
         )  # fmt: skip
-        floats = wanted.light.floats(scene.hdr)
-        config = with_sampling(wanted, self.rig, drawing.why_plain(scene), floats=floats)
-        wanted_us = range(0, _FOR_EVER_US, self._truth_us) if self._record is not None else ()
-        return RenderJob(scene, self.rig, config, self._seed, wanted_us, (0, 1), drawing)
+        floats = config.light.floats(scene.hdr)
+        config = with_sampling(config, self.rig, drawing.why_plain(scene), floats=floats)
+        truth_us = range(0, _FOR_EVER_US, self._truth_us) if self._record is not None else ()
+        return RenderJob(scene, self.rig, config, self._seed, truth_us, (0, 1), drawing)
 
     def _lit(self, job: RenderJob) -> RenderJob:
         """The job whose light what is seen now needs, as `sim.model.survey` decides it."""
@@ -228,10 +234,8 @@ class EventRig:
             return job
         with job.drawing.open(job.scene, job.rig, 1, floats=True, border_px=None) as seen:
             beyond = glanced_beyond_8_bits(seen, self._motion, [0.0], job.config, cut=False)
-        if beyond <= FEW:
-            return job
-        self._notice(IN_FLOATS.format(name=job.scene.name, percent=100 * beyond))
-        return self._job(hdr=True)
+        floats = needs_floats(job.scene.name, beyond, self._notice)
+        return self._job(hdr=True) if floats else job
 
     def _check_begun(self) -> None:
         if self._chunks is None:
@@ -247,7 +251,7 @@ class EventRig:
         return t_us
 
 
-class EventCamera:
+class EventCamera(EventRig):
     """One event camera on a model that your own loop steps; see `EventRig`.
 
         camera = EventCamera(model, "head_left", Camera(346, 260, 226, 226, 172.5, 129.5))
@@ -275,52 +279,21 @@ class EventCamera:
         else:
             check_type("camera", camera, Camera)
             rig = Rig("camera", (camera,), (np.eye(4),))
-        self._rig = EventRig(model, mount, rig, **options)
+        super().__init__(model, mount, rig, **options)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *raised: Any) -> None:
-        self._rig.__exit__(*raised)
-
-    def close(self) -> None:
-        """Frees the graphics context; a sequence that is being recorded is completed."""
-        self._rig.close()
-
-    def step(self, data: Any) -> Events:
+    def step(self, data: Any) -> Events:  # type: ignore[override]  # one camera, no tuple
         """What the camera sends between the last call and this one; see `EventRig.step`."""
-        return self._rig.step(data)[0]
+        return super().step(data)[0]
 
     @property
     def camera(self) -> Camera:
         """Its lens and size."""
-        return self._rig.rig.cameras[0]
+        return self.rig.cameras[0]
 
     @property
     def T_world_cam(self) -> Pose:
         """Pose (4, 4) at the last call, axes right, down, forward."""
-        return self._rig.T_world_body
-
-    def depth_m(self) -> NDArray[np.float32]:
-        """Exact z-depth (H, W) at the last call, m; inf without a surface."""
-        return self._rig.depth_m()
-
-    def intensity(self) -> NDArray[np.float32]:
-        """(H, W) linear light at the last call."""
-        return self._rig.intensity()
-
-
-def rig_of(model: Any, rig: Rig | str | tuple[str, ...]) -> Rig:
-    """The cameras: as given, by name or path, or the model's own by their names.
-
-    Raises:
-        InputError: an unknown rig or camera.
-    """
-    if isinstance(rig, Rig):
-        return rig
-    if isinstance(rig, str):
-        return named_rig(rig)
-    return rig_of_cameras(model, tuple(rig))
+        return self.T_world_body
 
 
 def _camera_name(model: Any, mount: str) -> str:
@@ -381,15 +354,11 @@ class _Recorder:
 
     def add(self, packets: list[Packet], frame: RenderedFrame, T_world_body: Pose) -> None:
         """Adds events, and a frame's ground truth where it has some."""
-        for k, packet in enumerate(packets):
-            extra: Mapping[str, Any] = packet.extra
-            self._writer.append_events(k, packet.events, **extra)
+        write_events(self._writer, packets)
+        write_truth(self._writer, frame)
         for k, images in enumerate(frame.truth):
-            optional = dict(images)
-            depth_m, grey = optional.pop("depth_m"), optional.pop("intensity")
             still = ~self._moves[self._renderer.segmentation(k, T_world_body)]
-            self._ends_m += ends_m(depth_m[still])
-            self._writer.append_truth(k, frame.t_us, depth_m, grey, optional)
+            self._ends_m += ends_m(images["depth_m"][still])
 
     def moved(self, t_us: int, T_world_body: Pose) -> None:
         """Notes where the rig is."""

@@ -37,7 +37,10 @@ def enclosing_geom(
     """
     for k in range(model.ngeom):
         own = bool(except_body) and model.body(int(model.geom_bodyid[k])).name == except_body
-        if not own and _is_drawn(model, k) and _is_inside(model, data, k, point_m):
+        material = int(model.geom_matid[k])
+        alpha = model.mat_rgba[material][3] if material >= 0 else model.geom_rgba[k][3]
+        drawn = alpha > 0 and int(model.geom_group[k]) < 3
+        if not own and drawn and _is_inside(model, data, k, point_m):
             return _label(model, k)
     return None
 
@@ -46,12 +49,6 @@ def _label(model: Any, geom_id: int) -> str:
     body_id = int(model.geom_bodyid[geom_id])
     name = model.geom(geom_id).name or (model.body(body_id).name if body_id else "")
     return name or f"geom{geom_id}"
-
-
-def _is_drawn(model: Any, geom_id: int) -> bool:
-    material = int(model.geom_matid[geom_id])
-    alpha = model.mat_rgba[material][3] if material >= 0 else model.geom_rgba[geom_id][3]
-    return bool(alpha > 0) and int(model.geom_group[geom_id]) < 3
 
 
 def _is_inside(model: Any, data: Any, geom_id: int, point_m: NDArray[np.float64]) -> bool:

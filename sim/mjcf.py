@@ -60,7 +60,10 @@ def _robot(mj: Any, path: Path) -> mujoco.MjSpec:
     spec.modelfiledir = str(path.resolve().parent)
     for asset in (*spec.meshes, *spec.textures):
         asset.file = _resolved(asset.file, path.resolve().parent)
-    _hide_hulls(spec)
+    # Draws the visual geometry alone, where there is some.
+    if any(not (geom.contype or geom.conaffinity) for geom in spec.geoms):
+        for geom in spec.geoms:
+            geom.group = _HIDDEN if geom.contype or geom.conaffinity else geom.group
     return spec
 
 
@@ -74,13 +77,6 @@ def _resolved(file: str, folder: Path) -> str:
             if (root / rest).is_file():
                 return str(root / rest)
     return named
-
-
-def _hide_hulls(spec: mujoco.MjSpec) -> None:
-    """Draws the visual geometry alone, where there is some."""
-    if any(not (geom.contype or geom.conaffinity) for geom in spec.geoms):
-        for geom in spec.geoms:
-            geom.group = _HIDDEN if geom.contype or geom.conaffinity else geom.group
 
 
 def compiled(spec: mujoco.MjSpec) -> Any:

@@ -51,7 +51,7 @@ def with_sampling(
 def _samples(chosen: Sampling, rig: Rig, *, floats: bool) -> int:
     """Samples per pixel and axis, an even number unless it is the fewest.
 
-    Rows of an even number lie beside one another (`fine_light.pictures_per_view`): thin upright
+    Rows of an even number lie beside one another (`fine_light.FineView.stride`): thin upright
     things are met by twice as many columns.
     """
     focal_px = min(min(camera.fx_px, camera.fy_px) for camera in rig.cameras)

@@ -17,8 +17,7 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.sim.config import ReplayConfig, SimConfig
 from eventsweep.sim.mjcf import read_spec
-from eventsweep.sim.motion import Motion
-from eventsweep.sim.motion.animation import Animation
+from eventsweep.sim.motion import Animation, Motion
 from eventsweep.sim.motion.curves import CurveMotion, moved
 from eventsweep.sim.motion.replay import Replay
 

@@ -14,12 +14,11 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.image_stores import Photo
 from eventsweep.emvs.data.writer import SequenceWriter
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
@@ -29,15 +28,16 @@ from eventsweep.emvs.utils.outputs import check_output
 from eventsweep.emvs.utils.runtime import available_bytes, versions
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.graphics import note
+from eventsweep.sim.model.survey import FEW, glanced_beyond_8_bits, needs_floats
 from eventsweep.sim.motion.curves import sampled
-from eventsweep.sim.parallel.checkpoint import CheckpointFolder, CheckpointWriter, Notice, Stopped
+from eventsweep.sim.parallel.checkpoint import CheckpointFolder, Notice, Stopped
 from eventsweep.sim.parallel.render_job import (
     RenderedFrame,
     RenderJob,
     chunk_bounds_us,
     longest_chunk_us,
 )
-from eventsweep.sim.parallel.sensors import Cameras, Packet
+from eventsweep.sim.parallel.sensors import Cameras, write_events, write_truth
 from eventsweep.sim.parallel.workers import (
     frames_from_workers,
     frames_in_process,
@@ -47,7 +47,6 @@ from eventsweep.sim.parallel.workers import (
 from eventsweep.sim.rendering.adaptive_sampling import truth_times_us
 from eventsweep.sim.rendering.base import Drawing, Renderer
 from eventsweep.sim.rendering.drawing import MUJOCO
-from eventsweep.sim.rendering.light_range import FEW, IN_FLOATS, glanced_beyond_8_bits
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.scene import Scene, replayed
 from eventsweep.sim.sensor.frame_camera import DENSE_PX, FrameCamera, exposure_spans_us
@@ -116,7 +115,10 @@ def simulate(
     check_memory(job, workers)
     with ExitStack() as stack, ExitStack() as graphics:
         renderer = graphics.enter_context(job.renderer())
-        if _seems_beyond_8_bits(job, renderer):
+        # A scene that says so itself, and a model, which was surveyed, are not looked at again.
+        unknown = not (job.scene.hdr or job.scene.clip_m is not None)
+        unknown &= job.config.light.renderer == "auto"
+        if unknown and _beyond_8_bits(job, renderer, cut=True) > FEW:
             graphics.close()
             job, renderer = _lit(job, make_job(replace(scene, hdr=True), *asked), graphics, notice)
         check_outside(job, renderer)
@@ -124,10 +126,8 @@ def simulate(
             notice(note())
         if config.sampling != job.config.sampling:
             notice(f"rendering plain frames half a pixel apart: {drawing.why_plain(scene)}")
-        described = describe(job, renderer)
-        folder = stack.enter_context(
-            CheckpointFolder(out, described.key, rig, resume=resume, notice=notice)
-        )
+        arguments, key = describe(job, renderer)
+        folder = stack.enter_context(CheckpointFolder(out, key, rig, resume=resume, notice=notice))
         if folder.next_chunk:
             _tell(job, folder, notice)
         if workers == 1:
@@ -137,22 +137,12 @@ def simulate(
             frames = frames_from_workers(job, folder.next_chunk, workers)
         _run(job, frames, folder, commit_s, progress, drawn_elsewhere=workers > 1)
         try:
-            _assemble(job, folder, described, out, force=force)
+            _assemble(job, folder, arguments, out, force=force)
         except InputError as error:
             # Somebody came in between: the work itself is good.
             raise Stopped(f"{error} (the simulation is kept in {folder.path})") from error
         _say_if_empty(job, sum(checkpoint.events for checkpoint in folder.finished), notice)
     return out
-
-
-def _seems_beyond_8_bits(job: RenderJob, renderer: Renderer) -> bool:
-    """Whether to look at the light in floats: it is dark, or cut at 1.
-
-    A scene that says so itself, and a model, which was surveyed, are not looked at again.
-    """
-    if job.config.light.renderer != "auto" or job.scene.hdr or job.scene.clip_m is not None:
-        return False
-    return _beyond_8_bits(job, renderer, cut=True) > FEW
 
 
 def _lit(
@@ -161,8 +151,7 @@ def _lit(
     """The job whose light the scene needs, and its renderer: in floats unless 8 bits hold it."""
     renderer = graphics.enter_context(floating.renderer())
     beyond = _beyond_8_bits(floating, renderer, cut=False)
-    if beyond > FEW:
-        notice(IN_FLOATS.format(name=job.scene.name, percent=100 * beyond))
+    if needs_floats(job.scene.name, beyond, notice):
         return floating, renderer
     graphics.close()
     return job, graphics.enter_context(job.renderer())
@@ -226,15 +215,17 @@ def _run(
         blur_px = job.config.sensor.resolved().lens_blur_px
         frame_camera = FrameCamera(job.config.frames, job.duration_us, state, blur_px)
         for frame in frames:
-            done += _write_events(folder.writer, cameras.collect())
+            done += write_events(folder.writer, cameras.collect())
             cameras.take(frame)
             if frame.t_us == job.bounds_us[folder.next_chunk] and state is not None:
                 continue
             for t_us, lights in _exposed(frame_camera, cameras, frame):
-                _write_photos(folder.writer, frame_camera.take(t_us, lights))
-            _write_truth(folder.writer, frame)
+                for photos in frame_camera.take(t_us, lights):
+                    for k, photo in enumerate(photos):
+                        folder.writer.append_photo(k, photo)
+            write_truth(folder.writer, frame)
             if frame.t_us == job.bounds_us[frame.chunk + 1]:
-                done += _write_events(folder.writer, cameras.collect())
+                done += write_events(folder.writer, cameras.collect())
                 last = frame.chunk + 1 == job.chunks
                 if last or time.monotonic() - committed_s >= commit_s:
                     counts = cameras.finish() if last else ()
@@ -242,7 +233,7 @@ def _run(
                     folder.commit(state, frame.chunk + 1, counts)
                     committed_s = time.monotonic()
             if drawn_elsewhere:
-                done += _write_events(folder.writer, cameras.collect())
+                done += write_events(folder.writer, cameras.collect())
             progress(frame.t_us, job.duration_us, done)
             del frame  # or its truth would stay while the next comes
 
@@ -260,37 +251,14 @@ def _exposed(
     yield from zip(times_us, pictures, strict=True)
 
 
-def _write_events(checkpoint: CheckpointWriter, packets: list[Packet]) -> int:
-    for writer, packet in zip(checkpoint.event_writers, packets, strict=False):
-        writer.append(packet.events, packet.extra)
-    count = sum(len(packet.events) for packet in packets)
-    checkpoint.events += count
-    return count
-
-
-def _write_photos(checkpoint: CheckpointWriter, completed: list[tuple[Photo, ...]]) -> None:
-    for photos in completed:
-        for k, photo in enumerate(photos):
-            checkpoint.append_photo(k, photo)
-
-
-def _write_truth(checkpoint: CheckpointWriter, frame: RenderedFrame) -> None:
-    for writer, images in zip(checkpoint.truth_writers, frame.truth, strict=False):
-        optional = dict(images)
-        depth_m, intensity = optional.pop("depth_m"), optional.pop("intensity")
-        writer.append(frame.t_us, depth_m, intensity, optional)
-
-
 def _assemble(
-    job: RenderJob, folder: CheckpointFolder, described: SequenceFacts, out: Path, *, force: bool
+    job: RenderJob, folder: CheckpointFolder, arguments: dict[str, Any], out: Path, *, force: bool
 ) -> None:
     """Streams all checkpoints into the sequence."""
     counts = folder.finished[-1].counts if job.labelled else None
     recorded = job.config.replay.trajectory
     read = [job.scene.mjcf] if recorded is None else [job.scene.mjcf, recorded]
-    with SequenceWriter(
-        out, **described.arguments, sensor_counts=counts, force=force, inputs=read
-    ) as writer:
+    with SequenceWriter(out, **arguments, sensor_counts=counts, force=force, inputs=read) as writer:
         for checkpoint in folder.finished:
             for k in range(len(job.rig)):
                 events, truth = checkpoint.readers(k, job.rig)
@@ -311,20 +279,13 @@ def _tell(job: RenderJob, folder: CheckpointFolder, notice: Notice) -> None:
     )
 
 
-class SequenceFacts(NamedTuple):
+def describe(job: RenderJob, renderer: Renderer) -> tuple[dict[str, Any], str]:
     """What is known of a sequence before its first frame.
 
-    Attributes:
-        arguments: of `SequenceWriter`: name, rig, trajectory, IMU and what the manifest says.
-        key: a hash over all that decides the sequence; checkpoints of another key are refused.
+    Returns:
+        Arguments of `SequenceWriter`, and a hash over all that decides the sequence; checkpoints
+        of another hash are refused.
     """
-
-    arguments: dict[str, Any]
-    key: str
-
-
-def describe(job: RenderJob, renderer: Renderer) -> SequenceFacts:
-    """Samples what rides on the motion and describes the rest."""
     duration_s = job.duration_us * 1e-6
     trajectory = sampled(job.motion(), duration_s, job.config.pose_rate_hz)
     arguments = {
@@ -340,7 +301,7 @@ def describe(job: RenderJob, renderer: Renderer) -> SequenceFacts:
         arguments["geoms"] = dict(renderer.geoms)
     if job.config.imu.rate_hz:
         arguments["imu"] = imu_samples(job.motion(), duration_s, job.config.imu, job.seed)
-    return SequenceFacts(arguments, _key(job, renderer, trajectory))
+    return arguments, _key(job, renderer, trajectory)
 
 
 def _key(job: RenderJob, renderer: Renderer, trajectory: Trajectory) -> str:

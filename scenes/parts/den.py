@@ -6,15 +6,21 @@ at 100 and the corners of the room at 0.02.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.random import Generator, default_rng
 
+from eventsweep.scenes.parts import furniture as fu
+from eventsweep.scenes.parts.furniture import BodyBuilder
+from eventsweep.scenes.parts.heads import centred
+from eventsweep.scenes.parts.props import plant
+from eventsweep.scenes.parts.shadows import cast
+from eventsweep.scenes.parts.stock import made, stock
 from eventsweep.scenes.parts.texture_cache import kept
-from eventsweep.sim.motion import Motion
 from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
@@ -26,36 +32,9 @@ if TYPE_CHECKING:
 _WINDOW: Point = (0.35, 3.5, 1.6)
 
 
-def case(
-    name: str,
-    summary: str,
-    motion: Callable[[float, int], Motion],
-    light: Callable[[mujoco.MjSpec, Point], None],
-) -> Scene:
-    """Returns a case in this room; `light(spec, bulb_m)` makes day or night of it."""
-
-    def edit(spec: mujoco.MjSpec) -> None:
-        light(spec, _furnish(spec))
-
-    return Scene(
-        name=name,
-        summary=summary,
-        mjcf=Path(__file__).parents[1] / "den.xml",
-        textures=_textures,
-        motion=motion,
-        depth_range_m=(0.6, 12.0),
-        rig="tumvie-kb4",
-        edit=edit,
-        hdr=True,
-        log_eps=0.001,
-        frames_rate_hz=20.0,
-    )
-
-
-def day(spec: mujoco.MjSpec, _bulb_m: Point) -> None:
+def _day(spec: mujoco.MjSpec) -> None:
     """Sun on the garden; the room has what the window lets in."""
-    from eventsweep.scenes.parts.glow import cast
-
+    _furnish(spec)
     _dim(spec, ambient=0.06, key=0.0)
     _lamp(spec, "window_light", _WINDOW, (0, -1, 0), 1.0, (0.5, 0.0, 0.9))
     for material, emission in {
@@ -72,10 +51,9 @@ def day(spec: mujoco.MjSpec, _bulb_m: Point) -> None:
     cast(spec, _WINDOW, keep=0.4, soft_m=0.05, floor_left="beech")
 
 
-def night(spec: mujoco.MjSpec, bulb_m: Point) -> None:
+def _night(spec: mujoco.MjSpec) -> None:
     """A lamp on the desk, a lit window across the garden, and next to nothing else."""
-    from eventsweep.scenes.parts.glow import cast
-
+    bulb_m = _furnish(spec)
     _dim(spec, ambient=0.005, key=0.004)
     _lamp(spec, "lamp_light", bulb_m, (0, 0, -1), 8.0, (0.25, 0.0, 6.0))
     for material, emission in {"bulb": 150.0, "pane": 0.9, "screen": 0.25, "sky": 0.012}.items():
@@ -119,7 +97,6 @@ def _lamp(
 @kept
 def _textures() -> Mapping[str, Image]:
     from eventsweep.scenes import textures as tx
-    from eventsweep.scenes.parts.stock import made, stock
 
     brick = ((0.5, 0.3, 0.22), (0.74, 0.52, 0.42))
     room = {
@@ -146,9 +123,6 @@ def _sky(rng: Generator) -> Image:
 
 def _furnish(spec: mujoco.MjSpec) -> Point:
     """Puts everything into the room; returns where the desk lamp's bulb is."""
-    from eventsweep.scenes.parts import furniture as fu
-    from eventsweep.scenes.parts.props import plant
-
     rng = default_rng(243)
     fu.table(spec, "desk", (-1.12, 1.85, 0), (1.3, 0.7, 0.74), 18)
     bulb_m = fu.desk_lamp(spec, "lamp", (-1.32, 2.05, 0.74), 18)
@@ -172,8 +146,6 @@ def _furnish(spec: mujoco.MjSpec) -> Point:
 
 def _dark_corner(spec: mujoco.MjSpec) -> None:
     """Armchair, crate and cartons at the right, far from any light."""
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     at = BodyBuilder(spec, "armchair", (1.5, 2.0, 0), -38)
     at.box((0.3, 0.3, 0.16), (0, 0, 0.28), "sofa")
     at.box((0.3, 0.08, 0.3), (0, 0.3, 0.66), "sofa", (-8, 0, 0))
@@ -188,8 +160,6 @@ def _dark_corner(spec: mujoco.MjSpec) -> None:
 
 def _near(spec: mujoco.MjSpec) -> None:
     """A low table within a metre: what every view has in its lower half."""
-    from eventsweep.scenes.parts import furniture as fu
-
     fu.table(spec, "low", (0.45, 1.0, 0), (1.0, 0.6, 0.74), 6)
     at = fu.BodyBuilder(spec, "low_things", (0.45, 1.0, 0.74), 6)
     at.box((0.1, 0.08, 0.075), (-0.24, 0.12, 0.075), "carton_a", (0, 0, 22))
@@ -201,8 +171,6 @@ def _near(spec: mujoco.MjSpec) -> None:
 
 
 def _curtains(spec: mujoco.MjSpec) -> None:
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     at = BodyBuilder(spec, "curtains", (0, 3.22, 1.35))
     for side, first in ((-1, -0.40), (1, 1.10)):
         for k in range(4):
@@ -212,8 +180,6 @@ def _curtains(spec: mujoco.MjSpec) -> None:
 
 def _garden(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A tree, a hedge, and the windows and roof of the house across."""
-    from eventsweep.scenes.parts.furniture import BodyBuilder
-
     at = BodyBuilder(spec, "garden")
     at.rod((-0.5, 6.6, -0.3), (-0.42, 6.6, 2.0), 0.12, "bark")
     for a, b in (((-0.42, 6.6, 1.5), (0.3, 6.5, 2.4)), ((-0.42, 6.6, 1.7), (-1.1, 6.7, 2.6))):
@@ -231,3 +197,26 @@ def _garden(spec: mujoco.MjSpec, rng: Generator) -> None:
             at.box((0.02, 0.04, 0.38), (x, 9.17, z), "trim")
             at.box((0.26, 0.04, 0.02), (x, 9.17, z + 0.1), "trim")
     at.box((1.9, 1.2, 0.1), (1.9, 10.2, 3.4), "roof")
+
+
+SCENES = {
+    name: Scene(
+        name=name,
+        summary=f"{shown}, 1000 to 1, 0.6 to 12 m",
+        mjcf=Path(__file__).parents[1] / "den.xml",
+        textures=_textures,
+        motion=partial(centred, "six_dof", eye_m, target_m),
+        depth_range_m=(0.6, 12.0),
+        rig="tumvie-kb4",
+        edit=edit,
+        hdr=True,
+        log_eps=0.001,
+        frames_rate_hz=20.0,
+    )
+    for name, shown, edit, eye_m, target_m in (
+        ("hdr-night", "a desk lamp in a dark room", _night, (-0.2, 0.0, 1.2), (-0.3, 3.0, 1.12)),
+        ("hdr-window", "a dark room before a sunlit window", _day,
+         (0.1, 0.0, 1.2), (0.15, 3.0, 1.32)),
+    )
+}  # fmt: skip
+"""The cases of high dynamic range: a dark room by night, and beside a garden by day."""

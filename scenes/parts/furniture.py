@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
-from eventsweep.scenes.parts.props import book_row
+from eventsweep.scenes.parts.props import book_row, geom_type
 
 if TYPE_CHECKING:
     import mujoco
@@ -57,16 +58,12 @@ class BodyBuilder:
         self._add("CAPSULE", material, size=(radius_m, 0, 0), fromto=(*a, *b))
 
     def _add(self, kind: str, material: str, **where: Any) -> None:
-        import mujoco
-        from scipy.spatial.transform import Rotation
-
         euler = where.pop("euler", None)
         if euler is not None and any(euler):
             x, y, z, w = Rotation.from_euler("xyz", euler, degrees=True).as_quat()
             where["quat"] = [w, x, y, z]
-        shape = getattr(mujoco.mjtGeom, f"mjGEOM_{kind}")
         name = f"{self.name}_{self._count}"
-        self._body.add_geom(name=name, type=shape, material=material, **where)
+        self._body.add_geom(name=name, type=geom_type(kind), material=material, **where)
         self._count += 1
 
 

@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.sim.motion import Motion
+from eventsweep.sim.motion.curves import Vector3, look_at
+from eventsweep.sim.motion.head_motion import generate
 
 
 @dataclass(frozen=True)
 class Centred:
-    """A motion whose pose in the middle of its time is `T_world_middle`.
+    """A motion whose pose in the middle of its time is where a case wants it.
 
     A head's drift takes it 20 cm and more from where it started; what a case promises about depth
     holds around the place that it is centred on.
@@ -26,7 +28,8 @@ class Centred:
         return np.asarray(self.T_world_start @ self.motion.T_world_body(t_s), np.float64)
 
 
-def centred(motion: Motion, duration_s: float, T_world_middle: NDArray[np.float64]) -> Centred:
-    """Moves all of `motion` so that it passes through `T_world_middle` (4, 4) at half its time."""
+def centred(style: str, eye_m: Vector3, target_m: Vector3, duration_s: float, seed: int) -> Centred:
+    """A head of a style, moved so that half-way it is at `eye_m` and looks at `target_m`, m."""
+    motion = generate(style, duration_s, seed)
     middle = motion.T_world_body(duration_s / 2)
-    return Centred(motion, T_world_middle @ np.linalg.inv(middle))
+    return Centred(motion, look_at(eye_m, target_m) @ np.linalg.inv(middle))

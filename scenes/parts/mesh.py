@@ -9,7 +9,6 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from eventsweep.scenes.parts.shadows import SHELL_GROUP
-from eventsweep.scenes.textures.outdoor import PALETTE_CELLS
 
 if TYPE_CHECKING:
     import mujoco
@@ -87,6 +86,8 @@ def cards(
         rng: source of turns, sizes and cells.
         stretch: length over width.
     """
+    from eventsweep.scenes.textures.outdoor import PALETTE_CELLS
+
     count = len(centres_m)
     axes = np.linalg.qr(rng.standard_normal((count, 3, 3)))[0]
     size = leaf_m * rng.uniform(0.7, 1.3, (count, 1))

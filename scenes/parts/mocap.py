@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from numpy.random import Generator, default_rng
 
+from eventsweep.scenes.parts import furniture as fu
+from eventsweep.scenes.parts.heads import centred
+from eventsweep.scenes.parts.props import cable, plant
+from eventsweep.scenes.parts.shadows import bake
+from eventsweep.scenes.parts.stock import made, painted, stock
 from eventsweep.scenes.parts.texture_cache import kept
-from eventsweep.sim.motion import Motion
 from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
@@ -18,25 +23,10 @@ if TYPE_CHECKING:
     from eventsweep.scenes.textures.noise import Image
 
 
-def case(name: str, summary: str, motion: Callable[[float, int], Motion]) -> Scene:
-    """Returns a case in this room; only the motion differs."""
-    return Scene(
-        name=name,
-        summary=summary,
-        mjcf=Path(__file__).parents[1] / "mocap.xml",
-        textures=_textures,
-        motion=motion,
-        depth_range_m=(0.45, 4.0),
-        rig="tumvie-kb4",
-        edit=_edit,
-    )
-
-
 @kept
 def _textures() -> Mapping[str, Image]:
     from eventsweep.scenes import textures as tx
     from eventsweep.scenes.parts.print import apriltags, whiteboard
-    from eventsweep.scenes.parts.stock import made, painted, stock
 
     carpet = ((0.25, 0.26, 0.28), (0.33, 0.34, 0.36))
     room = {
@@ -51,9 +41,6 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from eventsweep.scenes.parts.props import plant
-    from eventsweep.scenes.parts.shadows import bake
-
     rng = default_rng(213)
     _near_table(spec)
     _second_desk(spec, rng)
@@ -66,9 +53,6 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _near_table(spec: mujoco.MjSpec) -> None:
     """What stands within reach of a head at the origin; the top lies at 0.76 m."""
-    from eventsweep.scenes.parts import furniture as fu
-    from eventsweep.scenes.parts.props import cable
-
     fu.table(spec, "near", (-0.15, 0.72, 0), (1.5, 0.74, 0.76))
     things = fu.BodyBuilder(spec, "near_things", (0, 0, 0.76))
     things.box((0.13, 0.10, 0.09), (-0.56, 0.78, 0.09), "carton_a", (0, 0, 24))
@@ -94,8 +78,6 @@ def _near_table(spec: mujoco.MjSpec) -> None:
 
 def _second_desk(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A work place at the right, for the case that looks at desks."""
-    from eventsweep.scenes.parts import furniture as fu
-
     fu.table(spec, "second", (1.62, 1.55, 0), (1.5, 0.72, 0.74), -18)
     at = fu.BodyBuilder(spec, "second_things", (1.62, 1.55, 0.74), -18)
     fu.monitor(spec, "second_left", (1.40, 1.78, 0.74), -4)
@@ -110,8 +92,6 @@ def _second_desk(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 
 def _left_desk(spec: mujoco.MjSpec) -> None:
-    from eventsweep.scenes.parts import furniture as fu
-
     fu.table(spec, "left", (-1.65, 2.0, 0), (1.3, 0.66, 0.74), 32)
     fu.monitor(spec, "left_monitor", (-1.72, 2.12, 0.74), 30, 0.6)
     fu.keyboard(spec, "left_keys", (-1.55, 1.86, 0.74), 28)
@@ -126,8 +106,6 @@ def _left_desk(spec: mujoco.MjSpec) -> None:
 
 def _floor(spec: mujoco.MjSpec) -> None:
     """Cartons, a ball, a planter and a bag, 1.6 to 3.4 m away."""
-    from eventsweep.scenes.parts import furniture as fu
-
     at = fu.BodyBuilder(spec, "stack")
     at.box((0.26, 0.22, 0.21), (0.62, 2.72, 0.21), "carton_a", (0, 0, -14))
     at.box((0.20, 0.17, 0.16), (0.62, 2.72, 0.58), "carton_b", (0, 0, 10))
@@ -141,8 +119,6 @@ def _floor(spec: mujoco.MjSpec) -> None:
 
 
 def _tripods(spec: mujoco.MjSpec) -> None:
-    from eventsweep.scenes.parts import furniture as fu
-
     fu.tripod(spec, "tripod_a", (-0.42, 2.0, 0), 1.32, 14)
     fu.tripod(spec, "tripod_b", (1.52, 2.95, 0), 1.7, -28)
     fu.tripod(spec, "tripod_c", (-1.2, 3.1, 0), 1.75, 22)
@@ -151,3 +127,28 @@ def _tripods(spec: mujoco.MjSpec) -> None:
         camera.box((0.05, 0.06, 0.05), (0, 0, 0), "dark", (-25, 0, 0))
         camera.drum(0.046, 0.01, (0, -0.064, -0.03), "metal", (65, 0, 0))
         camera.rod((0, 0.04, 0.02), (0, 0.05, 0.1), 0.012, "metal")
+
+
+SCENES = {
+    name: Scene(
+        name=name,
+        summary=f"{shown}, 0.45 to 4 m",
+        mjcf=Path(__file__).parents[1] / "mocap.xml",
+        textures=_textures,
+        motion=partial(centred, style, eye_m, target_m),
+        depth_range_m=(0.45, 4.0),
+        rig="tumvie-kb4",
+        edit=_edit,
+    )
+    for name, shown, style, eye_m, target_m in (
+        ("tumvie-1d", "a motion-capture room, translation along one axis",
+         "translate_1d", (0.1, 0.14, 1.22), (-0.15, 2.2, 0.92)),
+        ("tumvie-3d", "a motion-capture room, translation along three axes",
+         "translate_3d", (-0.1, 0.08, 1.24), (0.1, 2.2, 0.92)),
+        ("tumvie-6dof", "a motion-capture room, six-DoF head motion",
+         "six_dof", (0, 0.08, 1.22), (0.05, 2.0, 0.88)),
+        ("tumvie-desk2", "desks with monitors in a motion-capture room",
+         "six_dof", (0.82, 0.72, 1.2), (1.62, 2.2, 0.96)),
+    )
+}  # fmt: skip
+"""The twins of mocap-1d-trans, mocap-3d-trans, mocap-6dof and mocap-desk2: only motions differ."""

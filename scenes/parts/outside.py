@@ -92,16 +92,13 @@ def shade(
     spot.ball((*half_m, 0.008), (0, 0, 0), material)
 
 
-def car_meshes(spec: mujoco.MjSpec) -> None:
-    """Adds the meshes that all cars share."""
-    mesh.prism(spec, "car_body", _BODY_M, 0.86, 0.80)
-    mesh.prism(spec, "car_cabin", _CABIN_M, 0.80, 0.60)
-
-
 def car(
     spec: mujoco.MjSpec, name: str, at_m: tuple[float, float], yaw_deg: float, paint: str
 ) -> None:
     """Parks a car of materials `paint` and `paint`_cabin, its front along the turned x axis."""
+    if not any(known.name == "car_body" for known in spec.meshes):  # all cars share it
+        mesh.prism(spec, "car_body", _BODY_M, 0.86, 0.80)
+        mesh.prism(spec, "car_cabin", _CABIN_M, 0.80, 0.60)
     mesh.place(spec, "car_body", f"{name}_body", (*at_m, 0), paint, yaw_deg)
     mesh.place(spec, "car_cabin", f"{name}_cabin", (*at_m, 0), f"{paint}_cabin", yaw_deg)
     parts = BodyBuilder(spec, name, (*at_m, 0), yaw_deg)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 if TYPE_CHECKING:
     import mujoco
 
-BOOK_MATERIALS = tuple(f"book_{k}" for k in range(8))
+_BOOKS = 8  # materials book_0 to book_7
 
 
 def box(
@@ -27,7 +27,12 @@ def box(
     """Puts a box of half sizes (3,), m, at its middle (3,), turned about its middle."""
     x, y, z, w = (0, 0, 0, 1) if turned is None else turned.as_quat()
     spec.worldbody.add_geom(
-        name=name, type=_kind("BOX"), size=half_m, pos=at_m, quat=[w, x, y, z], material=material
+        name=name,
+        type=geom_type("BOX"),
+        size=half_m,
+        pos=at_m,
+        quat=[w, x, y, z],
+        material=material,
     )
 
 
@@ -51,7 +56,7 @@ def book_row(
         rng: source of sizes and places.
         depth_m: half the depth of the deepest book.
     """
-    x, order = at_m[0], rng.permutation(len(BOOK_MATERIALS))
+    x, order = at_m[0], rng.permutation(_BOOKS)
     count = 0
     while x < at_m[0] + width_m:
         half = np.array([rng.uniform(0.010, 0.024), depth_m * rng.uniform(0.75, 1.0), 0.0])
@@ -61,14 +66,8 @@ def book_row(
         reach = half[0] * np.cos(lean) + half[2] * np.sin(lean)
         rise = half[2] * np.cos(lean) + half[0] * np.sin(lean)
         centre = (x + reach, at_m[1] + half[1] + rng.uniform(0, 0.03), at_m[2] + rise)
-        box(
-            spec,
-            f"{name}_{count}",
-            half,
-            centre,
-            BOOK_MATERIALS[order[count % len(order)]],
-            Rotation.from_rotvec([0, -lean, 0]),
-        )
+        material, turned = f"book_{order[count % _BOOKS]}", Rotation.from_rotvec([0, -lean, 0])
+        box(spec, f"{name}_{count}", half, centre, material, turned)
         x += 2 * half[0] + 0.001
         count += 1
 
@@ -96,7 +95,7 @@ def plant(
         along /= np.linalg.norm(along)
         spec.worldbody.add_geom(
             name=f"{name}_leaf_{k}",
-            type=_kind("ELLIPSOID"),
+            type=geom_type("ELLIPSOID"),
             size=[half, 0.36 * half, 0.0022],
             pos=tip + 0.85 * half * along,
             quat=_facing(along),
@@ -126,10 +125,9 @@ def rod(
     material: str,
 ) -> None:
     """Puts a capsule between two points (3,), m."""
-    ends = [*a.tolist(), *b.tolist()]
-    size = [radius_m, 0, 0]
+    ends, size = [*a.tolist(), *b.tolist()], [radius_m, 0, 0]
     spec.worldbody.add_geom(
-        name=name, type=_kind("CAPSULE"), size=size, fromto=ends, material=material
+        name=name, type=geom_type("CAPSULE"), size=size, fromto=ends, material=material
     )
 
 
@@ -142,7 +140,8 @@ def _facing(along: NDArray[np.float64]) -> list[float]:
     return [w, x, y, z]
 
 
-def _kind(name: str) -> Any:
+def geom_type(name: str) -> Any:
+    """MuJoCo's number of a kind of geom, such as BOX."""
     import mujoco
 
     return getattr(mujoco.mjtGeom, f"mjGEOM_{name}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,10 +54,7 @@ def faded(make: Maker, amount: float) -> Maker:
 
 def stock(seed: int) -> dict[str, Image]:
     """Makes every texture that stock.xml declares, the same for the same `seed`."""
-    makers = {**_surfaces(), **_objects(), **_print()}
-    for k, colours in enumerate(_BOOKS):
-        makers[f"book_{k}"] = _book(*colours)
-    return made(seed, makers)
+    return made(seed, _makers())
 
 
 def made(seed: int, makers: dict[str, Maker]) -> dict[str, Image]:
@@ -67,14 +65,10 @@ def made(seed: int, makers: dict[str, Maker]) -> dict[str, Image]:
     return {name: make(rng) for (name, make), rng in zip(makers.items(), rngs, strict=True)}
 
 
-def _book(colour: Colour, accent: Colour) -> Maker:
+def _makers() -> dict[str, Maker]:
+    """Surfaces, then things, then print, then books: a texture's place decides its generator."""
     from eventsweep.scenes import textures as tx
-
-    return faded(lambda rng: tx.book(192, rng, colour, accent), 0.4)
-
-
-def _surfaces() -> dict[str, Maker]:
-    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.print import plain_carton
 
     beech = ((0.57, 0.44, 0.30), (0.72, 0.56, 0.39))
     return {
@@ -89,14 +83,6 @@ def _surfaces() -> dict[str, Maker]:
         "white": painted(0.78, (1, 1, 0.98), 0.03),
         "metal": lambda rng: tx.solid(128, rng, (0.44, 0.45, 0.47), (0.6, 0.61, 0.63), fineness=6),
         "dark": lambda rng: tx.solid(128, rng, (0.17, 0.17, 0.18), (0.23, 0.23, 0.24), fineness=4),
-    }
-
-
-def _objects() -> dict[str, Maker]:
-    from eventsweep.scenes import textures as tx
-    from eventsweep.scenes.parts.print import plain_carton
-
-    return {
         "carton_a": faded(lambda rng: tx.carton(256, rng, (0.2, 0.4, 0.6)), 0.65),
         "carton_b": lambda rng: plain_carton(256, rng),
         "mug": lambda rng: tx.solid(128, rng, (0.3, 0.38, 0.5), (0.76, 0.75, 0.7), bands=4.0),
@@ -107,13 +93,6 @@ def _objects() -> dict[str, Maker]:
         ),
         "can": lambda rng: tx.can(160, rng, (0.2, 0.44, 0.5)),
         "keys": faded(lambda rng: tx.keyboard((260, 820), rng), 0.4),
-    }
-
-
-def _print() -> dict[str, Maker]:
-    from eventsweep.scenes import textures as tx
-
-    return {
         "screen": faded(lambda rng: tx.screen((540, 960), rng), 0.4),
         "page_a": faded(lambda rng: tx.page((640, 452), rng, lines=44), 0.4),
         "page_b": faded(lambda rng: tx.page((640, 452), rng, lines=34), 0.4),
@@ -124,4 +103,11 @@ def _print() -> dict[str, Maker]:
         "poster_b": faded(
             lambda rng: tx.poster((640, 440), rng, (0.36, 0.3, 0.2), (0.75, 0.3, 0.22)), 0.35
         ),
+        **{f"book_{k}": faded(partial(_book, colours), 0.4) for k, colours in enumerate(_BOOKS)},
     }
+
+
+def _book(colours: tuple[Colour, Colour], rng: Generator) -> Image:
+    from eventsweep.scenes import textures as tx
+
+    return tx.book(192, rng, *colours)

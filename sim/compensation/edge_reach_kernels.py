@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.sim.compensation.path_kernels import TO_FIRST_END, TO_SECOND_START, carried
+from eventsweep.sim.compensation.path_kernels import TO_FIRST_END, TO_SECOND_START, View, carried
 
 APART_PX = 0.25
 """Surfaces whose parallax over the interval differs by less are one layer."""
@@ -67,20 +67,16 @@ def is_quiet(
 
 
 @numba.njit(cache=True, nogil=True)
-def mark_edges(
-    frame: Seen, bearing: NDArray[np.float32], lens: NDArray[np.float64],
-    ways: NDArray[np.float64], to_other: int, marked: NDArray[np.uint8],
-) -> None:  # fmt: skip
+def mark_edges(frame: Seen, view: View, to_other: int, marked: NDArray[np.uint8]) -> None:
     """Marks each pixel that, with its neighbours right and below, shows several surfaces.
 
     Args:
         frame: its samples.
-        bearing: (H + 2 B, W + 2 B, 2).
-        lens: see `path_kernels.distorted`.
-        ways: (K, 4, 4, 4) see `path_kernels.TO_FIRST_MIDDLE`.
+        view: with the frame's border.
         to_other: which of a way leads to the other frame.
         marked: in and out, (H + 2 B, W + 2 B).
     """
+    bearing, lens, ways = view
     rows, columns = marked.shape
     nearest, farthest, body = frame.nearest, frame.farthest, frame.body
     for i in range(rows):
@@ -133,21 +129,24 @@ def mark_way(x: int, y: int, u: float, v: float, marked: NDArray[np.uint8]) -> N
 
 @numba.njit(cache=True, nogil=True)
 def mark_ways(
-    frame: Seen, border: int, bearing: NDArray[np.float32], lens: NDArray[np.float64],
-    ways: NDArray[np.float64], to_other: int, away: NDArray[np.int16], marked: NDArray[np.uint8],
-) -> None:  # fmt: skip
+    frame: Seen,
+    border: int,
+    view: View,
+    to_other: int,
+    away: NDArray[np.int16],
+    marked: NDArray[np.uint8],
+) -> None:
     """Marks the ways of what lies at edges.
 
     Args:
         frame: its samples.
         border: pixels beyond the sensor's edge.
-        bearing: and up to `to_other` as in `mark_edges`.
-        lens: ...
-        ways: ...
-        to_other: ...
+        view: with that border.
+        to_other: which of a way leads to the other frame.
         away: (H + 2 B, W + 2 B) how far the nearest edge is, px.
         marked: in and out, (H + 2 B, W + 2 B).
     """
+    bearing, lens, ways = view
     rows, columns = away.shape
     for i in range(rows):
         for j in range(columns):
@@ -167,18 +166,15 @@ def mark_ways(
 
 @numba.njit(cache=True, nogil=True)
 def within_reach(
-    before: Seen, after: Seen, border: int, bearing: NDArray[np.float32],
-    lens: NDArray[np.float64], ways: NDArray[np.float64], walks: NDArray[np.uint8],
-) -> NDArray[np.int32]:  # fmt: skip
+    before: Seen, after: Seen, border: int, view: View, walks: NDArray[np.uint8]
+) -> NDArray[np.int32]:
     """Numbers the pixels over which several surfaces can come, and marks what comes over these.
 
     Args:
         before: samples of the first frame.
         after: of the second.
         border: pixels beyond the sensor's edge.
-        bearing: (H + 2 B, W + 2 B, 2).
-        lens: see `path_kernels.distorted`; of the sensor.
-        ways: (K, 4, 4, 4) see `path_kernels.TO_FIRST_MIDDLE`.
+        view: with that border.
         walks: out, (H + 2 B, W + 2 B) whether what a pixel shows may come over a numbered one.
 
     Returns:
@@ -186,11 +182,11 @@ def within_reach(
     """
     rows, columns = walks.shape
     walks[:] = 0
-    mark_edges(before, bearing, lens, ways, TO_SECOND, walks)
-    mark_edges(after, bearing, lens, ways, TO_FIRST, walks)
+    mark_edges(before, view, TO_SECOND, walks)
+    mark_edges(after, view, TO_FIRST, walks)
     away = distances(walks)
-    mark_ways(before, border, bearing, lens, ways, TO_SECOND, away, walks)
-    mark_ways(after, border, bearing, lens, ways, TO_FIRST, away, walks)
+    mark_ways(before, border, view, TO_SECOND, away, walks)
+    mark_ways(after, border, view, TO_FIRST, away, walks)
     away = distances(walks)
     numbers, count = np.full((rows - 2 * border, columns - 2 * border), -1, np.int32), 0
     for i in range(rows):

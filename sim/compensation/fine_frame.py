@@ -42,7 +42,7 @@ class FineFrame:
         self.pixels, self.samples, self.grid = frame.intensity, frame.samples, grid
         self.shape = frame.intensity.shape
         self.border_px = (self.samples.light.shape[1] // grid - self.shape[1]) // 2
-        self.rho = 1 / frame.nearest_depth_m
+        self.rho: Image = np.asarray(1 / frame.nearest_depth_m, np.float32)
         self._reach_px = reach_px
 
     @cached_property

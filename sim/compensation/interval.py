@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,19 @@ from numpy.typing import NDArray
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import TERMS, Camera
 from eventsweep.sim.compensation.fine_frame import FineFrame, Image
-from eventsweep.sim.compensation.layer_kernels import fill_layered_depths, fill_layered_picture
+from eventsweep.sim.compensation.layer_kernels import (
+    Layered,
+    fill_layered_depths,
+    fill_layered_picture,
+)
 from eventsweep.sim.compensation.layer_search_kernels import find_layers
-from eventsweep.sim.compensation.path_kernels import fill_picture, fill_places, longest_way
+from eventsweep.sim.compensation.path_kernels import (
+    Geometry,
+    View,
+    fill_picture,
+    fill_places,
+    longest_way,
+)
 from eventsweep.sim.rendering.lens import known_bearings, widened_camera
 from eventsweep.sim.rendering.moving_bodies import BodyPixels
 
@@ -30,12 +40,6 @@ Moved = Callable[[int, int], Pose]
 """(G, 4, 4) how each geom moves in the world from one time to another, µs."""
 _MODELS = {name: number for number, name in enumerate(TERMS)}
 _TERMS = 5
-# Called with one tuple for many arguments, which type checkers do not follow.
-_longest_way: Any = longest_way
-_fill_places: Any = fill_places
-_find_layers: Any = find_layers
-_fill_layered_picture: Any = fill_layered_picture
-_fill_layered_depths: Any = fill_layered_depths
 
 
 @dataclass(frozen=True)
@@ -135,24 +139,23 @@ class Passage:
     interval: Interval
 
     @cached_property
-    def geometry(self) -> tuple[Any, ...]:
+    def geometry(self) -> Geometry:
         """What `path_of` needs beside the pixel."""
-        bearing, terms = lens_of(self.camera)
         (height, width), border = self.before.shape, self.before.border_px
         inner = slice(border, border + height), slice(border, border + width)
         shown = self.interval.body_before, self.interval.body_after
         bodies = (np.ascontiguousarray(body[inner]) for body in shown)
-        return bearing, self.before.rho, self.after.rho, *bodies, self.interval.ways, terms
+        view = View(*lens_of(self.camera), self.interval.ways)
+        return Geometry(view, self.before.rho, self.after.rho, *bodies)
 
     @cached_property
-    def layers(self) -> tuple[Any, ...]:
-        """Where one path is not enough: `Layers`, both frames as `Seen`, grid and border."""
+    def layered(self) -> Layered:
+        """Where one path is not enough."""
         interval, grid, border = self.interval, self.before.grid, self.before.border_px
         seen = self.before.seen(interval.body_before), self.after.seen(interval.body_after)
         wide = lens_of(widened_camera(self.camera, border)).bearing
-        own = lens_of(self.camera).terms, interval.ways
-        layers = _find_layers(*seen, grid, border, wide, *own)
-        return layers, *seen, grid, border
+        view = View(wide, lens_of(self.camera).terms, interval.ways)
+        return Layered(find_layers(*seen, grid, border, view), *seen, grid, border)
 
     def times_us(self, most_px: float) -> list[int]:
         """Rising times, µs, up to the second frame's, with no pixel moving further in between."""
@@ -172,7 +175,7 @@ class Passage:
     ) -> NDArray[np.int32]:
         """(N, 4) column and row, in both frames, of what was seen at some pixels and times."""
         places = np.empty((len(x), 4), np.int32)
-        _fill_places(x, y, self.interval.share(t_us), *self.geometry, places)
+        fill_places(x, y, self.interval.share(t_us), self.geometry, places)
         return places
 
     def layered_depths(
@@ -183,22 +186,19 @@ class Passage:
         depth_m: NDArray[np.float32],
     ) -> None:
         """Puts the nearest depth into (N,) `depth_m` where pixels see several surfaces."""
-        share, own = self.interval.share(t_us), (*lens_of(self.camera), self.interval.ways)
-        _fill_layered_depths(*self.layers, *own, x, y, share, depth_m)
+        share = self.interval.share(t_us)
+        fill_layered_depths(self.layered, self.geometry.lens_view, x, y, share, depth_m)
 
     @cached_property
     def _paths(self) -> tuple[float, NDArray[np.float32]]:
         height, width = self.before.shape
         paths = np.empty((height, 9, width), np.float32)
-        way_px: float = _longest_way(*self.geometry, paths)
-        return way_px, paths
+        return longest_way(self.geometry, paths), paths
 
     def _picture(self, t_us: int, paths: NDArray[np.float32]) -> Image:
         picture = np.empty(self.before.shape, np.float32)
         share = float(self.interval.share(np.array(t_us)))
         light = self.before.light, self.after.light
         fill_picture(*light, paths, self.before.grid, self.before.border_px, share, picture)
-        _fill_layered_picture(
-            *self.layers, *lens_of(self.camera), self.interval.ways, share, picture
-        )
+        fill_layered_picture(self.layered, self.geometry.lens_view, share, picture)
         return picture

@@ -16,6 +16,7 @@ rest, and so on. In a frame itself this is exactly the mean over the pixel's sam
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -24,15 +25,16 @@ from numpy.typing import NDArray
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from eventsweep.sim.compensation.edge_reach_kernels import Seen
 from eventsweep.sim.compensation.layer_search_kernels import MOST, Layers
-from eventsweep.sim.compensation.light_kernels import light_at
 from eventsweep.sim.compensation.path_kernels import (
     FAST,
     TO_FIRST_END,
     TO_FIRST_MIDDLE,
     TO_SECOND_MIDDLE,
     TO_SECOND_START,
+    View,
     bent,
     carried,
+    light_at,
 )
 
 # A layer's numbers: those in the first frame, those in the second, and the light that it had last.
@@ -50,6 +52,24 @@ _LEAST_ON = 1e-6
 _SEARCHED_PX = 8
 # The share of a pixel that still shows something behind its layers.
 _LEFT = 1e-3
+
+
+class Layered(NamedTuple):
+    """The pixels that see several surfaces.
+
+    Attributes:
+        layers: of all such pixels.
+        before: samples of the first frame.
+        after: of the second.
+        grid: samples per pixel and axis.
+        border: pixels of the frames beyond the sensor's edge.
+    """
+
+    layers: Layers
+    before: Seen
+    after: Seen
+    grid: int
+    border: int
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
@@ -109,14 +129,7 @@ def begin_layer(
 
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def begin_layers(
-    x: int,
-    y: int,
-    layers: Layers,
-    k: int,
-    bearing: NDArray[np.float32],
-    lens: NDArray[np.float64],
-    ways: NDArray[np.float64],
-    numbers: NDArray[np.float64],
+    x: int, y: int, layers: Layers, k: int, view: View, numbers: NDArray[np.float64]
 ) -> float:
     """Fills the numbers of all layers of a pixel; returns the longest way, px.
 
@@ -125,11 +138,10 @@ def begin_layers(
         y: its row.
         layers: of all pixels.
         k: the pixel's row there.
-        bearing: (H, W, 2).
-        lens: see `path_kernels.distorted`.
-        ways: (K, 4, 4, 4) see `path_kernels.TO_FIRST_MIDDLE`.
+        view: without a border.
         numbers: out, (MOST, NUMBERS).
     """
+    bearing, lens, ways = view
     a, b = np.float64(bearing[y, x, 0]), np.float64(bearing[y, x, 1])
     longest = 0.0
     for m in range(layers.number[k]):
@@ -233,19 +245,8 @@ def hidden_light(
 ) -> float:  # fmt: skip
     """The light of a layer that both frames hide here: that of its nearest samples around.
 
-    Args:
-        before: samples of the first frame.
-        after: of the second.
-        n: samples per pixel and axis.
-        u_a: the box's left edge in the first frame, px from the border's; and its upper edge.
-        v_a: ...
-        u_b: in the second frame.
-        v_b: ...
-        over_a: of `proof`, in the first frame.
-        under_a: ...
-        over_b: in the second.
-        under_b: ...
-        s: time, 0 at the first frame and 1 at the second.
+    `n`, and for the first frame (a) and the second (b) the box's corner and the bounds of inverse
+    depth, are those of `proof`; s is 0 at the first frame and 1 at the second.
     """
     for far in range(1, 2 * _SEARCHED_PX + 1):
         on, total = 0.0, 0.0
@@ -272,23 +273,19 @@ def found_at(
 
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def layered_light(
-    x: int, y: int, layers: Layers, k: int, numbers: NDArray[np.float64],
-    before: Seen, after: Seen, n: int, border: int, s: float,
-) -> tuple[float, float]:  # fmt: skip
+    x: int, y: int, layered: Layered, k: int, numbers: NDArray[np.float64], s: float
+) -> tuple[float, float]:
     """The light of a pixel at time s, composed of its layers, and its nearest inverse depth, 1/m.
 
     Args:
         x: column.
         y: row.
-        layers: of all pixels.
+        layered: all such pixels.
         k: the pixel's row there.
         numbers: in and out, of `begin_layers`; it remembers where samples were found.
-        before: samples of the first frame.
-        after: of the second.
-        n: samples per pixel and axis.
-        border: pixels beyond the sensor's edge.
         s: 0 at the first frame, 1 at the second.
     """
+    layers, before, after, n, border = layered
     rest, light, nearest, t = 1.0, 0.0, -1.0, 1.0 - s
     over_a, over_b, last = np.inf, np.inf, layers.number[k] - 1
     for m in range(last + 1):
@@ -322,53 +319,41 @@ def layered_light(
 
 @numba.njit(cache=True, nogil=True)
 def fill_layered_picture(
-    layers: Layers, before: Seen, after: Seen, n: int, border: int,
-    bearing: NDArray[np.float32], lens: NDArray[np.float64], ways: NDArray[np.float64],
-    s: float, picture: NDArray[np.float32],
-) -> None:  # fmt: skip
+    layered: Layered, view: View, s: float, picture: NDArray[np.float32]
+) -> None:
     """Puts the light of all pixels that have layers into a picture (H, W), at time s.
 
     Args:
-        layers: of all pixels.
-        before: and up to `border` as in `layered_light`.
-        after: ...
-        n: ...
-        border: ...
-        bearing: and up to `ways` as in `begin_layers`.
-        lens: ...
-        ways: ...
+        layered: these pixels.
+        view: without a border.
         s: 0 at the first frame, 1 at the second.
         picture: in and out.
     """
     numbers = np.empty((MOST, NUMBERS))
     for y in range(picture.shape[0]):
         for x in range(picture.shape[1]):
-            k = layers.slot[y, x]
+            k = layered.layers.slot[y, x]
             if k >= 0:
-                begin_layers(x, y, layers, k, bearing, lens, ways, numbers)
+                begin_layers(x, y, layered.layers, k, view, numbers)
                 for _ in range(2):  # once more, where the first time found them
-                    light, _ = layered_light(x, y, layers, k, numbers, before, after, n, border, s)
+                    light, _ = layered_light(x, y, layered, k, numbers, s)
                 picture[y, x] = light
 
 
 @numba.njit(cache=True, nogil=True)
 def fill_layered_depths(
-    layers: Layers, before: Seen, after: Seen, n: int, border: int,
-    bearing: NDArray[np.float32], lens: NDArray[np.float64], ways: NDArray[np.float64],
-    x: NDArray[np.uint16], y: NDArray[np.uint16], share: NDArray[np.float64],
+    layered: Layered,
+    view: View,
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    share: NDArray[np.float64],
     depth_m: NDArray[np.float32],
-) -> None:  # fmt: skip
+) -> None:
     """Puts the nearest depth, m, where pixels have layers; other values stay.
 
     Args:
-        layers: and up to `ways` as in `fill_layered_picture`.
-        before: ...
-        after: ...
-        n: ...
-        border: ...
-        bearing: ...
-        lens: ...
-        ways: ...
+        layered: the pixels that have layers.
+        view: without a border.
         x: (N,) columns.
         y: (N,) rows.
         share: (N,) times, 0 at the first frame, 1 at the second.
@@ -377,11 +362,11 @@ def fill_layered_depths(
     numbers = np.empty((MOST, NUMBERS))
     for m in range(len(x)):
         i, j = int(y[m]), int(x[m])
-        k = layers.slot[i, j]
+        k = layered.layers.slot[i, j]
         if k >= 0:
-            begin_layers(j, i, layers, k, bearing, lens, ways, numbers)
+            begin_layers(j, i, layered.layers, k, view, numbers)
             rho = -1.0
             for _ in range(2):
-                _, rho = layered_light(j, i, layers, k, numbers, before, after, n, border, share[m])
+                _, rho = layered_light(j, i, layered, k, numbers, share[m])
             if rho >= 0.0:
                 depth_m[m] = 1.0 / rho if rho > 0.0 else np.inf

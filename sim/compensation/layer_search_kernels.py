@@ -22,7 +22,7 @@ from eventsweep.sim.compensation.edge_reach_kernels import (
     Seen,
     within_reach,
 )
-from eventsweep.sim.compensation.path_kernels import carried
+from eventsweep.sim.compensation.path_kernels import View, carried
 
 MOST = 6
 """Layers of one pixel; where there are more, neighbours in depth are one."""
@@ -31,6 +31,9 @@ _NONE: int = np.int64(0)  # type: ignore[assignment]  # numba compiles once more
 
 class Layers(NamedTuple):
     """The layers of pixels that need them, each pixel's from front to back.
+
+    While they are collected, in no order, lists are (MOST, N): most pixels know of one range, so
+    the first ones lie side by side.
 
     Attributes:
         slot: (H, W) row of each pixel in what follows; -1 where one path is enough.
@@ -123,33 +126,11 @@ def beside_another(body: NDArray[np.uint16], i: int, j: int) -> bool:
     return False
 
 
-class Reached(NamedTuple):
-    """What comes over each of N pixels.
-
-    Attributes:
-        slot: (H, W) row of each pixel in what follows; -1 where only one surface comes.
-        number: (N,) how many ranges of inverse depth it knows.
-        way: (MOST, N) whose they are; most pixels have one, so the first ones lie side by side.
-        low: (MOST, N) least inverse depth half-way in time, 1/m.
-        high: (MOST, N) greatest.
-        dark: (N,) least light of all samples that come.
-        bright: (N,) greatest.
-    """
-
-    slot: NDArray[np.int32]
-    number: NDArray[np.int64]
-    way: NDArray[np.int64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    dark: NDArray[np.float32]
-    bright: NDArray[np.float32]
-
-
 @numba.njit(cache=True, nogil=True)
-def empty_reached(slot: NDArray[np.int32]) -> Reached:
+def empty_reached(slot: NDArray[np.int32]) -> Layers:
     """Pixels, numbered from 0 on, that know nothing yet."""
     total = int(slot.max()) + 1
-    return Reached(
+    return Layers(
         slot, np.zeros(total, np.int64), np.empty((MOST, total), np.int64),
         np.empty((MOST, total)), np.empty((MOST, total)),
         np.full(total, np.inf, np.float32), np.full(total, -np.inf, np.float32),
@@ -200,7 +181,7 @@ def ranges_of_pixel(
 @numba.njit(cache=True, nogil=True, forceinline=True)
 def tell(
     k: int, way: int, low: float, high: float, gap: float, dark: float, bright: float,
-    reached: Reached,
+    reached: Layers,
 ) -> None:  # fmt: skip
     """Adds a range to what the pixel in row `k` knows; arguments as in `walk`."""
     reached.dark[k] = min(reached.dark[k], dark)
@@ -224,7 +205,7 @@ def tell(
 @numba.njit(cache=True, nogil=True, forceinline=True)
 def walk(
     x: int, y: int, u: float, v: float, way: int, low: float, high: float, gap: float,
-    dark: float, bright: float, reached: Reached,
+    dark: float, bright: float, reached: Layers,
 ) -> None:  # fmt: skip
     """Tells pixels from (x, y) to (u, v) of a range of inverse depth, and of its light.
 
@@ -271,12 +252,10 @@ def reach_out(
     frame: Seen,
     n: int,
     border: int,
-    bearing: NDArray[np.float32],
-    lens: NDArray[np.float64],
-    ways: NDArray[np.float64],
+    view: View,
     to_other: int,
     walks: NDArray[np.uint8],
-    reached: Reached,
+    reached: Layers,
 ) -> None:
     """Tells pixels what surfaces of one frame come over them until the other frame.
 
@@ -284,13 +263,12 @@ def reach_out(
         frame: its samples.
         n: samples per pixel and axis.
         border: pixels beyond the sensor's edge.
-        bearing: (H + 2 B, W + 2 B, 2).
-        lens: see `path_kernels.distorted`; of the sensor.
-        ways: (K, 4, 4, 4) see `path_kernels.TO_FIRST_MIDDLE`.
+        view: with that border.
         to_other: which of a way leads to the other frame.
         walks: (H + 2 B, W + 2 B) what may come over one of them.
         reached: in and out.
     """
+    bearing, lens, ways = view
     whose, low, high = np.empty(MOST, np.int64), np.empty(MOST), np.empty(MOST)
     mixed = len(ways) > 1
     for i in range(walks.shape[0]):
@@ -328,7 +306,7 @@ def sort_layers(
 
 
 @numba.njit(cache=True, nogil=True)
-def chosen(reached: Reached) -> Layers:
+def chosen(reached: Layers) -> Layers:
     """The layers of the pixels over which several surfaces come."""
     slot, total = reached.slot, 0
     for k in range(len(reached.number)):
@@ -355,28 +333,18 @@ def chosen(reached: Reached) -> Layers:
 
 
 @numba.njit(cache=True, nogil=True)
-def find_layers(
-    before: Seen,
-    after: Seen,
-    n: int,
-    border: int,
-    bearing: NDArray[np.float32],
-    lens: NDArray[np.float64],
-    ways: NDArray[np.float64],
-) -> Layers:
+def find_layers(before: Seen, after: Seen, n: int, border: int, view: View) -> Layers:
     """The layers of all pixels that more than one surface comes to between two frames.
 
     Args:
         before: samples of the first frame.
         after: of the second.
-        n: and the rest as in `reach_out`.
-        border: ...
-        bearing: ...
-        lens: ...
-        ways: ...
+        n: samples per pixel and axis.
+        border: pixels beyond the sensor's edge.
+        view: with that border.
     """
     walks = np.empty(before.body.shape, np.uint8)
-    reached = empty_reached(within_reach(before, after, border, bearing, lens, ways, walks))
-    reach_out(before, n, border, bearing, lens, ways, TO_SECOND, walks, reached)
-    reach_out(after, n, border, bearing, lens, ways, TO_FIRST, walks, reached)
+    reached = empty_reached(within_reach(before, after, border, view, walks))
+    reach_out(before, n, border, view, TO_SECOND, walks, reached)
+    reach_out(after, n, border, view, TO_FIRST, walks, reached)
     return chosen(reached)

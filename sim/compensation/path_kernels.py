@@ -1,15 +1,15 @@
-"""Where in two frames lies what a pixel sees between them: compiled, one pixel at a time."""
+"""Where in two frames lies what a pixel sees between them, and its light there: compiled."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.sim.compensation.light_kernels import light_at
 
 PINHOLE, RADTAN, KB4 = 0, 1, 2
 """Lens models, as the numbers that compiled code takes."""
@@ -24,6 +24,75 @@ a process that compiles would call another copy than one that loads the cache; b
 hands a caller's down to what it compiles on the way, so that it would round as who came first."""
 
 Path = tuple[float, float, float, float, float, float, float, float, float]
+# Indices without a sign: there is no negative one to look for.
+_ONE, _TWO = np.uint64(1), np.uint64(2)
+
+
+class View(NamedTuple):
+    """A camera and how what it sees moves, as compiled code takes them.
+
+    Attributes:
+        bearing: (H, W, 2) of all pixels, those of a border included where there is one.
+        lens: (10,) see `distorted`; of the sensor without a border.
+        ways: (K, 4, 4, 4) transforms of camera coordinates, see `TO_FIRST_MIDDLE`.
+    """
+
+    bearing: NDArray[np.float32]
+    lens: NDArray[np.float64]
+    ways: NDArray[np.float64]
+
+
+class Geometry(NamedTuple):
+    """What one path for each pixel follows from.
+
+    Attributes:
+        lens_view: without a border.
+        rho_a: (H, W) inverse depth in the first frame, 1/m.
+        rho_b: (H, W) in the second.
+        body_a: (H, W) which of `ways` the first frame's surface goes.
+        body_b: (H, W) the second's.
+    """
+
+    lens_view: View
+    rho_a: NDArray[np.float32]
+    rho_b: NDArray[np.float32]
+    body_a: NDArray[np.uint16]
+    body_b: NDArray[np.uint16]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def light_at(light: NDArray[np.float32], u: float, v: float) -> float:
+    """Catmull-Rom light at column `u` and row `v` of the grid; beyond its edge that of the edge.
+
+    It is kept between the least and the greatest of the four nodes around the place: without that
+    it rings at edges of high contrast, where rings are events.
+    """
+    rows, columns = light.shape
+    u, v = min(max(u, 1.0), columns - 2.001), min(max(v, 1.0), rows - 2.001)
+    j, i = np.uint64(u), np.uint64(v)
+    a0, a1, a2, a3 = _weights(np.float32(u - j))
+    b0, b1, b2, b3 = _weights(np.float32(v - i))
+    top, above, below, bottom = light[i - _ONE], light[i], light[i + _ONE], light[i + _TWO]
+    k, m, n = j - _ONE, j + _ONE, j + _TWO
+    value = (
+        b0 * (a0 * top[k] + a1 * top[j] + a2 * top[m] + a3 * top[n])
+        + b1 * (a0 * above[k] + a1 * above[j] + a2 * above[m] + a3 * above[n])
+        + b2 * (a0 * below[k] + a1 * below[j] + a2 * below[m] + a3 * below[n])
+        + b3 * (a0 * bottom[k] + a1 * bottom[j] + a2 * bottom[m] + a3 * bottom[n])
+    )
+    low = min(min(above[j], above[m]), min(below[j], below[m]))
+    high = max(max(above[j], above[m]), max(below[j], below[m]))
+    return min(max(value, low), high)  # type: ignore[no-any-return]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _weights(a: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+    """Catmull and Rom (1974): weights of the nodes at -1, 0, 1 and 2 for a place at `a`."""
+    half, one = np.float32(0.5), np.float32(1.0)
+    b = one - a
+    w0, w3 = -half * a * b * b, -half * b * a * a
+    w1 = b * b * (one + a + a) - w3
+    return w0, w1, one - w0 - w1 - w3, w3
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -145,87 +214,53 @@ def straight_paths(
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
-def path_of(
-    x: int,
-    y: int,
-    bearing: NDArray[np.float32],
-    rho_a: NDArray[np.float32],
-    rho_b: NDArray[np.float32],
-    body_a: NDArray[np.uint16],
-    body_b: NDArray[np.uint16],
-    ways: NDArray[np.float64],
-    lens: NDArray[np.float64],
-) -> Path:
+def path_of(x: int, y: int, geometry: Geometry) -> Path:
     """Where what a pixel sees at time s, from 0 to 1, lies in the first frame and in the second.
 
     In the first frame it lies at the pixel itself at s = 0, and at s = 1 where the surface that the
     second frame shows came from; in the second frame the other way round. Half-way the surface is
     taken for one in between. A parabola goes through the three.
 
-    Args:
-        x: column.
-        y: row.
-        bearing: (H, W, 2) of all pixels.
-        rho_a: (H, W) inverse depth in the first frame, 1/m.
-        rho_b: (H, W) in the second.
-        body_a: (H, W) which of `ways` the first frame's surface goes.
-        body_b: (H, W) the second's.
-        ways: (K, 4, 4, 4) transforms of camera coordinates, see `TO_FIRST_MIDDLE`.
-        lens: see `distorted`.
-
     Returns:
         a and b by column and by row in the first frame, for s; the same in the second, for 1 - s;
         and the longer of the two ways, px.
     """
+    (bearing, lens, ways), rho_a, rho_b, body_a, body_b = geometry
     a, b = np.float64(bearing[y, x, 0]), np.float64(bearing[y, x, 1])
     ra, rb = np.float64(rho_a[y, x]), np.float64(rho_b[y, x])
-    one, other = ways[body_a[y, x]], ways[body_b[y, x]]
-    au, av = carried(other[TO_FIRST_END], a, b, rb, lens)
-    bu, bv = carried(one[TO_SECOND_START], a, b, ra, lens)
+    here, there = ways[body_a[y, x]], ways[body_b[y, x]]
+    au, av = carried(there[TO_FIRST_END], a, b, rb, lens)
+    bu, bv = carried(here[TO_SECOND_START], a, b, ra, lens)
     if body_a[y, x] == body_b[y, x]:
         ra = rb = 0.5 * (ra + rb)
-    ahu, ahv = carried(one[TO_FIRST_MIDDLE], a, b, ra, lens)
-    bhu, bhv = carried(one[TO_SECOND_MIDDLE], a, b, ra, lens)
+    ahu, ahv = carried(here[TO_FIRST_MIDDLE], a, b, ra, lens)
+    bhu, bhv = carried(here[TO_SECOND_MIDDLE], a, b, ra, lens)
     if body_a[y, x] != body_b[y, x]:
-        u, v = carried(other[TO_FIRST_MIDDLE], a, b, rb, lens)
+        u, v = carried(there[TO_FIRST_MIDDLE], a, b, rb, lens)
         ahu, ahv = 0.5 * (ahu + u), 0.5 * (ahv + v)
-        u, v = carried(other[TO_SECOND_MIDDLE], a, b, rb, lens)
+        u, v = carried(there[TO_SECOND_MIDDLE], a, b, rb, lens)
         bhu, bhv = 0.5 * (bhu + u), 0.5 * (bhv + v)
     return path_through(au - x, av - y, bu - x, bv - y, ahu - x, ahv - y, bhu - x, bhv - y)
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def paths_of_row(
-    y: int,
-    pixels: NDArray[np.int64],
-    bearing: NDArray[np.float32],
-    rho_a: NDArray[np.float32],
-    rho_b: NDArray[np.float32],
-    body_a: NDArray[np.uint16],
-    body_b: NDArray[np.uint16],
-    ways: NDArray[np.float64],
-    lens: NDArray[np.float64],
-    paths: NDArray[np.float64],
+    y: int, pixels: NDArray[np.int64], geometry: Geometry, paths: NDArray[np.float64]
 ) -> None:
     """Fills the paths of some pixels of a row, or of all of them where that is faster.
 
     Args:
         y: row.
         pixels: (n,) columns.
-        bearing: and up to `lens` as in `path_of`.
-        rho_a: ...
-        rho_b: ...
-        body_a: ...
-        body_b: ...
-        ways: ...
-        lens: ...
+        geometry: of all pixels.
         paths: out, (9, W), what `path_of` returns.
     """
+    (bearing, lens, ways), rho_a, rho_b, body_a, body_b = geometry
     if int(lens[4]) == PINHOLE and not (body_a[y].any() or body_b[y].any()):
         straight_paths(bearing[y], rho_a[y], rho_b[y], ways[0], lens, paths)
     else:
         for x in pixels:
-            path = path_of(x, y, bearing, rho_a, rho_b, body_a, body_b, ways, lens)
+            path = path_of(x, y, geometry)
             for n in range(len(path)):
                 paths[n, x] = path[n]
 
@@ -250,22 +285,13 @@ def places_on(
 
 
 @numba.njit(cache=True, nogil=True)
-def longest_way(
-    bearing: NDArray[np.float32],
-    rho_a: NDArray[np.float32],
-    rho_b: NDArray[np.float32],
-    body_a: NDArray[np.uint16],
-    body_b: NDArray[np.uint16],
-    ways: NDArray[np.float64],
-    lens: NDArray[np.float64],
-    paths: NDArray[np.float32],
-) -> float:
+def longest_way(geometry: Geometry, paths: NDArray[np.float32]) -> float:
     """Fills `paths` (H, 9, W) with those of all rows; returns the longest way, px."""
-    height, width = rho_a.shape
+    height, width = geometry.rho_a.shape
     pixels, row = np.arange(width), np.empty((9, width))
     longest = 0.0
     for y in range(height):
-        paths_of_row(y, pixels, bearing, rho_a, rho_b, body_a, body_b, ways, lens, row)
+        paths_of_row(y, pixels, geometry, row)
         for x in range(width):
             longest = max(longest, row[8, x])
             for n in range(9):
@@ -309,13 +335,7 @@ def fill_places(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     share: NDArray[np.float64],
-    bearing: NDArray[np.float32],
-    rho_a: NDArray[np.float32],
-    rho_b: NDArray[np.float32],
-    body_a: NDArray[np.uint16],
-    body_b: NDArray[np.uint16],
-    ways: NDArray[np.float64],
-    lens: NDArray[np.float64],
+    geometry: Geometry,
     places: NDArray[np.int32],
 ) -> None:
     """Fills `places` (N, 4): column and row in the first frame, and in the second, nearest pixels.
@@ -324,20 +344,14 @@ def fill_places(
         x: (N,) columns at the times `share`.
         y: (N,) rows.
         share: (N,) 0 at the first frame, 1 at the second.
-        bearing: and the rest as in `path_of`.
-        rho_a: ...
-        rho_b: ...
-        body_a: ...
-        body_b: ...
-        ways: ...
-        lens: ...
+        geometry: of all pixels.
         places: out; within the sensor.
     """
-    height, width = rho_a.shape
+    height, width = geometry.rho_a.shape
     alone = np.empty((9, 1))
     for n in range(len(x)):
         i, j = int(y[n]), int(x[n])
-        path = path_of(j, i, bearing, rho_a, rho_b, body_a, body_b, ways, lens)
+        path = path_of(j, i, geometry)
         for m in range(len(path)):
             alone[m, 0] = path[m]
         u_a, v_a, u_b, v_b = places_on(j, i, alone, 0, share[n])

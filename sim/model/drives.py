@@ -7,7 +7,7 @@ import io
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,12 +44,6 @@ def initial_data(model: Any, key: str) -> Any:
         mj.mj_resetDataKeyframe(model, data, model.key(key).id)
     mj.mj_forward(model, data)
     return data
-
-
-def at_rest(model: Any, key: str) -> StateTrack:
-    """The model in its first state for ever."""
-    qpos, mocap = state_of(initial_data(model, key))
-    return StateTrack(np.zeros(1, np.int64), qpos[None], mocap[None])
 
 
 def run_dynamics(
@@ -116,14 +110,13 @@ def load_controller(name: str) -> Controller:
         InputError: no such module, file or function, or one that fails.
     """
     try:
-        found = named_function(name)
+        control = named_function(name)
     except Exception as error:  # whatever a stranger's code raises
         heed_interrupt(error)
         raise InputError(f"controller {name!r}: {error}: give {FUNCTION}") from error
-    if not callable(found):
+    if not callable(control):
         raise InputError(f"controller {name!r} is not a function: give {FUNCTION}")
-    control: Controller = found
-    return control
+    return cast(Controller, control)
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from eventsweep.sim.mjcf import named
 
 Pose = NDArray[np.float64]
 KINDS = ("camera", "site", "body")
+_MOST = 12  # names that an error lists
 # Columns: right, down and forward of a camera, in the axes of what carries it. MuJoCo's cameras
 # look along -z with y up; bodies and sites of robots look along x with z up (ROS REP 103).
 _OF_CAMERA = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
@@ -57,17 +58,20 @@ def find_mount(model: Any, name: str) -> Mount:
     known = {kind: named(mj, model, kind) for kind in KINDS}
     kind, _, own = name.partition(":")
     if kind in KINDS and own:
-        found = [(kind, own)] if own in known[kind] else []
+        known_as = [(kind, own)] if own in known[kind] else []
     else:
-        found = [(kind, name) for kind in KINDS if name in known[kind]]
-    if len(found) != 1:
-        what = "several things are" if found else "nothing is"
-        choice = [f"{kind}:{name}" for kind, name in found] or [
+        known_as = [(kind, name) for kind in KINDS if name in known[kind]]
+    if len(known_as) != 1:
+        what = "several things are" if known_as else "nothing is"
+        choice = [f"{kind}:{name}" for kind, name in known_as] or [
             f"{kind}:{name}" for kind in KINDS for name in known[kind] if name != "world"
         ]
-        raise InputError(f"{what} called {name!r} in the model: choose one of {_some(choice)}")
-    kind, own = found[0]
-    return Mount(kind, own, _body_of(model, kind, own))
+        more = f", and {len(choice) - _MOST} more" if len(choice) > _MOST else ""
+        some = (", ".join(choice[:_MOST]) or "nothing: it has no names") + more
+        raise InputError(f"{what} called {name!r} in the model: choose one of {some}")
+    kind, own = known_as[0]
+    place = getattr(model, kind)(own)
+    return Mount(kind, own, int(place.id if kind == "body" else place.bodyid[0]))
 
 
 def first_camera(model: Any) -> str:
@@ -129,13 +133,3 @@ def _intrinsics(model: Any, name: str) -> Camera:
         focal_px, centre_px = (focal, focal), middle_px
     fx_px, fy_px, cx_px, cy_px = (float(value) for value in (*focal_px, *centre_px))
     return Camera(width_px, height_px, fx_px, fy_px, cx_px, cy_px)
-
-
-def _body_of(model: Any, kind: str, name: str) -> int:
-    found = getattr(model, kind)(name)
-    return int(found.id if kind == "body" else found.bodyid[0])
-
-
-def _some(names: list[str], most: int = 12) -> str:
-    more = f", and {len(names) - most} more" if len(names) > most else ""
-    return (", ".join(names[:most]) or "nothing: it has no names") + more

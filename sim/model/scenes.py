@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
@@ -20,7 +20,6 @@ from eventsweep.sim.config import SimConfig
 from eventsweep.sim.geoms import moving_geoms
 from eventsweep.sim.mjcf import digests, model_of
 from eventsweep.sim.model.drives import (
-    at_rest,
     initial_data,
     load_controller,
     read_joints,
@@ -36,8 +35,7 @@ from eventsweep.sim.model.mounts import (
 from eventsweep.sim.model.survey import not_drawn, survey
 from eventsweep.sim.model.tracks import CarriedMotion, StateTrack
 from eventsweep.sim.motion import Motion
-from eventsweep.sim.motion.curves import CurveMotion
-from eventsweep.sim.motion.head_motion import generate, placed
+from eventsweep.sim.motion.head_motion import styled
 from eventsweep.sim.motion.head_styles import STYLES
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.scene import Scene
@@ -109,7 +107,7 @@ def scene_of(
         name=path.stem,
         summary=f"the model {path.name}",
         mjcf=path.resolve(),
-        textures=_no_textures,
+        textures=dict,
         motion=motion,
         depth_range_m=clip_m,
         rig=rig.name,
@@ -140,14 +138,10 @@ def rig_on(path: Path, rig: str | None, mount: str) -> Rig:
     if rig is not None:
         return rig_of_cameras(model, tuple(rig.removeprefix(_OWN).split(",")))
     name = mount or first_camera(model)
-    found = find_mount(model, name) if name else None
-    if found and found.kind == "camera" and has_resolution(model, found.name):
-        return rig_of_cameras(model, (found.name,))
+    place = find_mount(model, name) if name else None
+    if place and place.kind == "camera" and has_resolution(model, place.name):
+        return rig_of_cameras(model, (place.name,))
     return named_rig(_USUAL_RIG)
-
-
-def _no_textures() -> Mapping[str, NDArray[np.uint8]]:
-    return {}
 
 
 def _noted(path: Path, config: SimConfig) -> SimConfig:
@@ -211,7 +205,7 @@ class _Drive:
         if self._recorded is not None and config.duration_s is None:
             first_us, last_us = read_poses(self._recorded).span_us
             self.duration_s = (last_us - first_us) * 1e-6 - config.replay.start_s
-        return at_rest(self._model, key)
+        return StateTrack.at_rest(initial_data(self._model, key))
 
     @property
     def carrier(self) -> str:
@@ -228,7 +222,7 @@ class _Drive:
         """What moves the rig."""
         start = self._start()
         if self._config.motion in STYLES:
-            return partial(_styled, self._config.motion, start)
+            return partial(styled, self._config.motion, start)
         if self._recorded is not None:
             return FixedMotion(Still(start))
         return FixedMotion(CarriedMotion(self._path.resolve(), self._track, self._needed_mount()))
@@ -243,7 +237,3 @@ class _Drive:
 
     def _needed_mount(self) -> Mount:
         return self._mount or find_mount(self._model, self._config.mount)
-
-
-def _styled(style: str, T_start: Array, duration_s: float, seed: int) -> CurveMotion:
-    return placed(generate(style, duration_s, seed), T_start)

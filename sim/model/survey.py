@@ -1,4 +1,7 @@
-"""Looks around in a scene before it is simulated: depth, light, and what is wrong."""
+"""Looks around in a scene before it is simulated: depth, light, and what is wrong.
+
+Where it is dark, the steps of 8 bits are events of their own.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +14,19 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.sim.config import SimConfig
+from eventsweep.sim.config import PixelConfig, SimConfig
 from eventsweep.sim.graphics import import_mujoco
-from eventsweep.sim.rendering.base import Frame, moving_ids
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.rendering.base import Frame, Renderer, moving_ids
 from eventsweep.sim.rendering.drawing import MIRRORS, MUJOCO
-from eventsweep.sim.rendering.light_range import FEW, IN_FLOATS, share_beyond_8_bits
 from eventsweep.sim.scene import Scene, replayed
 
+FEW = 0.05
+"""Share of pixels that may be darker or brighter than 8 bits can tell."""
+# A step of 8 bits, in log intensity, as a share of the contrast threshold.
+_COARSE = 0.25
+# White is 1 but for rounding.
+_ROUNDED = 1e-4
 _LOOKS = 9
 # Between neighbouring pixels, in log intensity: what a contrast threshold of 0.2 notices.
 _EDGE = 0.1
@@ -43,14 +52,11 @@ class _Seen(NamedTuple):
 
 def not_drawn(model: Any) -> str:
     """What a compiled model has that is not drawn, in one line; empty where all is."""
-    counts = {"skins": model.nskin, "flexes": model.nflex, "tendons": _spatial_tendons(model)}
+    first_wraps = model.wrap_type[model.tendon_adr]  # of joints, or of sites on the way
+    spatial = int(np.count_nonzero(first_wraps != import_mujoco().mjtWrap.mjWRAP_JOINT))
+    counts = {"skins": model.nskin, "flexes": model.nflex, "tendons": spatial}
     there = [f"{count} {what}" for what, count in counts.items() if count]
     return f"{', '.join(there)} are not rendered: only geoms have exact depth" if there else ""
-
-
-def _spatial_tendons(model: Any) -> int:
-    first_wraps = model.wrap_type[model.tendon_adr]  # of joints, or of sites on the way
-    return int(np.count_nonzero(first_wraps != import_mujoco().mjtWrap.mjWRAP_JOINT))
 
 
 def survey(
@@ -80,8 +86,8 @@ def survey(
     known_m = range_of(seen.still_m) or range_of(seen.depths_m)
     assert known_m is not None
     beyond = float(np.mean(seen.beyond_8_bits))
-    if beyond > FEW and not scene.hdr and config.light.renderer == "auto":
-        notice(IN_FLOATS.format(name=scene.name, percent=100 * beyond))
+    unsaid = not scene.hdr and config.light.renderer == "auto"
+    if unsaid and needs_floats(scene.name, beyond, notice):
         scene = replace(scene, hdr=True)
     return replace(scene, depth_range_m=known_m)
 
@@ -105,6 +111,48 @@ def _looked(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> _Seen:
     return seen
 
 
+def share_beyond_8_bits(frame: Frame, config: PixelConfig, *, cut: bool = False) -> float:
+    """Share of pixels with a surface whose contrast 8 bits cannot tell, or whose light they cut.
+
+    With `cut` the frame has 8 bits itself: light of 1 may be more.
+    """
+    threshold = min(config.contrast_threshold_pos, config.contrast_threshold_neg)
+    step = np.log1p(1 / (255 * (frame.intensity + config.log_eps)))
+    seen = np.isfinite(frame.nearest_depth_m)
+    bright = frame.intensity > (1 - _ROUNDED if cut else 1 + _ROUNDED)
+    return float(np.mean(seen & ((step > _COARSE * threshold) | bright)))
+
+
+def glanced_beyond_8_bits(
+    renderer: Renderer,
+    motion: Motion,
+    times_s: Sequence[float],
+    config: PixelConfig,
+    *,
+    cut: bool,
+) -> float:
+    """The same of what all cameras see at some times, s; bodies stay where the last put them."""
+    shares = []
+    for t_s in times_s:
+        renderer.at(t_s)
+        T_world_body = motion.T_world_body(t_s)
+        shares += [
+            share_beyond_8_bits(renderer.glance(k, T_world_body), config, cut=cut)
+            for k in range(len(renderer.rig))
+        ]
+    return float(np.mean(shares))
+
+
+def needs_floats(name: str, beyond: float, notice: Callable[[str], None]) -> bool:
+    """Whether so large a share of a view beyond 8 bits needs floats; a line says so if it does."""
+    if beyond > FEW:
+        notice(
+            f"{name}: {100 * beyond:.0f} % of the view is too dark or too bright for 8 bits, so "
+            "light is rendered in floating point"
+        )
+    return beyond > FEW
+
+
 def ends_m(depth_m: NDArray[np.float32]) -> list[float]:
     """Least and greatest of some depths, m; empty without a surface."""
     finite = depth_m[np.isfinite(depth_m)]
@@ -115,7 +163,10 @@ def range_of(depths_m: Sequence[float]) -> tuple[float, float] | None:
     """A depth range for mappers, a tenth beyond what was seen; None where nothing was."""
     if not depths_m:
         return None
-    return _rounded(0.9 * min(depths_m)), _rounded(1.1 * max(depths_m))
+    near_m, far_m = (
+        float(f"{value:.{_SIZE_STEPS}g}") for value in (0.9 * min(depths_m), 1.1 * max(depths_m))
+    )
+    return near_m, far_m
 
 
 def _edge_share(frame: Frame, log_eps: float) -> float:
@@ -142,7 +193,3 @@ def _tell(scene: Scene, near_m: float, edges: float, notice: Callable[[str], Non
             f"{scene.name}: a surface is reflective, which needs closely spaced frames: set the "
             "reflectance of its material to 0 for a simulation several times as fast"
         )
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.{_SIZE_STEPS}g}")

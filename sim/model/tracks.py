@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.mjcf import model_of
 from eventsweep.sim.model.mounts import Mount
-from eventsweep.sim.motion.animation import Animation
+from eventsweep.sim.motion import Animation
 
 Array = NDArray[np.float64]
 # Of a microsecond.
@@ -26,7 +26,7 @@ _DIGITS = 3
 
 @dataclass(frozen=True, eq=False)
 class StateTrack:
-    """Joint positions and mocap poses at rising times; an `sim.motion.animation.Animation`.
+    """Joint positions and mocap poses at rising times; an `sim.motion.Animation`.
 
     Attributes:
         t_us: (T,) int64, from 0, µs.
@@ -39,6 +39,12 @@ class StateTrack:
     qpos: Array
     mocap: Array
     max_interval_us: int = 2_000
+
+    @classmethod
+    def at_rest(cls, data: Any) -> StateTrack:
+        """The state of `data` for ever."""
+        qpos, mocap = state_of(data)
+        return cls(np.zeros(1, np.int64), qpos[None], mocap[None])
 
     def __call__(self, model: Any, data: Any, t_s: float) -> None:
         """Sets `data` to the state at `t_s`, s; before the first and after the last, those."""
@@ -62,18 +68,13 @@ class StateTrack:
             place, turn = _split(self.mocap[after])
             data.mocap_pos += share * (place - data.mocap_pos)
             for k in range(model.nmocap):
-                _turn_towards(mj, data.mocap_quat[k], turn[k], share)
+                velocity = np.empty(3)
+                mj.mju_subQuat(velocity, turn[k], data.mocap_quat[k])
+                mj.mju_quatIntegrate(data.mocap_quat[k], velocity, share)
 
 
 def _split(mocap: Array) -> tuple[Array, Array]:
     return mocap[:, :3], mocap[:, 3:]
-
-
-def _turn_towards(mj: Any, quat: Array, other: Array, share: float) -> None:
-    """Turns a quaternion in place by a share of the way to another."""
-    velocity = np.empty(3)
-    mj.mju_subQuat(velocity, other, quat)
-    mj.mju_quatIntegrate(quat, velocity, share)
 
 
 def state_of(data: Any) -> tuple[Array, Array]:
@@ -128,8 +129,7 @@ class LiveTrack:
 
     def begin(self, data: Any) -> None:
         """Takes the first state."""
-        qpos, mocap = state_of(data)
-        self._track = StateTrack(np.zeros(1, np.int64), qpos[None], mocap[None])
+        self._track = StateTrack.at_rest(data)
 
     def push(self, t_us: int, data: Any) -> int:
         """Adds a state; returns the time of the one before, µs."""

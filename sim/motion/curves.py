@@ -238,10 +238,14 @@ def moved(motion: CurveMotion, T_left: Array, T_right: Array) -> CurveMotion:
     from scipy.interpolate import BSpline
     from scipy.spatial.transform import Rotation
 
-    left, right = (Rotation.from_matrix(T[:3, :3]).as_quat() for T in (T_left, T_right))
+    left, right = (Rotation.from_matrix(T[:3, :3]).as_quat().tolist() for T in (T_left, T_right))
     matrix = np.zeros((7, 7))
     matrix[:3, :3] = T_left[:3, :3]
-    matrix[3:, 3:] = _left_product(left) @ _right_product(right)
+    x, y, z, w = left
+    to_left = np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
+    x, y, z, w = right
+    to_right = np.array([[w, z, -y, x], [-z, w, x, y], [y, -x, w, z], [-x, -y, -z, w]])
+    matrix[3:, 3:] = to_left @ to_right  # q -> left q right
     shift = np.concatenate([T_left[:3, 3], np.zeros(4)])
     knots, coefficients, degree = motion.spline[0].tck
     return _with_derivatives(
@@ -261,18 +265,6 @@ def _vector_of_conjugate_product(q: Array, r: Array) -> Array:
     """Vector part (N, 3) of the quaternion product q* r, both (N, 4) as x, y, z, w."""
     part: Array = q[:, 3:] * r[:, :3] - r[:, 3:] * q[:, :3] - np.cross(q[:, :3], r[:, :3])
     return part
-
-
-def _left_product(q: Array) -> Array:
-    """Matrix (4, 4) of r -> q r."""
-    x, y, z, w = q.tolist()
-    return np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
-
-
-def _right_product(q: Array) -> Array:
-    """Matrix (4, 4) of r -> r q."""
-    x, y, z, w = q.tolist()
-    return np.array([[w, z, -y, x], [-z, w, x, y], [y, -x, w, z], [-x, -y, -z, w]])
 
 
 def _one_hemisphere(quats: Array) -> Array:

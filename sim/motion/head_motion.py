@@ -87,6 +87,11 @@ def placed(motion: CurveMotion, T_scene_start: Array) -> CurveMotion:
     return moved(motion, T_scene_world, tilt)
 
 
+def styled(style: str, T_scene_start: Array, duration_s: float, seed: int) -> CurveMotion:
+    """A motion of a style of `generate`, `placed` at a pose."""
+    return placed(generate(style, duration_s, seed), T_scene_start)
+
+
 def along(points_m: ArrayLike) -> tuple[Array, tuple[tuple[float, float], ...]]:
     """Start pose and `path_m` of a head that follows (N, 3) points of a scene, from the first.
 

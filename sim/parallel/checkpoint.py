@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.event_store import EventStoreReader, EventStoreWriter
+from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.image_stores import (
     FrameReader,
     FrameWriter,
@@ -125,7 +126,8 @@ class CheckpointFolder:
         self.finished.append(self.writer.finish(state, end_chunk, counts))
         self._open = None
         for checkpoint in self.finished[-_STATES_KEPT - 1 : -_STATES_KEPT]:
-            checkpoint.drop_state()
+            # Makes room: a state is as large as the memory of all pixels.
+            (checkpoint.path / _STATE).unlink(missing_ok=True)
 
     def _take_lock(self) -> None:
         try:
@@ -136,11 +138,14 @@ class CheckpointFolder:
             ) from error
 
     def _take_up(self) -> None:
-        self._remove_leftovers()
+        # What a killed process left of a checkpoint, or of putting the sequence together.
+        for folder in self.path.glob("*.partial"):
+            shutil.rmtree(folder, ignore_errors=True)
+        remove_leftovers(self.path.parent, f".{real(self._out).name}.")
         job = self.path / _KEY
-        wanted = {"format": _FORMAT, "key": self._key}
+        made_of = {"format": _FORMAT, "key": self._key}
         if self._resume and job.exists():
-            if _json(job) != wanted:
+            if _json(job) != made_of:
                 raise InputError(
                     f"{self.path} holds unfinished work with other parameters, scene or "
                     "versions: finish it with those, or set resume=False to discard it"
@@ -150,13 +155,7 @@ class CheckpointFolder:
         for entry in self.path.iterdir():
             if entry.is_dir():
                 shutil.rmtree(entry)
-        write_text(job, json.dumps(wanted))
-
-    def _remove_leftovers(self) -> None:
-        """What a killed process left of a checkpoint, or of putting the sequence together."""
-        for folder in self.path.glob("*.partial"):
-            shutil.rmtree(folder, ignore_errors=True)
-        remove_leftovers(self.path.parent, f".{real(self._out).name}.")
+        write_text(job, json.dumps(made_of))
 
     def _find_checkpoints(self) -> None:
         """The longest run of whole checkpoints from the start that ends with a state."""
@@ -227,10 +226,6 @@ class Checkpoint:
         """Whether the simulation can go on behind this checkpoint."""
         return (self.path / _STATE).exists()
 
-    def drop_state(self) -> None:
-        """Makes room: a state is as large as the memory of all pixels."""
-        (self.path / _STATE).unlink(missing_ok=True)
-
     def state(self) -> State:
         """The sensors' state behind the checkpoint."""
         with np.load(self.path / _STATE) as stored:
@@ -246,14 +241,26 @@ class CheckpointWriter:
         path.mkdir()
         self._files, self._rig = ExitStack(), rig
         self._frame_writers: dict[int, FrameWriter] = {}
-        self.event_writers: list[EventStoreWriter] = []
-        self.truth_writers: list[TruthWriter] = []
+        self._event_writers: list[EventStoreWriter] = []
+        self._truth_writers: list[TruthWriter] = []
         for k, camera in enumerate(rig.cameras):
             size_px = camera.width_px, camera.height_px
             events = EventStoreWriter(path / _file(k, "events"), *size_px)
-            self.event_writers.append(self._files.enter_context(events))
+            self._event_writers.append(self._files.enter_context(events))
             truth = TruthWriter(path / _file(k, "truth"), *size_px)
-            self.truth_writers.append(self._files.enter_context(truth))
+            self._truth_writers.append(self._files.enter_context(truth))
+
+    def append_events(self, camera: int, events: Events, **extra: NDArray[Any]) -> None:
+        """Adds events and their optional columns, as `SequenceWriter` does."""
+        self._event_writers[camera].append(events, extra)
+        self.events += len(events)
+
+    def append_truth(
+        self, camera: int, t_us: int, depth_m: NDArray[np.float32], intensity: NDArray[np.uint8],
+        optional: dict[str, NDArray[Any]],
+    ) -> None:  # fmt: skip
+        """Adds ground truth, as `SequenceWriter` does."""
+        self._truth_writers[camera].append(t_us, depth_m, intensity, optional)
 
     def append_photo(self, camera: int, photo: Photo) -> None:
         """Adds a picture; the first one of a camera makes its file."""

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor, Future
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.writer import SequenceWriter
 from eventsweep.sim.compensation.fine_frame import FineFrame
 from eventsweep.sim.compensation.interval import Passage, lens_of
 from eventsweep.sim.ground_truth import event_depth_m
-from eventsweep.sim.parallel.checkpoint import State
+from eventsweep.sim.parallel.checkpoint import CheckpointWriter, State
 from eventsweep.sim.parallel.render_job import RenderedFrame, RenderJob
 from eventsweep.sim.rendering.base import Frame
 from eventsweep.sim.sensor.sensor import Sensor, part_of
@@ -22,7 +24,22 @@ class Packet(NamedTuple):
     """One camera's events between two frames, and optional columns of the event file, (N,) each."""
 
     events: Events
-    extra: dict[str, NDArray[np.generic]]
+    extra: dict[str, NDArray[Any]]
+
+
+def write_events(writer: CheckpointWriter | SequenceWriter, packets: Sequence[Packet]) -> int:
+    """Writes what all cameras sent between two frames; how many events."""
+    for k, packet in enumerate(packets):
+        writer.append_events(k, packet.events, **packet.extra)
+    return sum(len(packet.events) for packet in packets)
+
+
+def write_truth(writer: CheckpointWriter | SequenceWriter, frame: RenderedFrame) -> None:
+    """Writes a frame's ground truth where it has some."""
+    for k, images in enumerate(frame.truth):
+        optional = dict(images)
+        depth_m, intensity = optional.pop("depth_m"), optional.pop("intensity")
+        writer.append_truth(k, frame.t_us, depth_m, intensity, optional)
 
 
 class Cameras:
@@ -48,12 +65,15 @@ class Cameras:
 
         The first one starts the sensors, or reminds them of the last that they took.
         """
-        fine = self._fine_frames(frame)
+        seen = zip(frame.intensity, frame.depth_m, frame.samples, strict=False)
+        grid, reach_px = self._job.supersample, self._job.config.spacing_px
+        fine = tuple(FineFrame(Frame(*each), grid, reach_px) for each in seen)
         if self._t_us is None:
             for sensor, intensity in zip(self._sensors, frame.intensity, strict=True):
                 sensor.start(intensity, frame.t_us)
         elif self._before is not None:
-            self.passages = self._passages(fine, frame)
+            parts = self._job.rig.cameras, self._fine, fine, frame.intervals
+            self.passages = tuple(Passage(*each) for each in zip(*parts, strict=False))
             self._pending = [
                 self._pool.submit(self._step, k, frame, self._before)
                 for k in range(len(self._sensors))
@@ -87,22 +107,13 @@ class Cameras:
         for k, sensor in enumerate(self._sensors):
             sensor.restore(part_of(state, str(k)))
 
-    def _fine_frames(self, frame: RenderedFrame) -> tuple[FineFrame, ...]:
-        seen = zip(frame.intensity, frame.depth_m, frame.samples, strict=False)
-        grid, reach_px = self._job.supersample, self._job.config.spacing_px
-        return tuple(FineFrame(Frame(*each), grid, reach_px) for each in seen)
-
-    def _passages(self, fine: tuple[FineFrame, ...], frame: RenderedFrame) -> tuple[Passage, ...]:
-        parts = self._job.rig.cameras, self._fine, fine, frame.intervals
-        return tuple(Passage(*each) for each in zip(*parts, strict=False))
-
     def _step(self, k: int, frame: RenderedFrame, before: RenderedFrame) -> Packet:
         passage = self.passages[k] if self.passages else None
         sensor = self._sensors[k]
         labelled = (
             sensor.between(passage) if passage else sensor.step(frame.intensity[k], frame.t_us)
         )
-        events, extra = labelled.events, dict[str, NDArray[np.generic]]()
+        events, extra = labelled.events, dict[str, NDArray[Any]]()
         if self._job.labelled:
             extra["label"] = labelled.label
         if self._job.event_depth:

@@ -77,14 +77,10 @@ def _shapes(job: RenderJob) -> list[tuple[int, int]]:
     """Of a frame's images: all cameras' intensity, depth where needed, then both of samples."""
     shapes = [(camera.height_px, camera.width_px) for camera in job.rig.cameras]
     if job.fine:
-        return 2 * shapes + 2 * samples_shapes(job)
+        wide, n = lens.widened(job.rig, border_px(job.config) or 0), job.supersample
+        samples = [(n * camera.height_px, n * camera.width_px) for camera in wide.cameras]
+        return 2 * shapes + 2 * samples
     return 2 * shapes if job.event_depth else shapes
-
-
-def samples_shapes(job: RenderJob) -> list[tuple[int, int]]:
-    """Rows and columns of the samples of each camera's fine frames."""
-    wide, n = lens.widened(job.rig, border_px(job.config) or 0), job.supersample
-    return [(n * camera.height_px, n * camera.width_px) for camera in wide.cameras]
 
 
 def slot_bytes(job: RenderJob) -> int:

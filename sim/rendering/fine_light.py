@@ -36,15 +36,6 @@ class Picture(NamedTuple):
     first_row: int
 
 
-def pictures_per_view(supersample: int) -> int:
-    """How many pictures make the samples of a view: rows of each lie beside those of the others.
-
-    A vertical edge passes a sample in all rows of a regular grid at the same time. In k pictures,
-    each k-th of a sample to the side, it passes one after the other, k S of them in a pixel.
-    """
-    return 2 if supersample % 2 == 0 else 1
-
-
 @dataclass(frozen=True, eq=False)
 class FineView:
     """One camera's share in fine frames: what is drawn for it and what becomes of that.
@@ -60,8 +51,12 @@ class FineView:
 
     @property
     def stride(self) -> int:
-        """Between the rows of one picture, in rows of the view."""
-        return 1 if self.lens else pictures_per_view(self.supersample)
+        """How many pictures make the samples of the view: rows of each lie beside the others'.
+
+        A vertical edge passes a sample in all rows of a regular grid at the same time. In k
+        pictures, each k-th of a sample to the side, it passes one after the other, k S in a pixel.
+        """
+        return 1 if self.lens or self.supersample % 2 else 2
 
     def pictures(self) -> Iterator[Picture]:
         """All that is drawn for it."""

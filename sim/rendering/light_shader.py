@@ -16,9 +16,8 @@ import numpy as np
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.sim.rendering.base import Samples
-from eventsweep.sim.rendering.draw_target import DrawTarget
+from eventsweep.sim.rendering.draw_target import DrawTarget, GLObjects, opengl
 from eventsweep.sim.rendering.fine_light import FineView, Image, Picture
-from eventsweep.sim.rendering.gl_objects import GLObjects, opengl
 from eventsweep.sim.rendering.pixel_kernels import LUMA, SAME_SURFACE
 
 _HEADER = "#version 400 compatibility\n"

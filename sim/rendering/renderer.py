@@ -18,7 +18,7 @@ from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.geoms import enclosing_geom, geom_table
 from eventsweep.sim.graphics import current_driver, import_mujoco, open_context
 from eventsweep.sim.mjcf import compiled
-from eventsweep.sim.motion.animation import Animation
+from eventsweep.sim.motion import Animation
 from eventsweep.sim.rendering import box_kernels, lens, pixel_kernels
 from eventsweep.sim.rendering.base import Frame, Pose, Samples
 from eventsweep.sim.rendering.draw_target import Colours, DrawTarget, sharpen_textures

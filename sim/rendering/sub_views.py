@@ -120,7 +120,7 @@ def sub_views(rays: Array, change: Array, supersample: int) -> LensMap:
         change: (H, W, 3, 2) its change by column and by row.
         supersample: S.
     """
-    height, width = _size(rays)
+    height, width = rays.shape[:2]
     position, step = np.full((height, width, 2), np.nan), np.full((height, width, 2, 2), np.nan)
     ratio = np.full((height, width, 3), np.nan)
     views: list[SubView] = []
@@ -149,14 +149,14 @@ def sub_views(rays: Array, change: Array, supersample: int) -> LensMap:
 def cells_of(rays: Array, change: Array, supersample: int) -> tuple[int, int, bool]:
     """Into how many rows and columns to cut a sensor, and whether to turn views, at least cost."""
     chosen, least = (1, 1, False), np.inf
-    height, width = _size(rays)
+    height, width = rays.shape[:2]
     longer = max(height, width)
     every = max(1, longer // _LOOKS)
     seen = rays[::every, ::every], change[::every, ::every]
     for most, turned in itertools.product(range(1, _MOST_CELLS + 1), (False, True)):
         rows, columns = (max(1, round(most * side / longer)) for side in (height, width))
         samples = 0.0
-        for cell in itertools.chain(*_cut(*_size(seen[0]), rows, columns)):
+        for cell in itertools.chain(*_cut(len(seen[0]), len(seen[0][0]), rows, columns)):
             part, moved = seen[0][cell], seen[1][cell]
             if samples < least and not np.isnan(part).all():
                 view = _aimed(part, moved, supersample, turned, every)
@@ -164,11 +164,6 @@ def cells_of(rays: Array, change: Array, supersample: int) -> tuple[int, int, bo
         if samples < least:
             chosen, least = (rows, columns, turned), samples
     return chosen
-
-
-def _size(table: Array) -> tuple[int, int]:
-    """Rows and columns."""
-    return table.shape[0], table.shape[1]
 
 
 def _cut(height: int, width: int, rows: int, columns: int) -> Iterator[list[tuple[slice, slice]]]:
@@ -191,7 +186,8 @@ def _aimed(rays: Array, change: Array, supersample: int, turned: bool, every: in
     at = seen[..., :2] / ahead
     # Quotient rule: [..., i, k] is the change of component i of a ray by column or row k.
     slope = (moved[..., :2, :] - at[..., None] * moved[..., 2:, :]) / ahead[..., None]
-    focal = supersample / float(np.sqrt(np.nanmin(_area(slope))))
+    area = np.abs(slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0])
+    focal = supersample / float(np.sqrt(np.nanmin(area)))
     reach = 0.5 * every * np.abs(slope).sum(axis=-1)
     low = focal * np.nanmin(at - reach, axis=(0, 1))
     high = focal * np.nanmax(at + reach, axis=(0, 1))
@@ -201,11 +197,6 @@ def _aimed(rays: Array, change: Array, supersample: int, turned: bool, every: in
     along = np.einsum("i,...ik->...k", R_cam_view[2, :2], slope)
     ratio = np.concatenate([here[..., None], along], axis=-1)
     return _Aimed(size, focal, centre, R_cam_view, focal * at + centre, focal * slope, ratio)
-
-
-def _area(matrix: Array) -> Array:
-    """Of the parallelogram that the columns of matrices (..., 2, 2) span."""
-    return np.abs(matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] * matrix[..., 1, 0])
 
 
 def _turn_to(direction: Array) -> Array:

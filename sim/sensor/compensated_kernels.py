@@ -7,17 +7,28 @@ for, memory and divisions, is hidden behind the steps of the others.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.sim.compensation.edge_reach_kernels import Seen
-from eventsweep.sim.compensation.layer_kernels import NUMBERS, begin_layers, layered_light
-from eventsweep.sim.compensation.layer_search_kernels import MOST, Layers
-from eventsweep.sim.compensation.light_kernels import light_at
-from eventsweep.sim.compensation.path_kernels import FAST, paths_of_row, places_on
+from eventsweep.sim.compensation.layer_kernels import (
+    NUMBERS,
+    Layered,
+    begin_layers,
+    layered_light,
+)
+from eventsweep.sim.compensation.layer_search_kernels import MOST
+from eventsweep.sim.compensation.path_kernels import (
+    FAST,
+    Geometry,
+    View,
+    light_at,
+    paths_of_row,
+    places_on,
+)
 from eventsweep.sim.sensor.esim_kernels import NEAR, level_of, number_of_falls, number_of_rises
 
 # Steps are never shorter and never longer than this way, px.
@@ -32,19 +43,57 @@ _TIME, _LIGHT, _LAST, _RISE, _FALL, _RATE, _PER_PX, _THEN, _SEEN = range(9, 18)
 _ROWS = 18
 
 
+class Frames(NamedTuple):
+    """The light of both frames.
+
+    Attributes:
+        light_a: on the grid of the first frame.
+        light_b: on the grid of the second.
+        slope_a: (H + 2 B, W + 2 B) steepest light around each place of the first, per px.
+        slope_b: of the second.
+        grid: nodes per pixel and axis.
+        border: B, pixels between the grid's first node and the sensor's.
+        low: (H, W) least light within reach of a pixel in both frames.
+        high: (H, W) greatest.
+    """
+
+    light_a: NDArray[np.float32]
+    light_b: NDArray[np.float32]
+    slope_a: NDArray[np.float32]
+    slope_b: NDArray[np.float32]
+    grid: int
+    border: int
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
+
+
+class Pixels(NamedTuple):
+    """What the pixels remember, in and out, and when they fire.
+
+    Attributes:
+        reference: (P,) as in `sim.sensor.esim_kernels.find`.
+        memory: (P,) records of `sim.sensor.esim_kernels.PIXEL`.
+        c_pos: threshold C+.
+        c_neg: threshold C-.
+        log_eps: added to light before the logarithm.
+    """
+
+    reference: NDArray[np.float64]
+    memory: NDArray[np.void]
+    c_pos: float
+    c_neg: float
+    log_eps: float
+
+
 @numba.njit(cache=True, nogil=True, fastmath=FAST)
 def thresholds(
-    reference: NDArray[np.float64],
-    c_pos: float,
-    c_neg: float,
-    log_eps: float,
-    rise_light: NDArray[np.float64],
-    fall_light: NDArray[np.float64],
+    pixels: Pixels, rise_light: NDArray[np.float64], fall_light: NDArray[np.float64]
 ) -> None:
     """Fills the light, (P,) each, at which pixels may rise and fall: their levels, undone by exp.
 
     Slightly too near, so that whoever decides by logarithms is always asked.
     """
+    reference, _, c_pos, c_neg, log_eps = pixels
     for k in range(len(reference)):
         rise_light[k] = math.exp(reference[k] + c_pos - NEAR) - log_eps
         fall_light[k] = math.exp(reference[k] - c_neg + NEAR) - log_eps
@@ -77,28 +126,22 @@ def between(level: float, log_s: float, log_e: float, s: float, e: float) -> flo
 
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def light_between(
-    light_a: NDArray[np.float32],
-    light_b: NDArray[np.float32],
-    grid: int,
-    places: tuple[float, float, float, float],
-    s: float,
+    frames: Frames, places: tuple[float, float, float, float], s: float
 ) -> tuple[float, float]:
     """Light at time s of what lies at some places of both frames; and how far those are apart."""
-    before = light_at(light_a, grid * places[0], grid * places[1])
-    behind = light_at(light_b, grid * places[2], grid * places[3])
+    grid = frames.grid
+    before = light_at(frames.light_a, grid * places[0], grid * places[1])
+    behind = light_at(frames.light_b, grid * places[2], grid * places[3])
     return before + s * (behind - before), np.float64(abs(behind - before))
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def rate_at(
-    slope_a: NDArray[np.float32],
-    slope_b: NDArray[np.float32],
-    places: tuple[float, float, float, float],
-    way_px: float,
-    apart: float,
+    frames: Frames, places: tuple[float, float, float, float], way_px: float, apart: float
 ) -> float:
     """How fast light can change from here on: by motion, and by how far the frames are apart."""
-    a, b = slope_at(slope_a, places[0], places[1]), slope_at(slope_b, places[2], places[3])
+    a = slope_at(frames.slope_a, places[0], places[1])
+    b = slope_at(frames.slope_b, places[2], places[3])
     return max(a, b) * way_px + apart + 1e-9
 
 
@@ -106,43 +149,35 @@ def rate_at(
 def begin_row(
     y: int,
     pixels: NDArray[np.int64],
-    light_a: NDArray[np.float32],
-    light_b: NDArray[np.float32],
-    grid: int,
-    border: int,
-    slope_a: NDArray[np.float32],
-    slope_b: NDArray[np.float32],
+    frames: Frames,
     rise_light: NDArray[np.float64],
     fall_light: NDArray[np.float64],
     row: NDArray[np.float64],
 ) -> None:
     """Fills in what is known of some pixels of a row at the first frame, their paths given."""
+    grid, border = frames.grid, frames.border
     i, y0 = grid * (y + border), np.float64(y + border)
     for x in pixels:
         j = grid * (x + border)
-        row[_TIME, x], row[_LIGHT, x], row[_LAST, x] = 0.0, light_a[i, j], light_b[i, j]
+        row[_TIME, x], row[_LIGHT, x] = 0.0, frames.light_a[i, j]
+        row[_LAST, x] = frames.light_b[i, j]
         row[_RISE, x], row[_FALL, x] = rise_light[x], fall_light[x]
         row[_PER_PX, x] = 1.0 / max(row[_WAY, x], 1e-6)
         places = places_on(np.float64(x + border), y0, row, x, 0.0)
         apart = abs(row[_LAST, x] - row[_LIGHT, x])
-        row[_RATE, x] = rate_at(slope_a, slope_b, places, row[_WAY, x], apart)
+        row[_RATE, x] = rate_at(frames, places, row[_WAY, x], apart)
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def step_of_row(
     y: int,
     pixels: NDArray[np.int64],
-    light_a: NDArray[np.float32],
-    light_b: NDArray[np.float32],
-    grid: int,
-    border: int,
-    slope_a: NDArray[np.float32],
-    slope_b: NDArray[np.float32],
+    frames: Frames,
     row: NDArray[np.float64],
     reached: NDArray[np.int64],
 ) -> int:
     """Takes one step with each of some pixels; fills in and counts those that reach a threshold."""
-    n, y0 = 0, np.float64(y + border)
+    n, border, y0 = 0, frames.border, np.float64(y + frames.border)
     for x in pixels:
         room = min(row[_RISE, x] - row[_LIGHT, x], row[_LIGHT, x] - row[_FALL, x])
         least, most = _LEAST_PX * row[_PER_PX, x], _MOST_PX * row[_PER_PX, x]
@@ -150,8 +185,8 @@ def step_of_row(
         light = row[_LAST, x]
         if then < 1.0 - 0.5 * least:
             places = places_on(np.float64(x + border), y0, row, x, then)
-            light, apart = light_between(light_a, light_b, grid, places, then)
-            row[_RATE, x] = rate_at(slope_a, slope_b, places, row[_WAY, x], apart)
+            light, apart = light_between(frames, places, then)
+            row[_RATE, x] = rate_at(frames, places, row[_WAY, x], apart)
         else:
             then = 1.0
         row[_THEN, x], row[_SEEN, x] = then, light
@@ -174,11 +209,8 @@ def end_step(pixels: NDArray[np.int64], row: NDArray[np.float64]) -> int:
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def crossing(
     x: int,
-    y0: float,
-    light_a: NDArray[np.float32],
-    light_b: NDArray[np.float32],
-    grid: int,
-    border: int,
+    y: int,
+    frames: Frames,
     row: NDArray[np.float64],
     level: float,
     log_eps: float,
@@ -192,37 +224,13 @@ def crossing(
     """
     s, e = row[_TIME, x], row[_THEN, x]
     when = between(level, log_s, log_e, s, e)
-    places = places_on(np.float64(x + border), y0, row, x, when)
-    light, _ = light_between(light_a, light_b, grid, places, when)
+    border = frames.border
+    places = places_on(np.float64(x + border), np.float64(y + border), row, x, when)
+    light, _ = light_between(frames, places, when)
     log_there = math.log(light + log_eps)
     if (log_there >= level) == rises:
         return between(level, log_s, log_there, s, when)
     return between(level, log_there, log_e, when, e)
-
-
-@numba.njit(cache=True, nogil=True, fastmath=False)
-def silence(
-    pixel: NDArray[np.int64],
-    offset_us: NDArray[np.int64],
-    before_us: int,
-    refractory_us: int,
-    memory: NDArray[np.void],
-) -> None:
-    """Puts 0 for the offset of each event in its pixel's refractory period; notes the others.
-
-    Args:
-        pixel: (N,) pixels; the events of each in order of time.
-        offset_us: in and out, (N,) times after `before_us`, µs.
-        before_us: µs.
-        refractory_us: least time between two emitted events of a pixel, µs.
-        memory: in and out, (P,) records of `sim.sensor.esim_kernels.PIXEL`.
-    """
-    for n in range(len(pixel)):
-        t_us = before_us + offset_us[n]
-        if t_us - memory[pixel[n]].last_emitted_us < refractory_us:
-            offset_us[n] = 0
-        else:
-            memory[pixel[n]].last_emitted_us = t_us
 
 
 @numba.njit(cache=True, nogil=True, fastmath=False)
@@ -259,33 +267,15 @@ def append_by_column(
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def crossings(
     x: int, k: int, s: float, e: float, light_s: float, light_e: float, rises: bool,
-    reference: NDArray[np.float64], memory: NDArray[np.void],
-    rise_row: NDArray[np.float64], fall_row: NDArray[np.float64],
-    c_pos: float, c_neg: float, log_eps: float, step_us: int,
+    pixels: Pixels, rise_row: NDArray[np.float64], fall_row: NDArray[np.float64], step_us: int,
     n: int, columns: NDArray[np.int64], found: NDArray[np.int64],
 ) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
-    """Appends the events of one short step, whose logarithm of light is taken as straight.
+    """Appends the events of one short step of pixel `k`, in column `x`.
 
-    Args:
-        x: the pixel's column.
-        k: its index.
-        s: when the step begins, 0 at the first frame.
-        e: when it ends.
-        light_s: light then.
-        light_e: light at its end.
-        rises: whether a threshold is reached upwards.
-        reference: and the rest as in `layered_events`.
-        memory: ...
-        rise_row: ...
-        fall_row: ...
-        c_pos: ...
-        c_neg: ...
-        log_eps: ...
-        step_us: ...
-        n: ...
-        columns: ...
-        found: ...
+    The logarithm of light is taken as straight from time `s` to `e`; `rises` says whether a
+    threshold is reached upwards, and the rest is as in `layered_events`.
     """
+    reference, memory, c_pos, c_neg, log_eps = pixels
     first, up, down = memory[k].first_log, memory[k].up, memory[k].down
     log_s, log_e = math.log(light_s + log_eps), math.log(light_e + log_eps)
     number = levels_passed(rises, log_e, first, up, down, c_pos, c_neg)
@@ -305,13 +295,8 @@ def crossings(
 
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
 def layered_events(
-    y: int, light_a: NDArray[np.float32], light_b: NDArray[np.float32],
-    layers: Layers, before: Seen, after: Seen, grid: int, border: int,
-    low: NDArray[np.float32], high: NDArray[np.float32],
-    bearing: NDArray[np.float32], ways: NDArray[np.float64], lens: NDArray[np.float64],
-    reference: NDArray[np.float64], memory: NDArray[np.void],
-    rise_row: NDArray[np.float64], fall_row: NDArray[np.float64],
-    c_pos: float, c_neg: float, log_eps: float, step_us: int,
+    y: int, frames: Frames, layered: Layered, view: View, pixels: Pixels,
+    rise_row: NDArray[np.float64], fall_row: NDArray[np.float64], step_us: int,
     numbers: NDArray[np.float64], n: int, columns: NDArray[np.int64], found: NDArray[np.int64],
 ) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
     """Appends the events of a row's pixels that see several surfaces.
@@ -321,25 +306,12 @@ def layered_events(
 
     Args:
         y: row.
-        light_a: and up to `border` as in `events_between`.
-        light_b: ...
-        layers: ...
-        before: ...
-        after: ...
-        grid: ...
-        border: ...
-        low: (W,) least light within reach in both frames.
-        high: (W,) greatest.
-        bearing: and up to `memory` as in `events_between`.
-        ways: ...
-        lens: ...
-        reference: ...
-        memory: ...
+        frames: light of both.
+        layered: these pixels.
+        view: without a border.
+        pixels: all pixels' memory.
         rise_row: in and out, (W,) of `thresholds`.
         fall_row: in and out, (W,) likewise.
-        c_pos: threshold C+.
-        c_neg: threshold C-.
-        log_eps: added to light before the logarithm.
         step_us: time from the first frame to the second, µs.
         numbers: memory for `begin_layers`.
         n: events of the row so far.
@@ -349,6 +321,8 @@ def layered_events(
     Returns:
         How many events there are then, and where: `columns` and `found`, or roomier ones.
     """
+    light_a, light_b, grid, border = frames.light_a, frames.light_b, frames.grid, frames.border
+    layers, low, high = layered.layers, frames.low[y], frames.high[y]
     for x in range(len(low)):
         slot = layers.slot[y, x]
         if slot < 0:
@@ -357,7 +331,7 @@ def layered_events(
         if bright < rise_row[x] and dark > fall_row[x]:
             continue
         i, j = grid * (y + border), grid * (x + border)
-        way_px = begin_layers(x, y, layers, slot, bearing, lens, ways, numbers)
+        way_px = begin_layers(x, y, layers, slot, view, numbers)
         per_px, rate = 1.0 / max(way_px, 1e-6), bright - dark + 1e-9
         time, light = 0.0, 1.0 * light_a[i, j]
         while time < 1.0:
@@ -365,16 +339,13 @@ def layered_events(
             then = time + per_px * min(max(room / rate, _LEAST_PX), _MOST_PX)
             seen = 1.0 * light_b[i, j]  # a double, whatever is drawn
             if then < 1.0 - 0.5 * _LEAST_PX * per_px:
-                seen, _ = layered_light(
-                    x, y, layers, slot, numbers, before, after, grid, border, then
-                )
+                seen, _ = layered_light(x, y, layered, slot, numbers, then)
             else:
                 then = 1.0
             if not (fall_row[x] < seen < rise_row[x]):
                 n, columns, found = crossings(
                     x, y * len(low) + x, time, then, light, seen, bool(seen >= rise_row[x]),
-                    reference, memory, rise_row, fall_row, c_pos, c_neg, log_eps, step_us,
-                    n, columns, found,
+                    pixels, rise_row, fall_row, step_us, n, columns, found,
                 )  # fmt: skip
             time, light = then, seen
     return n, columns, found
@@ -382,34 +353,13 @@ def layered_events(
 
 @numba.njit(cache=True, nogil=True, fastmath=FAST)
 def events_between(
-    light_a: NDArray[np.float32],
-    light_b: NDArray[np.float32],
-    layers: Layers,
-    before: Seen,
-    after: Seen,
-    grid: int,
-    border: int,
-    low: NDArray[np.float32],
-    high: NDArray[np.float32],
-    slope_a: NDArray[np.float32],
-    slope_b: NDArray[np.float32],
-    bearing: NDArray[np.float32],
-    rho_a: NDArray[np.float32],
-    rho_b: NDArray[np.float32],
-    body_a: NDArray[np.uint16],
-    body_b: NDArray[np.uint16],
-    ways: NDArray[np.float64],
-    lens: NDArray[np.float64],
-    reference: NDArray[np.float64],
-    memory: NDArray[np.void],
+    frames: Frames,
+    layered: Layered,
+    geometry: Geometry,
+    pixels: Pixels,
     rise_light: NDArray[np.float64],
     fall_light: NDArray[np.float64],
-    c_pos: float,
-    c_neg: float,
-    log_eps: float,
-    before_us: int,
     step_us: int,
-    refractory_us: int,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint8]]:
     """Follows every pixel that can reach a threshold from one frame to the next.
 
@@ -417,39 +367,20 @@ def events_between(
     in both frames. A crossing is found by the secant rule, in the logarithm of light, twice.
 
     Args:
-        light_a: light on the grid of the first frame.
-        light_b: light on the grid of the second.
-        layers: of the pixels that see several surfaces.
-        before: samples of the first frame.
-        after: of the second.
-        grid: nodes per pixel and axis.
-        border: pixels between the grid's first node and the sensor's.
-        low: (H, W) least light within reach of a pixel in both frames.
-        high: (H, W) greatest.
-        slope_a: (H + 2 B, W + 2 B) steepest light around each place, per px.
-        slope_b: of the second frame.
-        bearing: and up to `lens` as in `sim.compensation.path_kernels.path_of`.
-        rho_a: ...
-        rho_b: ...
-        body_a: ...
-        body_b: ...
-        ways: ...
-        lens: ...
-        reference: in and out, (P,) as in `sim.sensor.esim_kernels.find`.
-        memory: in and out, (P,) records of `sim.sensor.esim_kernels.PIXEL`.
+        frames: light of both.
+        layered: the pixels that see several surfaces.
+        geometry: of all pixels.
+        pixels: in and out.
         rise_light: (P,) of `thresholds`.
         fall_light: (P,) likewise.
-        c_pos: threshold C+.
-        c_neg: threshold C-.
-        log_eps: added to light before the logarithm.
-        before_us: time of the first frame, µs.
         step_us: time from the first frame to the second, µs.
-        refractory_us: least time between two emitted events of a pixel, µs.
 
     Returns:
-        (N,) pixels; times after `before_us`, 1 to `step_us`, 0 where suppressed, µs; polarities.
+        (N,) pixels, the events of each in order of time; times after the first frame, 1 to
+        `step_us`, µs; polarities.
     """
-    height, width = rho_a.shape
+    reference, memory, c_pos, c_neg, log_eps = pixels
+    height, width = geometry.rho_a.shape
     row, chosen, reached = np.empty((_ROWS, width)), np.arange(width), np.arange(width)
     pixel, event = np.empty(_FIRST_ROOM, np.int64), np.empty(_FIRST_ROOM, np.int64)
     columns, found = np.empty(_FIRST_ROOM, np.int64), np.empty(_FIRST_ROOM, np.int64)
@@ -461,17 +392,12 @@ def events_between(
         fall_row = fall_light[first_pixel : first_pixel + width]
         for x in range(width):
             chosen[left] = x
-            reaches = not (high[y, x] < rise_row[x] and low[y, x] > fall_row[x])
-            left += reaches and layers.slot[y, x] < 0
-        paths_of_row(y, chosen[:left], bearing, rho_a, rho_b, body_a, body_b, ways, lens, row)
-        begin_row(
-            y, chosen[:left], light_a, light_b, grid, border, slope_a, slope_b,
-            rise_row, fall_row, row,
-        )  # fmt: skip
+            reaches = not (frames.high[y, x] < rise_row[x] and frames.low[y, x] > fall_row[x])
+            left += reaches and layered.layers.slot[y, x] < 0
+        paths_of_row(y, chosen[:left], geometry, row)
+        begin_row(y, chosen[:left], frames, rise_row, fall_row, row)
         while left:
-            crossed = step_of_row(
-                y, chosen[:left], light_a, light_b, grid, border, slope_a, slope_b, row, reached
-            )
+            crossed = step_of_row(y, chosen[:left], frames, row, reached)
             for x in reached[:crossed]:
                 k = first_pixel + x
                 rises = bool(row[_SEEN, x] >= row[_RISE, x])
@@ -484,10 +410,7 @@ def events_between(
                 for m in range(n, n + number):
                     up, down = up + rises, down + (not rises)
                     level = level_of(first, up, down, c_pos, c_neg)
-                    when = crossing(
-                        x, np.float64(y + border), light_a, light_b, grid, border, row,
-                        level, log_eps, rises, log_s, log_e,
-                    )  # fmt: skip
+                    when = crossing(x, y, frames, row, level, log_eps, rises, log_s, log_e)
                     after_us = min(max(int(np.rint(when * step_us)), 1), step_us)
                     columns[m], found[m] = x, 2 * after_us + rises
                 n += number
@@ -497,14 +420,11 @@ def events_between(
                 row[_FALL, x] = math.exp(reference[k] - c_neg + NEAR) - log_eps
             left = end_step(chosen[:left], row)
         n, columns, found = layered_events(
-            y, light_a, light_b, layers, before, after, grid, border, low[y], high[y], bearing,
-            ways, lens, reference, memory, rise_row, fall_row, c_pos, c_neg, log_eps, step_us,
-            numbers, n, columns, found,
+            y, frames, layered, geometry.lens_view, pixels, rise_row, fall_row, step_us, numbers,
+            n, columns, found,
         )  # fmt: skip
         if total + n > len(pixel):
             pixel, event = roomier(pixel, 2 * (total + n)), roomier(event, 2 * (total + n))
         append_by_column(columns[:n], found[:n], total, first_pixel, ends, pixel, event)
         total += n
-    pixel, offset_us = pixel[:total], event[:total] >> 1
-    silence(pixel, offset_us, before_us, refractory_us, memory)
-    return pixel, offset_us, (event[:total] & 1).astype(np.uint8)
+    return pixel[:total], event[:total] >> 1, (event[:total] & 1).astype(np.uint8)

@@ -78,8 +78,9 @@ class EventSimulator:
         before_us = time_before(self._t_us, t_us)
         log_now = self._log_of(intensity)
         number = kernels.find(
-            log_now, self._reference, self._memory, *self._thresholds, self._fired, self._crossings
-        )
+            log_now, *self._thresholds, None, self._reference, self._memory,
+            self._fired, self._crossings,
+        )  # fmt: skip
         events = self._emit(log_now, before_us, t_us, number) if number else Events.empty()
         self._log, self._t_us = log_now, t_us
         return events
@@ -97,26 +98,22 @@ class EventSimulator:
                 f"a passage from {interval.before_us} µs of {before.shape} pixels after a frame at "
                 f"{before_us} µs of {self._shape}: give the one that begins there"
             )
-        rise_light, fall_light = np.empty((2, self._reference.size))
-        thresholds = (c_pos, c_neg, log_eps) = *self._thresholds, self._config.log_eps
-        compensated_kernels.thresholds(
-            self._reference, c_pos, c_neg, log_eps, rise_light, fall_light
+        step_us = interval.after_us - before_us
+        pixels = compensated_kernels.Pixels(
+            self._reference, self._memory, *self._thresholds, self._config.log_eps
         )
-        a, b, step_us = before.reach, after.reach, interval.after_us - before_us
-        # Called with tuples for many arguments, which type checkers do not follow.
-        follow: Any = compensated_kernels.events_between
-        pixel, offset_us, p = follow(
-            before.light, after.light, *passage.layers,
-            np.minimum(a.low, b.low), np.maximum(a.high, b.high), a.slope, b.slope,
-            *passage.geometry, self._reference, self._memory, rise_light, fall_light, *thresholds,
-            before_us, step_us, self._config.refractory_period_us,
+        rise_light, fall_light = np.empty((2, self._reference.size))
+        compensated_kernels.thresholds(pixels, rise_light, fall_light)
+        a, b = before.reach, after.reach
+        frames = compensated_kernels.Frames(
+            before.light, after.light, a.slope, b.slope, before.grid, before.border_px,
+            np.minimum(a.low, b.low), np.maximum(a.high, b.high),
         )  # fmt: skip
+        events = compensated_kernels.events_between(
+            frames, passage.layered, passage.geometry, pixels, rise_light, fall_light, step_us
+        )
         self._log, self._t_us = self._log_of(after.pixels), interval.after_us
-        order = time_order(offset_us, step_us)
-        self.suppressed += len(pixel) - len(order)
-        y, x = np.divmod(pixel[order], self._shape[1])
-        t_us = before_us + offset_us[order]
-        return Events(x.astype(np.uint16), y.astype(np.uint16), t_us, p[order])
+        return self._sent(*events, before_us, step_us)
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything that later events depend on; valid until the next `step`."""
@@ -142,16 +139,30 @@ class EventSimulator:
     def _emit(self, log_now: NDArray[np.float32], before_us: int, t_us: int, number: int) -> Events:
         fired, crossings = self._fired[:number], self._crossings[:number]
         total, step_us = int(np.abs(crossings).sum()), t_us - before_us
-        x, y, p = np.empty(total, np.uint16), np.empty(total, np.uint16), np.empty(total, np.uint8)
-        offset_us = np.empty(total, np.int64)
+        pixel, offset_us = np.empty(total, np.int32), np.empty(total, np.int64)
+        p = np.empty(total, np.uint8)
         kernels.emit(
-            self._log, log_now, self._reference, self._memory, fired, crossings, self._shape[1],
-            before_us, step_us, *self._thresholds, self._config.refractory_period_us,
-            x, y, offset_us, p,
+            self._log, log_now, *self._thresholds, None, self._reference, self._memory,
+            fired, crossings, step_us, pixel, offset_us, p, p,
         )  # fmt: skip
+        return self._sent(pixel, offset_us, p, before_us, step_us)
+
+    def _sent(
+        self, pixel: NDArray[np.integer], offset_us: NDArray[np.int64], p: NDArray[np.uint8],
+        before_us: int, step_us: int,
+    ) -> Events:  # fmt: skip
+        """Crossings, each pixel's in order of time, without those in silence, sorted."""
+        kept, last_us = np.empty(len(pixel), np.bool_), self._memory["last_emitted_us"]
+        t_us = before_us + offset_us
+        # Without a refractory period, too: what comes before the pixel's event before is left out.
+        kernels.awake(pixel, t_us, self._config.refractory_period_us, last_us, kept)
+        offset_us *= kept
         order = time_order(offset_us, step_us)
-        self.suppressed += total - len(order)
-        return Events(x[order], y[order], before_us + offset_us[order], p[order])
+        self.suppressed += len(pixel) - len(order)
+        pixel = pixel[order]
+        y = pixel // self._shape[1]
+        x = pixel - y * self._shape[1]
+        return Events(x.astype(np.uint16), y.astype(np.uint16), t_us[order], p[order])
 
     def _log_of(self, intensity: NDArray[np.float32]) -> NDArray[np.float32]:
         return log_intensity(intensity, self._shape, self._config.log_eps)

@@ -13,13 +13,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.image_stores import Photo
 from eventsweep.emvs.errors import InputError
-from eventsweep.sim.config import FramesConfig, ShutterConfig
-from eventsweep.sim.sensor.lens_blur import blurred
+from eventsweep.sim.config import FramesConfig
 
 DENSE_PX = 0.5
 """Pictures this far apart, at most, are taken for linear in time, px."""
@@ -27,6 +27,19 @@ Light = NDArray[np.float32]
 TimedLight = tuple[int, Light]
 """A frame: time, µs, and (H, W) linear intensity."""
 State = dict[str, NDArray[Any]]
+
+
+def blurred(light: Light, sigma_px: float) -> Light:
+    """(H, W) light through a lens whose point spread function has this standard deviation, px.
+
+    Beyond the edges the picture is mirrored, so that no light is lost. A `sigma_px` of 0 returns
+    the light as it is.
+    """
+    if not sigma_px:
+        return light
+    # Of float pictures, cv2 takes the Gaussian to four standard deviations.
+    border = cv2.BORDER_REFLECT
+    return np.asarray(cv2.GaussianBlur(light, (0, 0), sigma_px, borderType=border), np.float32)
 
 
 class Exposure:
@@ -62,21 +75,22 @@ def _integral(a: TimedLight, b: TimedLight, start_us: int, end_us: int) -> NDArr
     return (last_us - first_us) * middle
 
 
-def develop(light: Light, shutter: ShutterConfig) -> NDArray[np.uint8]:
-    """(H, W) uint8, linear, 255 at saturation: mean light after gain, saturation, quantisation."""
-    steps = (1 << shutter.bits) - 1
-    level = np.rint(np.clip(shutter.gain * light.astype(np.float64), 0, 1) * steps)
+def develop(light: Light, gain: float = 1.0, bits: int = 8) -> NDArray[np.uint8]:
+    """(H, W) uint8, linear, 255 at saturation: mean light after gain, saturation, quantisation.
+
+    A gain of 1 saturates at intensity 1.
+    """
+    steps = (1 << bits) - 1
+    level = np.rint(np.clip(gain * light.astype(np.float64), 0, 1) * steps)
     return np.rint(level * (255 / steps)).astype(np.uint8)
 
 
-def auto_shutter(light: Light, frames: FramesConfig) -> ShutterConfig:
-    """The shutter that takes a picture of some mean light (H, W): with its gain, if automatic."""
-    gain = frames.gain
-    if gain is None:
-        least = frames.auto_level / frames.auto_max_gain
-        level = max(float(np.percentile(light, frames.auto_percentile)), least)
-        gain = frames.auto_level / level
-    return ShutterConfig(exposure_us=frames.exposure_us, gain=gain, bits=frames.bits)
+def gain_for(light: Light, frames: FramesConfig) -> float:
+    """The gain for a picture of some mean light (H, W): as set, or automatic."""
+    if frames.gain is not None:
+        return frames.gain
+    least = frames.auto_level / frames.auto_max_gain
+    return frames.auto_level / max(float(np.percentile(light, frames.auto_percentile)), least)
 
 
 def exposure_spans_us(frames: FramesConfig, duration_us: int) -> list[tuple[int, int]]:
@@ -103,8 +117,8 @@ def exposure_spans_us(frames: FramesConfig, duration_us: int) -> list[tuple[int,
 class FrameCamera:
     """One ordinary camera in the place of each event camera, behind the same lens.
 
-    `state` says where another camera of the same arguments stopped; `lens_blur_px` is the lens's,
-    see `sim.sensor.lens_blur`.
+    `state` says where another camera of the same arguments stopped; `lens_blur_px` is that of
+    `blurred`.
     """
 
     def __init__(
@@ -172,6 +186,6 @@ class FrameCamera:
 
     def _developed(self, exposing: Exposure) -> Photo:
         light = blurred(exposing.light(), self._lens_blur_px)
-        shutter = auto_shutter(light, self._frames)
-        image = develop(light, shutter)
-        return Photo(exposing.start_us, exposing.end_us, shutter.gain, image)
+        gain = gain_for(light, self._frames)
+        image = develop(light, gain, self._frames.bits)
+        return Photo(exposing.start_us, exposing.end_us, gain, image)

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.sim.sensor.labels import Label
-from eventsweep.sim.sensor.pixels import Batch, rate_factors
-from eventsweep.sim.sensor.random_streams import Randomness, Use
+from eventsweep.sim.sensor.pixels import Batch, Randomness, Use, rate_factors
 from eventsweep.sim.sensor_presets import SensorParameters
 
 Light = NDArray[np.float32]

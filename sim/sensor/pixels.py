@@ -1,23 +1,56 @@
-"""Imperfect pixels: what the comparators of one camera say between two frames."""
+"""Imperfect pixels: what the comparators of one camera say between two frames.
+
+Randomness depends on what it is for and when, never on how the work was cut up.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.errors import InputError
 from eventsweep.sim.sensor import pixels_kernels as kernels
 from eventsweep.sim.sensor.esim import log_intensity, time_order
-from eventsweep.sim.sensor.esim_kernels import PIXEL
+from eventsweep.sim.sensor.esim_kernels import PIXEL, Own, emit, find
 from eventsweep.sim.sensor.pixels_kernels import low_pass
-from eventsweep.sim.sensor.random_streams import Randomness, Use
 from eventsweep.sim.sensor_presets import SensorParameters
 
 # Mismatch never takes a threshold below this share of its nominal value.
 _LEAST_THRESHOLD = 0.1
+
+
+class Use(IntEnum):
+    """What numbers are drawn for; every use has numbers of its own."""
+
+    THRESHOLDS = 0
+    LEAK = 1
+    HOT_PIXELS = 2
+    SHOT_EVENTS = 3
+    HOT_EVENTS = 4
+    LATENCY = 5
+    NOISE_SPREAD = 6
+
+
+class Randomness:
+    """Generators of one camera, counter-based (Philox) and keyed by seed and camera.
+
+    Salmon, Moraes, Dror, Shaw, "Parallel Random Numbers: As Easy as 1, 2, 3", SC 2011.
+    """
+
+    def __init__(self, seed: int, camera: int) -> None:
+        if seed < 0 or camera < 0:
+            raise InputError(f"seed {seed}, camera {camera}: both must be 0 or greater")
+        self._key = np.random.SeedSequence([seed, camera]).generate_state(2, np.uint64)
+
+    def at(self, use: Use, t_us: int = 0) -> np.random.Generator:
+        """Numbers for the step that starts at `t_us`, or those that are drawn once per camera."""
+        counter = np.array([0, 0, int(use), t_us % 2**64], np.uint64)
+        return np.random.Generator(np.random.Philox(key=self._key, counter=counter))
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +162,10 @@ class Pixels:
         step_us = t_us - before_us
         self._respond(log, frame, step_us)
         self._leak_on(frame, step_us)
-        now = (self._light_now, self._leaked_now)
-        fixed = self.c_pos, self.c_neg, self._reference
-        n = kernels.find(*now, *fixed, self._memory, self._fired, self._crossings)
+        n = find(
+            self._light_now, 0.0, 0.0, self._own, self._reference, self._memory,
+            self._fired, self._crossings,
+        )  # fmt: skip
         events = self._emit(n, before_us, step_us) if n else Batch.empty()
         self.frame_before, self._log, self._frame = self._frame, log, frame
         self._light, self._light_now = self._light_now, self._light
@@ -184,6 +218,11 @@ class Pixels:
         )  # fmt: skip
 
     @property
+    def _own(self) -> Own:
+        leaked = self._leaked, self._leaked_now, self._leaked_last
+        return Own(self.c_pos, self.c_neg, *leaked)
+
+    @property
     def _leak_base_hz(self) -> float:
         """The rate that `_pace` counts in."""
         return self._parameters.leak_rate_hz or self._parameters.leak_light_hz
@@ -208,9 +247,8 @@ class Pixels:
         total = int(np.abs(crossings).sum())
         pixel, offset_us = np.empty(total, np.int32), np.empty(total, np.int64)
         p, label = np.empty(total, np.uint8), np.empty(total, np.uint8)
-        kernels.emit(
-            self._light, self._light_now, self._leaked, self._leaked_now, self.c_pos, self.c_neg,
-            self._reference, self._leaked_last, self._memory, fired, crossings, step_us,
-            pixel, offset_us, p, label,
+        emit(
+            self._light, self._light_now, 0.0, 0.0, self._own, self._reference, self._memory,
+            fired, crossings, step_us, pixel, offset_us, p, label,
         )  # fmt: skip
         return Batch(pixel, before_us + offset_us, p, label)

@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.events import Events
 from eventsweep.sim.compensation.interval import Passage
 from eventsweep.sim.config import PixelConfig
-from eventsweep.sim.sensor import pixels_kernels
+from eventsweep.sim.sensor import esim_kernels, readout_kernels
 from eventsweep.sim.sensor.esim import NEVER_US, EventSimulator, check_intensity, time_before
-from eventsweep.sim.sensor.frame_camera import DENSE_PX
+from eventsweep.sim.sensor.frame_camera import DENSE_PX, blurred
 from eventsweep.sim.sensor.labels import Drop, Label, LabelledEvents, count_names
-from eventsweep.sim.sensor.lens_blur import blurred
 from eventsweep.sim.sensor.noise import Noise
-from eventsweep.sim.sensor.pixels import Batch, Pixels
-from eventsweep.sim.sensor.random_streams import Randomness
-from eventsweep.sim.sensor.readout import Arbiter, Latency
+from eventsweep.sim.sensor.pixels import Batch, Pixels, Randomness, Use
+from eventsweep.sim.sensor_presets import SensorParameters
 
 State = dict[str, NDArray[Any]]
 
@@ -199,7 +197,7 @@ class _FullChain:
         if not (self._refractory_us and len(events)):
             return events, 0
         kept = np.empty(len(events), np.bool_)
-        pixels_kernels.awake(events.pixel, events.t_us, self._refractory_us, self._last_us, kept)
+        esim_kernels.awake(events.pixel, events.t_us, self._refractory_us, self._last_us, kept)
         return events.take(kept), int(len(kept) - np.count_nonzero(kept))
 
     def _labelled(self, events: Batch) -> LabelledEvents:
@@ -208,6 +206,92 @@ class _FullChain:
         t_us = events.t_us if clock_us == 1 else events.t_us // clock_us * clock_us
         columns = Events(x.astype(np.uint16), y.astype(np.uint16), t_us, events.p)
         return LabelledEvents(columns, events.label)
+
+
+class Latency:
+    """Delays events by a gamma-distributed time whose mean falls with intensity.
+
+    Events that come out after the last frame are kept for the steps to come.
+    """
+
+    def __init__(self, number: int, parameters: SensorParameters, randomness: Randomness) -> None:
+        self._parameters, self._randomness = parameters, randomness
+        self._last_us = np.full(number, NEVER_US, np.int64)
+        self._pending = Batch.empty()
+
+    def step(self, events: Batch, light: NDArray[np.float32], before_us: int, t_us: int) -> Batch:
+        """Takes events in order of time and intensity (P,); returns requests up to `t_us`."""
+        requested_us = events.t_us + self._delay_us(light[events.pixel], before_us)
+        readout_kernels.in_turn(events.pixel, requested_us, self._last_us)
+        delayed = Batch(events.pixel, requested_us, events.p, events.label)
+        all_ = self._pending.joined(delayed).in_time_order()
+        ready = int(np.searchsorted(all_.t_us, t_us, side="right"))
+        self._pending = all_.take(slice(ready, None))
+        return all_.take(slice(ready))
+
+    def discard(self) -> int:
+        """Forgets what has not come out; returns how many events that were."""
+        left, self._pending = len(self._pending), Batch.empty()
+        return left
+
+    def _delay_us(self, light: NDArray[np.float32], before_us: int) -> NDArray[np.int64]:
+        p = self._parameters
+        delay_us = p.latency_us * (1 + p.dark_level) / (light.astype(float) + p.dark_level)
+        if p.latency_jitter:
+            rng = self._randomness.at(Use.LATENCY, before_us)
+            variance = p.latency_jitter**2
+            delay_us *= rng.gamma(1 / variance, variance, len(light))
+        return np.rint(delay_us).astype(np.int64)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Everything that later events depend on."""
+        return {"last_us": self._last_us.copy(), **self._pending.columns()}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Goes on from `state`."""
+        self._last_us = state["last_us"].copy()
+        self._pending = Batch.from_columns(state)
+
+
+class Arbiter:
+    """Passes requests on row by row, no faster than the read-out can."""
+
+    def __init__(self, shape: tuple[int, int], parameters: SensorParameters) -> None:
+        self._shape = shape
+        rates_hz = parameters.readout_rows_per_s, parameters.readout_events_per_s
+        self._row_us, self._event_us = (1e6 / rate if rate else 0.0 for rate in rates_hz)
+        self._capacity = parameters.readout_queue_events
+        self._waiting, self._free_us = Batch.empty(), float(NEVER_US)
+
+    def step(self, requests: Batch, t_us: int) -> tuple[Batch, int]:
+        """Takes requests up to `t_us`; returns events sent until then, and how many were lost."""
+        all_ = self._waiting.joined(requests)
+        number = len(all_)
+        served, served_us = np.empty(number, np.int64), np.empty(number, np.int64)
+        fate = np.empty(number, np.uint8)
+        links = np.empty((3, max(number, self._shape[0])), np.int64)
+        row = all_.pixel // np.int32(self._shape[1])
+        n, self._free_us = readout_kernels.arbitrate(
+            row, all_.t_us, len(self._waiting), self._free_us, t_us, self._row_us,
+            self._event_us, self._capacity, links, served, served_us, fate,
+        )  # fmt: skip
+        self._waiting = all_.take(fate == readout_kernels.WAITING)
+        sent = all_.take(served[:n])
+        lost = int(np.count_nonzero(fate == readout_kernels.DROPPED))
+        return Batch(sent.pixel, served_us[:n], sent.p, sent.label), lost
+
+    def discard(self) -> int:
+        """Forgets what has not come out; returns how many events that were."""
+        left, self._waiting = len(self._waiting), Batch.empty()
+        return left
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Everything that later events depend on."""
+        return {"free_us": np.array(self._free_us), **self._waiting.columns()}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Goes on from `state`."""
+        self._free_us, self._waiting = float(state["free_us"]), Batch.from_columns(state)
 
 
 def part_of(state: Mapping[str, NDArray[Any]], name: str) -> State:

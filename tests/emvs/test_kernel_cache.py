@@ -37,7 +37,7 @@ print(aligned(2).tolist(), peak.maximum().value.tolist())
 PIXELS = """
 import numpy as np
 from eventsweep.sim.sensor.pixels import Pixels
-from eventsweep.sim.sensor.random_streams import Randomness
+from eventsweep.sim.sensor.pixels import Randomness
 from eventsweep.sim.sensor_presets import SensorParameters
 pixels = Pixels((1, 2), (0.2, 0.2), 1e-3, SensorParameters(), Randomness(0, 0))
 pixels.start(np.array([[0.2, 0.6]], np.float32))
@@ -58,7 +58,7 @@ poses[1][0, 3], poses[2][0, 3] = 0.2, 0.5
 seen = light[12:18:2, 12:62:2], np.full((3, 25), 2, np.float32)
 frames = [FineFrame(Frame(*seen, Samples(np.roll(light, k, 1), rho)), 2, 4.0) for k in (0, 3)]
 passage = Passage(Camera(25, 3, 8, 8, 12, 1), *frames, interval_between((0, 9000), poses, (15, 37)))
-assert len(passage.layers[0].number)
+assert len(passage.layered.layers.number)
 print([picture.tolist() for picture in passage.pictures([3000, 6000])])
 """
 LINES = """
@@ -128,7 +128,7 @@ CALLERS = {
     "emvs/dsi/fusion_kernels.py": FOLD,
     "emvs/utils/vectors_kernels.py": VARIANCE, "sim/sensor/esim_kernels.py": PIXELS,
     "sim/compensation/edge_reach_kernels.py": CARRIED,
-    "sim/compensation/layer_kernels.py": CARRIED, "sim/compensation/light_kernels.py": CARRIED,
+    "sim/compensation/layer_kernels.py": CARRIED,
     "sim/compensation/path_kernels.py": CARRIED,
 }  # fmt: skip
 if HAS_PLUGINS:

@@ -141,8 +141,3 @@ def test_auto_takes_floats_where_the_scene_asks():
     assert not LightConfig().floats(hdr=False)
     assert LightConfig(renderer="float").floats(hdr=False)
     assert not LightConfig(renderer="classic").floats(hdr=True)
-
-
-def test_the_manifest_can_tell_floats():
-    with StereoRenderer(made.spec(made.BOXES), ONE, 1, RANGE_M, floats=True) as renderer:
-        assert "float" in renderer.description

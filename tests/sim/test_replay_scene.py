@@ -263,7 +263,7 @@ def test_the_key_of_unfinished_work_knows_how_bodies_move(folder, scene):
         moving = replace(scene, mjcf=mjcf, animate=animate)
         job = make_job(moving, made.tiny_rig(), SimConfig(duration_s=0.02), 0)
         with job.renderer() as renderer:
-            return describe(job, renderer).key
+            return describe(job, renderer)[1]
 
     assert key(Sliding(1.0)) == key(Sliding(1.0))
     assert len({key(Sliding(1.0)), key(Sliding(1.001)), key(Sliding(1.0, 4_000)), key(None)}) == 4

@@ -50,13 +50,6 @@ def test_rows_of_samples_can_lie_beside_one_another_unless_they_are_the_fewest(f
     assert (plain.sampling, plain.supersample) == ("linear", eight_bits)
 
 
-def test_a_wide_lens_gets_as_many_samples_as_a_pinhole():
-    straight = rig_of(Camera(500, 400, 180, 180, 249.5, 199.5))
-    round_ = rig_of(Camera(500, 400, 180, 180, 249.5, 199.5, "kb4", (0.0, 0.0, 0.0, 0.0)))
-    assert with_sampling(SimConfig(), straight).supersample == 8
-    assert with_sampling(SimConfig(), round_).supersample == 8
-
-
 def lit_by_the_head(spec):
     spec.visual.headlight.diffuse = [0.4, 0.4, 0.4]
 

@@ -7,6 +7,7 @@ import numpy as np
 from eventsweep.emvs.data.events import Events
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.rendering.adaptive_sampling import adaptive_frames
+from eventsweep.sim.sensor.esim import EventSimulator
 from eventsweep.sim.sensor.frame_camera import DENSE_PX, Exposure
 from eventsweep.sim.sensor.labels import LabelledEvents
 from eventsweep.sim.sensor.sensor import Sensor
@@ -27,6 +28,13 @@ def run(frames, times_us, config, seed=0, camera=0, **options):
     steps = [sensor.step(f, t) for f, t in zip(frames[1:], times_us[1:], strict=True)]
     sensor.finish()
     return joined(steps), sensor
+
+
+def run_ideal(frames, times_us, config):
+    """The events of every interval, of the plain event model."""
+    simulator = EventSimulator(frames.shape[2], frames.shape[1], config)
+    simulator.start(frames[0], times_us[0])
+    return [simulator.step(f, t) for f, t in zip(frames[1:], times_us[1:], strict=True)]
 
 
 def joined(steps):
@@ -55,6 +63,12 @@ def moving_bars(count, shape=(12, 16)):
 def rows_of(labelled):
     e = labelled.events
     return list(zip(*(a.tolist() for a in (e.t_us, e.y, e.x, e.p, labelled.label)), strict=True))
+
+
+def ideal_rows(steps):
+    """The rows of what `run_ideal` gave."""
+    e = Events.concat(steps)
+    return list(zip(*(a.tolist() for a in (e.t_us, e.y, e.x, e.p)), strict=True))
 
 
 def counts_per_pixel(events, shape):

@@ -10,7 +10,6 @@ from eventsweep import scenes
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.scenes.textures.noise import BRIGHTEST, DARKEST
-from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import rig
 from warped_depth import Warped, warped
@@ -91,18 +90,6 @@ def poses(name: str, seed: int, count: int):
     return [motion.T_world_body(float(t)) for t in np.linspace(0, scene.duration_s, count)]
 
 
-def share_in_range(name: str, seed: int, factor: float) -> float:
-    """Share of the pixels, over all cameras and the motion, whose depth the case declares."""
-    scene, seen, renderer = opened(name, factor)
-    low_m, high_m = scene.depth_range_m
-    shares = []
-    for T_world_body in poses(name, seed, 4):
-        for camera in range(len(seen.cameras)):
-            depth_m = renderer.depth(camera, T_world_body)
-            shares.append(np.mean((depth_m >= low_m) & (depth_m <= high_m)))
-    return float(np.min(shares))
-
-
 def check_original(name, width_px, height_px, baseline_m, depth_range_m):
     """Resolution, baseline to 0.15 mm and depth range are the original's."""
     scene = scenes.load(name)
@@ -136,25 +123,6 @@ def picture(name):
     assert np.mean(intensity > 0.98) < 0.02
     assert np.mean(intensity < 0.04) < 0.01
     return intensity
-
-
-def clearance_m(name: str, factor: float, rays: int = 60) -> float:
-    """Least distance from any camera, on its way, to the nearest surface, by rays."""
-    mujoco = import_mujoco()
-    _, seen, renderer = opened(name, factor)
-    data = mujoco.MjData(renderer.model)
-    mujoco.mj_forward(renderer.model, data)
-    directions = np.random.default_rng(1).standard_normal((rays, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    hit, least = np.zeros(1, np.int32), np.inf
-    for seed in range(3):
-        for T_world_body in poses(name, seed, 4):
-            for T_body_cam in seen.T_body_cam:
-                centre = (T_world_body @ T_body_cam)[:3, 3]
-                for ray in directions:
-                    far = mujoco.mj_ray(renderer.model, data, centre, ray, None, 1, -1, hit)
-                    least = min(least, far if far >= 0 else np.inf)
-    return least
 
 
 def stereo(name: str, factor: float, at: int = 0) -> list[Warped]:

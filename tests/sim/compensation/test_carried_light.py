@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.sim.compensation.interval import Passage, interval_between, lens_of
-from eventsweep.sim.compensation.light_kernels import light_at
-from eventsweep.sim.compensation.path_kernels import carried, distorted
+from eventsweep.sim.compensation.path_kernels import carried, distorted, light_at
 from eventsweep.sim.compensation.range_kernels import cell_depths, cell_range, spread_most
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.rendering.box_kernels import box_mean, nearest_of_pixels, pixel_means
@@ -148,7 +147,7 @@ def test_events_integrate_to_the_change_of_light(seed, c_pos, c_neg, refractory_
         sampled_frame(rng.random(shape, np.float32), rho, BORDER, GRID, REACH) for _ in range(2)
     ]
     way = Passage(camera, *frames, interval_between(SPAN_US, MOTION, cells))
-    assert way.layers[0].number.size > 0
+    assert way.layered.layers.number.size > 0
     config = SimConfig(
         contrast_threshold_pos=c_pos,
         contrast_threshold_neg=c_neg,

@@ -11,7 +11,7 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.sim.compensation import layer_search_kernels as search
 from eventsweep.sim.compensation.edge_reach_kernels import Seen, distances, within_reach
 from eventsweep.sim.compensation.interval import interval_between, lens_of
-from eventsweep.sim.compensation.path_kernels import TO_FIRST_END, TO_SECOND_START
+from eventsweep.sim.compensation.path_kernels import TO_FIRST_END, TO_SECOND_START, View
 from eventsweep.sim.compensation.range_kernels import cell_depths
 from eventsweep.sim.rendering.lens import widened_camera
 from eventsweep.sim.rendering.moving_bodies import BodyPixels
@@ -65,7 +65,7 @@ def shown(all_boards, rays, T_world_cam, share):
 
 
 def seen_pair(camera, all_boards, poses, seed=0):
-    """What `find_layers` takes: both frames, grid, border, bearings, lens and ways."""
+    """What `find_layers` takes: both frames, grid, border and view."""
     rng, frames, bodies = np.random.default_rng(seed), [], []
     for T, share in ((poses[0], 0.0), (poses[2], 1.0)):
         columns, rows = ((np.arange(GRID * (n + 2 * BORDER)) + 0.5) / GRID - 0.5 for n in SIZE)
@@ -92,15 +92,15 @@ def seen_pair(camera, all_boards, poses, seed=0):
         cell_depths(rho, GRID, near, far)
         pair.append(Seen(light, rho, light, near, far, body))
     wide = lens_of(widened_camera(camera, BORDER)).bearing
-    return (*pair, GRID, BORDER, wide, lens_of(camera).terms, between.ways)
+    return (*pair, GRID, BORDER, View(wide, lens_of(camera).terms, between.ways))
 
 
-def walked_everywhere(before, after, grid, border, *view):
+def walked_everywhere(before, after, grid, border, view):
     """The layers if every pixel is walked."""
     reached = search.empty_reached(np.arange(WIDTH * HEIGHT, dtype=np.int32).reshape(HEIGHT, WIDTH))
     everything = np.ones(before.body.shape, np.uint8)
     for frame, to_other in ((before, TO_SECOND_START), (after, TO_FIRST_END)):
-        search.reach_out(frame, grid, border, *view, to_other, everything, reached)
+        search.reach_out(frame, grid, border, view, to_other, everything, reached)
     return search.chosen(reached)
 
 

@@ -159,7 +159,7 @@ def test_a_body_is_never_taken_for_the_wall_behind_it(edge_px, grid, head_m):
     frame, body = shown(edge_px, grid)
     shape = SIZE + 2 * BORDER, SIZE + 2 * BORDER
     interval = interval_between((0, 10_000), tuple(poses), shape, (body, body), moved, BORDER)
-    layers = Passage(camera, frame, frame, interval).layers[0]
+    layers = Passage(camera, frame, frame, interval).layered.layers
     assert len(layers.number) > 0
     rho = np.array([1 / WALL_M, 1 / BODY_M])
     for k, number in enumerate(layers.number):

@@ -8,7 +8,6 @@ import rover
 from eventsweep.eval.cli.main import main
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.model.drives import (
-    at_rest,
     initial_data,
     load_controller,
     read_joints,
@@ -75,7 +74,9 @@ def test_a_table_moves_the_joints_that_it_names(rover_model, tmp_path):
     track, data = read_joints(path, rover_model), mujoco.MjData(rover_model)
     track(rover_model, data, 0.25)
     assert data.qpos[SWING] == pytest.approx(0.2)
-    assert np.array_equal(data.qpos[:SWING], at_rest(rover_model, "").qpos[0, :SWING])
+    assert np.array_equal(
+        data.qpos[:SWING], StateTrack.at_rest(initial_data(rover_model, "")).qpos[0, :SWING]
+    )
 
 
 @pytest.mark.parametrize(("text", "message"), [

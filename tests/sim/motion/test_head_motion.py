@@ -10,7 +10,6 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.sim.motion.curves import curve_of, look_at, moved, sampled
 from eventsweep.sim.motion.head_motion import (
     along,
-    bike,
     gaze_shifts,
     generate,
     minimum_jerk,
@@ -79,11 +78,6 @@ def test_any_duration_and_longer_ones_continue_shorter_ones(name, duration_s):
     assert all(se3.is_rigid(motion.T_world_body(float(t)), 1e-9) for t in t_s)
     np.testing.assert_allclose(motion.poses(t_s), longer.poses(t_s), atol=1e-3)
     refused("make the motion longer", motion.T_world_body, duration_s + 1e-3)
-
-
-def test_minutes_are_no_problem():
-    motion = bike(300.0, 0)
-    assert motion.T_world_body(299.9)[0, 3] == pytest.approx(4.8 * 300, rel=0.03)
 
 
 @pytest.mark.parametrize("name", NAMES)

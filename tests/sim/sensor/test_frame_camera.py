@@ -10,19 +10,24 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
+from scipy.special import erf
 
 import mujoco_scenes as made
 from eventsweep.emvs.data.image_stores import FrameReader, FrameWriter, Photo
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.sim.config import FramesConfig, ImuConfig, ShutterConfig, SimConfig
+from eventsweep.sim.config import FramesConfig, ImuConfig, SimConfig
+from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.rendering.adaptive_sampling import adaptive_frames
+from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.sensor.frame_camera import (
+    Exposure,
     FrameCamera,
-    auto_shutter,
+    blurred,
     develop,
     exposure_spans_us,
+    gain_for,
 )
-from eventsweep.sim.sensor.lens_blur import blurred
 from eventsweep.sim.simulate import make_job, simulate
 from mujoco_scenes import Killed, stop_at
 from refusals import all_bytes, refused
@@ -53,13 +58,12 @@ def test_a_stored_picture_is_the_light_of_the_frames_that_made_the_events(scene,
                 photo = sequence.photo(camera, t_us)
                 assert (photo.start_us, photo.end_us) == (t_us - 4_500, t_us + 4_500)
                 light = mean_light(frames, photo.start_us, photo.end_us)
-                shutter = auto_shutter(light, FRAMES)
-                assert photo.gain == shutter.gain
-                assert np.array_equal(photo.image, develop(light, shutter))
+                assert photo.gain == gain_for(light, FRAMES)
+                assert np.array_equal(photo.image, develop(light, photo.gain))
                 other = captured_light(
-                    renderer, job.motion(), camera, photo.start_us, CONFIG, shutter.exposure_us
+                    renderer, job.motion(), camera, photo.start_us, CONFIG, FRAMES.exposure_us
                 )
-                off = np.abs(photo.image.astype(int) - develop(other, shutter))
+                off = np.abs(photo.image.astype(int) - develop(other, photo.gain))
                 assert np.mean(off) < 0.5
                 assert np.mean(off > 1) < 0.02
 
@@ -120,7 +124,7 @@ def test_streamed_pictures_are_those_of_the_whole_light(steps_us, cut):
         for photo, factor in zip(photos, (1, 2), strict=True):
             scaled = [(t, factor * light) for t, light in lights]
             light = mean_light(scaled, photo.start_us, photo.end_us)
-            assert np.array_equal(photo.image, develop(light, auto_shutter(light, frames)))
+            assert np.array_equal(photo.image, develop(light, gain_for(light, frames)))
 
 
 def test_pictures_are_taken_through_the_sensors_lens():
@@ -130,16 +134,16 @@ def test_pictures_are_taken_through_the_sensors_lens():
     for camera in (sharp, blurry):
         camera.take(0, (light,))
     (photo,), *_ = blurry.take(10_000, (light,))
-    assert np.array_equal(photo.image, develop(blurred(light, 1.2), ShutterConfig()))
-    assert np.array_equal(sharp.take(10_000, (light,))[0][0].image, develop(light, ShutterConfig()))
+    assert np.array_equal(photo.image, develop(blurred(light, 1.2)))
+    assert np.array_equal(sharp.take(10_000, (light,))[0][0].image, develop(light))
 
 
 def test_automatic_gain_meets_the_level_and_leaves_the_dark_dark():
     light = np.random.default_rng(1).lognormal(0, 2, (50, 50)).astype(np.float32)
-    shutter = auto_shutter(light, FramesConfig(auto_percentile=80, auto_level=0.6))
-    assert np.percentile(shutter.gain * light, 80) == pytest.approx(0.6)
-    assert auto_shutter(0 * light, FramesConfig(auto_max_gain=50)).gain == pytest.approx(50)
-    assert auto_shutter(light, FramesConfig(gain=3)).gain == 3
+    gain = gain_for(light, FramesConfig(auto_percentile=80, auto_level=0.6))
+    assert np.percentile(gain * light, 80) == pytest.approx(0.6)
+    assert gain_for(0 * light, FramesConfig(auto_max_gain=50)) == pytest.approx(50)
+    assert gain_for(light, FramesConfig(gain=3)) == 3
 
 
 def test_a_scene_says_whether_there_are_pictures_and_its_user_has_the_last_word(scene):
@@ -205,11 +209,6 @@ def test_damaged_files_are_refused(tmp_path, damage):
     refused("", FrameReader, path)
 
 
-def test_shutters_have_the_same_defaults_either_way():
-    frames, shutter = FramesConfig(), ShutterConfig()
-    assert (frames.exposure_us, frames.bits) == (shutter.exposure_us, shutter.bits)
-
-
 def test_the_imu_rides_on_the_same_motion(scene, whole):
     sequence = Sequence.open(whole)
     sequence.verify()
@@ -223,3 +222,69 @@ def test_the_imu_rides_on_the_same_motion(scene, whole):
     turned = np.swapaxes(poses[:, :3, :3], 1, 2) @ later[:, :3, :3]
     rate = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], axis=1) / 1e-3
     np.testing.assert_allclose(samples.gyro_rad_s[1:-1], rate, atol=0.03)
+
+
+def taken_at(times_us):
+    rng = np.random.default_rng(0)
+    return [(t_us, rng.random((4, 5), np.float32)) for t_us in times_us]
+
+
+def test_mean_light_is_the_integral_of_what_is_linear_between_frames():
+    taken = taken_at([0, 30, 100, 170, 171, 400])
+    fine = np.arange(50, 350) + 0.5
+    values = [[np.interp(fine, [t for t, _ in taken], [f[i, j] for _, f in taken]).mean()
+               for j in range(5)] for i in range(4)]  # fmt: skip
+    np.testing.assert_allclose(mean_light(taken, 50, 350), values, atol=1e-4)
+
+
+def test_exposures_add_up():
+    taken = taken_at([0, 37, 90, 200])
+    whole, first, second = (mean_light(taken, *span) for span in [(5, 180), (5, 60), (60, 180)])
+    np.testing.assert_allclose(175 * whole, 55 * first + 120 * second, rtol=1e-5)
+
+
+def test_steady_light_stays_what_it_is():
+    refused("must close later", Exposure, 5, 5)
+    steady = np.float32([[0, 0.25, 3e4]])
+    assert np.array_equal(mean_light([(0, steady), (7, steady), (20, steady)], 3, 19), steady)
+
+
+def test_development_quantises_and_saturates():
+    light = np.float32([[0, 0.001, 0.5, 0.999, 1.0, 40.0]])
+    assert develop(light).tolist() == [[0, 0, 128, 255, 255, 255]]
+    assert develop(light, gain=100).tolist() == [[0, 26, 255, 255, 255, 255]]
+    assert set(develop(light, bits=1).ravel()) == {0, 255}
+
+
+def test_a_moving_edge_is_smeared_over_the_distance_it_moves(tmp_path):
+    """A bright card under sideways motion: the edge's ramp is as wide as the motion, in pixels."""
+    card = np.array([[2, -1, z] for z in (0.0, 2.0)] + [[2, 1.0, z] for z in (2.0, 0.0)])
+    level = look_at((0, 0, 1), (2, 0, 1))
+    rig = made.tiny_rig()
+    moving = HeadSway(level, (), (1.0, 0.0, 0.0))
+    config = SimConfig(max_displacement_px=0.25)
+    with StereoRenderer(made.card_spec(card), rig, 4, (0.5, 8)) as renderer:
+        lights = [captured_light(renderer, moving, 0, 0, config, t) for t in (300_000, 1_000)]
+    moved_px = 0.3 / 2 * rig.cameras[0].fx_px
+    row = [light[18].astype(float) for light in lights]
+    ramp_px = [1 / np.abs(np.diff(r)).max() for r in row]
+    assert ramp_px[0] == pytest.approx(moved_px, rel=0.05)
+    assert ramp_px[1] < 2.5
+
+
+@pytest.mark.parametrize("sigma_px", [0.4, 0.8, 2.5])
+def test_light_is_kept_and_the_twin_agrees(sigma_px):
+    light = np.random.default_rng(2).random((23, 31), np.float32)
+    assert blurred(light, 0.0) is light
+    out = blurred(light, sigma_px)
+    assert out.dtype == np.float32
+    assert out.sum() == pytest.approx(light.sum(), rel=1e-5)
+    twin = gaussian_filter(light.astype(float), sigma_px, mode="reflect", truncate=4)
+    np.testing.assert_allclose(out, twin, atol=2e-3)
+
+
+def test_an_edge_becomes_the_integral_of_the_point_spread_function():
+    sigma_px, x = 2.0, np.arange(40)
+    edge = np.repeat((x >= 20).astype(np.float32)[None], 5, 0)
+    expected = 0.5 * (1 + erf((x - 19.5) / (sigma_px * np.sqrt(2))))
+    np.testing.assert_allclose(blurred(edge, sigma_px)[2], expected, atol=5e-3)

@@ -6,9 +6,8 @@ import pytest
 import naive_sensor
 from eventsweep.sim.sensor import pixels_kernels as kernels
 from eventsweep.sim.sensor.labels import Label
-from eventsweep.sim.sensor.pixels import Pixels
+from eventsweep.sim.sensor.pixels import Pixels, Randomness
 from eventsweep.sim.sensor.pixels_kernels import low_pass
-from eventsweep.sim.sensor.random_streams import Randomness
 from eventsweep.sim.sensor_presets import SensorParameters
 from sensor_runs import config, constant, counts_per_pixel, gaps_of, irregular_times_us, run
 from tiers import often

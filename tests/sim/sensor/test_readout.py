@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import naive_sensor
-from eventsweep.sim.sensor.pixels import Batch
-from eventsweep.sim.sensor.random_streams import Randomness
-from eventsweep.sim.sensor.readout import Arbiter, Latency
+from eventsweep.sim.sensor.pixels import Batch, Randomness
+from eventsweep.sim.sensor.sensor import Arbiter, Latency
 from eventsweep.sim.sensor_presets import SensorParameters
 from sensor_runs import config, run
 

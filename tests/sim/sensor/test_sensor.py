@@ -9,8 +9,8 @@ import naive_esim
 from eventsweep.emvs.errors import InputError
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.sensor.esim import EventSimulator
+from eventsweep.sim.sensor.frame_camera import blurred
 from eventsweep.sim.sensor.labels import Drop, Label
-from eventsweep.sim.sensor.lens_blur import blurred
 from eventsweep.sim.sensor.sensor import Sensor
 from eventsweep.sim.sensor_presets import PRESETS, SensorConfig
 from refusals import refused

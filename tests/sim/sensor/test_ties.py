@@ -13,7 +13,7 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.sensor.esim import EventSimulator
 from sensor_runs import config as sensor_config
-from sensor_runs import grey_video, rows_of
+from sensor_runs import grey_video, ideal_rows, rows_of, run_ideal
 from sensor_runs import run as run_sensor
 
 H, W = 2, 3
@@ -37,19 +37,6 @@ def quantised(draw):
     return (grey / 255).astype(np.float32), np.cumsum(steps).tolist(), config
 
 
-def run(frames, times_us, config):
-    """The events of every interval."""
-    simulator = EventSimulator(frames.shape[2], frames.shape[1], config)
-    simulator.start(frames[0], times_us[0])
-    return [simulator.step(f, t) for f, t in zip(frames[1:], times_us[1:], strict=True)]
-
-
-def rows(events):
-    return list(
-        zip(*(a.tolist() for a in (events.t_us, events.y, events.x, events.p)), strict=True)
-    )
-
-
 def exact_logs(frames, config):
     logs = np.log(frames + np.float32(config.log_eps))
     return np.vectorize(lambda log: Fraction(float(log)), otypes=[object])(logs)
@@ -57,7 +44,7 @@ def exact_logs(frames, config):
 
 @given(quantised())
 def test_quantised_frames_equal_exact_arithmetic(recording):
-    assert rows(Events.concat(run(*recording))) == naive_esim.simulate(*recording)
+    assert ideal_rows(run_ideal(*recording)) == naive_esim.simulate(*recording)
 
 
 @given(quantised())
@@ -79,7 +66,7 @@ def test_what_is_left_after_every_frame_is_less_than_a_threshold(recording):
     )
     logs = exact_logs(frames, config)
     net = np.full((H, W), Fraction(0))
-    for log, events in zip(logs[1:], run(frames, times_us, config), strict=True):
+    for log, events in zip(logs[1:], run_ideal(frames, times_us, config), strict=True):
         np.add.at(net, (events.y, events.x), np.where(events.p == 1, c_pos, -c_neg))
         left = log - logs[0] - net
         assert (left < c_pos).all()
@@ -96,7 +83,7 @@ def test_what_rises_from_a_value_falls_back_to_it(grey, start, threshold, ratio)
     there_and_back = np.array([start, *(g for level in bright for g in (level, start))])
     frames = (there_and_back / 255).astype(np.float32).reshape(-1, 1, 1)
     config = SimConfig(contrast_threshold_pos=ratio * threshold, contrast_threshold_neg=threshold)
-    steps = run(frames, list(range(0, 1000 * len(frames), 1000)), config)
+    steps = run_ideal(frames, list(range(0, 1000 * len(frames), 1000)), config)
     for there, back in zip(steps[::2], steps[1::2], strict=True):
         assert len(back) == ratio * len(there)
         assert not len(there) or back.t_us[-1] % 1000 == 0
@@ -109,7 +96,7 @@ def test_a_video_of_8_bits_gives_the_events_of_the_published_law():
     theirs = naive_esim.published(
         np.log(frames + np.float32(1e-3)), times_us, 0.2, config.refractory_period_us
     )
-    mine = set(rows(Events.concat(run(frames, times_us, config))))
+    mine = set(ideal_rows(run_ideal(frames, times_us, config)))
     near = {(t_us + off_us, *where) for t_us, *where in mine for off_us in (-1, 0, 1)}
     assert len(theirs) > 5000
     assert len(theirs & near) / len(theirs) > 0.995
@@ -123,7 +110,7 @@ def swing():
 
 
 def test_a_level_reached_at_a_frame_fires_at_its_time_and_once():
-    steps = run(swing(), list(range(0, 6000, 1000)), SimConfig())
+    steps = run_ideal(swing(), list(range(0, 6000, 1000)), SimConfig())
     assert [len(events) for events in steps] == [1, 1, 1, 1, 0]
     assert [int(steps[k].t_us[0]) for k in (1, 3)] == [2000, 4000]
 
@@ -131,9 +118,9 @@ def test_a_level_reached_at_a_frame_fires_at_its_time_and_once():
 @pytest.mark.parametrize(("longer_us", "kept"), [(0, [0, 1, 3]), (1, [0, 2])])
 def test_an_event_as_late_as_the_refractory_period_is_emitted(longer_us, kept):
     times_us = list(range(0, 6000, 1000))
-    t_us = Events.concat(run(swing(), times_us, SimConfig())).t_us
+    t_us = Events.concat(run_ideal(swing(), times_us, SimConfig())).t_us
     silence_us = int(t_us[1] - t_us[0]) + longer_us
-    heard = Events.concat(run(swing(), times_us, SimConfig(refractory_period_us=silence_us)))
+    heard = Events.concat(run_ideal(swing(), times_us, SimConfig(refractory_period_us=silence_us)))
     assert heard.t_us.tolist() == t_us[kept].tolist()
 
 
