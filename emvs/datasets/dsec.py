@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.hdf5 import Hdf5Writer, check_dataset
+from eventsweep.emvs.data.hdf5 import Hdf5Writer, check_dataset, open_hdf5
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets.custom import (
     CalibrationTable,
@@ -32,7 +32,6 @@ from eventsweep.emvs.formats.calibration_values import (
 )
 from eventsweep.emvs.formats.calibration_writers import kalibr_camera
 from eventsweep.emvs.formats.depth import read_png, write_image
-from eventsweep.emvs.formats.tables.hdf5_layouts import opened_hdf5
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
@@ -85,7 +84,7 @@ def check_rectify_map(path: Path, calibration: Path, camera: Camera) -> None:
     The mapper rectifies ray by ray, by the calibration; a difference of more than a pixel means
     that the two files belong to different cameras.
     """
-    with opened_hdf5(path) as file:
+    with open_hdf5(path) as file:
         data = file.get("rectify_map")
         shape = (camera.height_px, camera.width_px, 2)
         if not isinstance(data, h5py.Dataset) or data.shape != shape:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording, find_one
 from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.formats.calibration_values import camera_of, entry_of, number_of
-from eventsweep.emvs.formats.tables.npz import FOLDER_FILES, member, member_names
+from eventsweep.emvs.formats.tables.npz import FOLDER_FILES, member, opened_archive
 from eventsweep.emvs.formats.tables.object_arrays import object_values
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera, Model
@@ -166,10 +166,11 @@ class EvimoDepth:
                 for k, frame in enumerate(frames)
             }
         found: dict[int, str] = {}
-        for name in member_names(self._path):
-            number = name.removeprefix("depth_")
-            if number.isdecimal() and int(number) in stamps:
-                found[stamps[int(number)]] = name
+        with opened_archive(self._path) as archive:
+            for name in archive.namelist():
+                number = name.removeprefix("depth_").removesuffix(".npy")
+                if name.endswith(".npy") and number.isdecimal() and int(number) in stamps:
+                    found[stamps[int(number)]] = name.removesuffix(".npy")
         return dict(sorted(found.items()))
 
     @property

@@ -15,10 +15,10 @@ from xml.etree import ElementTree
 import lz4.frame
 import numpy as np
 
-from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.events import Events, to_events
 from eventsweep.emvs.errors import InputError, quoted, refused
 from eventsweep.emvs.formats.base import FileWriter
-from eventsweep.emvs.formats.blocks import MOST_BYTES, BlockReader, to_events, unpacked
+from eventsweep.emvs.formats.blocks import MOST_BYTES, BlockReader, unpacked
 from eventsweep.emvs.formats.prophesee import opened
 
 MAGIC = b"#!AER-DAT4.0\r\n"

@@ -65,7 +65,7 @@ class Checker:
         if not len(events):
             return events
         with located(f"{self._path}, stream {stream!r}"):
-            events._check_inside(*self._size_px)
+            events.check_inside(*self._size_px)
             if not self._limits.keeps_order:
                 check_sorted(events.t_us, self._rows.get(stream, 0))
         self._check_times(stream, events)

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.events import Events, Numbers, to_events
 from eventsweep.emvs.errors import InputError, quoted, refused, shown
-from eventsweep.emvs.formats.blocks import BlockReader, Numbers, to_events
+from eventsweep.emvs.formats.blocks import BlockReader
 from eventsweep.emvs.formats.prophesee import STREAM, opened
 from eventsweep.emvs.formats.tables.columns import UNITS_S, ColumnMap, by_names
 from eventsweep.emvs.utils.plugins import extra_module
