@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.data.hdf5 import Hdf5Writer, check_dataset, open_hdf5
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.datasets.custom import (
-    CalibrationTable,
-    Descriptor,
-    EventsTable,
-    PosesTable,
-    assembled,
-)
+from eventsweep.emvs.datasets.custom import described
 from eventsweep.emvs.datasets.posed import PosedRecording, find_one, find_optional
 from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.formats.calibration_values import (
@@ -54,15 +49,14 @@ def open_dsec(folder: Path) -> PosedRecording:
     calibration = find_one(folder, _CAMERAS, "the calibration")
     poses = find_one(folder, _POSES, "poses (T_world_cam of the left event camera, TUM format)")
     right = find_one(folder, ["events/right/events.h5"], "the right events")
-    what = Descriptor(
-        calibration=CalibrationTable(file=calibration.relative_to(folder).as_posix()),
-        poses=PosesTable(file=poses.relative_to(folder).as_posix()),
-        events=(
-            EventsTable(file=LEFT),
-            EventsTable(file=right.relative_to(folder).as_posix()),
-        ),
+    names = [path.relative_to(folder).as_posix() for path in (calibration, poses, right)]
+    recording = described(
+        folder,
+        "DSEC",
+        calibration={"file": names[0]},
+        poses={"file": names[1]},
+        events=[{"file": LEFT}, {"file": names[2]}],
     )
-    recording = assembled(folder, what, "DSEC")
     camera = recording.rig.cameras[0]
     if (folder / _RECTIFY).exists():
         check_rectify_map(folder / _RECTIFY, calibration, camera)
@@ -73,8 +67,6 @@ def open_dsec(folder: Path) -> PosedRecording:
     if stamps is None or images is None:
         lacks, there = (_STAMPS[0], images) if stamps is None else (f"{_IMAGES[0]}/", stamps)
         raise InputError(f"{folder}: has {there}, but not {lacks}; download it, or remove both")
-    from dataclasses import replace
-
     return replace(recording, truth=DsecDisparity(images, stamps, calibration, camera))
 
 

@@ -95,16 +95,6 @@ class Checker:
         self._last_us[stream] = last
 
 
-def only_stream(path: Path, streams: Streams) -> tuple[str, Iterable[Events]]:
-    """The one stream of a format that holds one."""
-    if len(streams) != 1:
-        raise InputError(
-            f"{path}: {len(streams)} streams ({', '.join(streams) or 'none'}) for a format that "
-            "holds one: write one file per stream, or choose mvsec, rosbag1 or aedat4"
-        )
-    return next(iter(streams.items()))
-
-
 class StreamWriter:
     """Appends packets of events, which `Checker` has already found to fit; use it as a context.
 
