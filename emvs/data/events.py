@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.errors import InputError, check_array
 
 Numbers = NDArray[Any]
+Columns = tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64], NDArray[np.uint8]]
 LARGEST_US = 1 << 62
 
 
@@ -52,13 +53,17 @@ class Events:
         x, y = np.empty(count, np.uint16), np.empty(count, np.uint16)
         return cls(x, y, np.empty(count, np.int64), np.empty(count, np.uint8))
 
+    @property
+    def columns(self) -> Columns:
+        """`x`, `y`, `t_us` and `p`, as kernels take them."""
+        return self.x, self.y, self.t_us, self.p
+
     @classmethod
     def concat(cls, parts: Sequence[Events]) -> Events:
         """Joins stretches in the order given."""
         if not parts:
             return cls.empty()
-        columns = ("x", "y", "t_us", "p")
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
+        return cls(*map(np.concatenate, zip(*(part.columns for part in parts), strict=True)))
 
     def __len__(self) -> int:
         return len(self.t_us)

@@ -19,7 +19,7 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.ground_truth import TruthRecording
 from eventsweep.emvs.errors import InputError, check_type
-from eventsweep.emvs.geometry.warp import distort_depth
+from eventsweep.emvs.geometry.warp import reproject_depth
 from eventsweep.emvs.utils.outputs import atomic_dir
 
 Window = dict[str, Any]
@@ -118,7 +118,8 @@ class TrainingWindows:
             depth_m = self.recording.truth_depth_m(self.camera, t_us)
         else:
             view_m = self.recording.truth_view_depth_m(self.camera, t_us)
-            depth_m = distort_depth(view_m, self.recording.rig.cameras[self.camera])
+            sensor = self.recording.rig.cameras[self.camera]
+            depth_m = reproject_depth(view_m, sensor.undistorted(), sensor)
         known = np.isfinite(depth_m) & (depth_m > 0)
         return np.where(known, depth_m, np.nan).astype(np.float32)
 

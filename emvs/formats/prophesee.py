@@ -126,15 +126,14 @@ def decode_words(
         How many words were used, and their events.
     """
     room = min(_ROOM, prophesee_kernels.MOST_PER_WORD * len(words))
-    x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
-    t_us, p = np.empty(room, np.int64), np.empty(room, np.uint8)
-    used, count, unknown = coding.decode(words, state, x, y, t_us, p)
+    events = Events.room(room)
+    used, count, unknown = coding.decode(words, state, events.columns)
     if unknown:
         raise InputError(
             f"{where(used)}: {int(words[used]):#x} is not a word of {coding.name.upper()}; the "
             "file is damaged or in another format, download it again"
         )
-    return used, Events(x, y, t_us, p).slice(0, count)
+    return used, events.slice(0, count)
 
 
 def opened(path: Path) -> BinaryIO:
@@ -250,5 +249,5 @@ class RawWriter(FileWriter):
     def _put(self, _stream: str, events: Events) -> None:
         loops = (int(events.t_us[-1]) >> self._loop_bits) - int(self._state[LOOPS])
         words = np.empty(8 * len(events) + 3 * loops + 8, self._word)
-        count = self._encode(events.x, events.y, events.t_us, events.p, self._state, words)
+        count = self._encode(events.columns, self._state, words)
         self._file.write(words[:count].data)

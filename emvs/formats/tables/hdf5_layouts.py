@@ -155,7 +155,7 @@ class MatrixReader(ColumnReader):
             raise InputError(f"{where}: shape {data.shape}, needs (N, 4): x, y, t in seconds, p")
         rows = np.ascontiguousarray(data[start:stop], np.float64)
         events = Events.room(len(rows))
-        bad = convert_rows(rows, events.x, events.y, events.t_us, events.p)
+        bad = convert_rows(rows, events.columns)
         if bad >= 0:
             raise InputError(
                 f"{self._where(start, stop)}: row {start + bad} is {rows[bad].tolist()}; needs "

@@ -86,13 +86,10 @@ class TextReader(BlockReader):
         return line
 
     def _parse(self, text: bytes, offset: int) -> Events:
-        rows = text.count(b"\n") + 1
-        t_us, p = np.empty(rows, np.int64), np.empty(rows, np.uint8)
-        x, y = np.empty(rows, np.uint16), np.empty(rows, np.uint16)
-        layout = self._layout
+        layout, events = self._layout, Events.room(text.count(b"\n") + 1)
         order: NDArray[np.int64] = np.array(layout.order, np.int64)
         data = np.frombuffer(text, np.uint8)
-        count, bad = parse_rows(data, order, layout.power, layout.whole_times, t_us, x, y, p)
+        count, bad = parse_rows(data, order, layout.power, layout.whole_times, events.columns)
         if bad >= 0:
             line = text[bad : bad + 60].split(b"\n")[0].decode("ascii", "replace")
             fields = " ".join("txyp"[what] if what >= 0 else "..." for what in layout.order)
@@ -103,7 +100,7 @@ class TextReader(BlockReader):
                 f"needs `{fields}`, t >= 0 ({times}), whole pixels 0 to 65535, p 0 or 1 or -1: "
                 "correct or remove the line"
             )
-        return Events(x, y, t_us, p).slice(0, count)
+        return events.slice(0, count)
 
 
 def text_layout(path: Path, head: bytes, columns: ColumnMap | None = None) -> TextLayout:
@@ -200,6 +197,5 @@ class TextWriter(FileWriter):
 
     def _put(self, _stream: str, events: Events) -> None:
         text = np.empty(48 * len(events), np.uint8)
-        columns = events.t_us, events.x, events.y, events.p
-        size = format_rows(*columns, self._seconds, self._gap, text)
+        size = format_rows(events.columns, self._seconds, self._gap, text)
         self._file.write(text[:size].data)
