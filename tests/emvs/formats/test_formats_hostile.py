@@ -1,4 +1,4 @@
-"""Hostile event files of every sort end in one clear line; see `test_codecs_fuzz`, too."""
+"""Hostile event files of every sort end in one clear line; see `test_formats_fuzz`, too."""
 
 import bz2
 import io
