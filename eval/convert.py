@@ -202,8 +202,8 @@ def _event_file(
         )
     if len(chosen) > 1 and FORMATS[options.to].limits.streams == 1:
         raise InputError(
-            f"{readable.path}: {len(chosen)} streams ({', '.join(dict(chosen))}) into {options.to}, "
-            "which holds one: choose with --stream"
+            f"{readable.path}: {len(chosen)} streams ({', '.join(dict(chosen))}) into "
+            f"{options.to}, which holds one: choose with --stream"
         )
     sizes = zip(readable.streams, readable.sizes_px, strict=True)
     own = [size for (name, _), size in sizes if name == options.stream]

@@ -87,9 +87,8 @@ def check_rectify_map(path: Path, calibration: Path, camera: Camera) -> None:
         with np.errstate(invalid="ignore"):  # a damaged number may be one that signals
             stored = np.asarray(data[()], np.float64)[::16, ::16]
     rectified, R_rect_cam, _ = rectification_of(calibration)
-    rays = camera.bearing_table()[::16, ::16]
-    points = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) @ R_rect_cam.T
-    off_px = np.abs(rectified.project(points) - stored).max(axis=-1)
+    rays = camera.ray_table()[::16, ::16]
+    off_px = np.abs(rectified.project(rays @ R_rect_cam.T) - stored).max(axis=-1)
     wrong = np.isfinite(rays).all(axis=-1) & ~(off_px <= _RECTIFY_OFF_PX)
     if wrong.any():
         row, column = np.unravel_index(int(np.argmax(wrong)), wrong.shape)
@@ -225,8 +224,7 @@ def write_calibration(folder: Path, rig: Rig) -> None:
     for side, camera, turned in zip(
         ("left", "right"), rig.cameras, (R_left, R_right), strict=False
     ):
-        rays = camera.bearing_table()
-        points = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) @ turned.T
+        points = camera.ray_table() @ turned.T
         with Hdf5Writer(folder / "events" / side / "rectify_map.h5") as hdf5:
             hdf5.create("rectify_map", data=common.project(points).astype(np.float32))
 

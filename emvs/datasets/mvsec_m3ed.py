@@ -164,8 +164,9 @@ class DepthStack:
                     f"{path}: has only one of two data sets, {missing[0]} is missing; download "
                     "it again"
                 )
-            for name in names if self.there else ():
-                check_columns(path, file, {name: 3 if name == stack.data else 1})
+            if self.there:
+                check_columns(path, file, {stack.data: 3})
+                check_columns(path, file, {stack.times: 1})
             shape = file[stack.data].shape if self.there else (0, 0, 0)
         if self.there and shape[1:] != (camera.height_px, camera.width_px):
             raise InputError(

@@ -174,18 +174,14 @@ def write_windows(
             rows.append({"file": name, **times, "events": events})
             if on_written is not None:
                 on_written(k + 1)
-        (folder / MANIFEST).write_text(json.dumps(_manifest(windows, rows), indent=1) + "\n")
+        rig, lengths = windows.recording.rig, ("window_s", "stride_s")
+        manifest = {
+            "schema_version": 1,
+            "recording": windows.recording.name,
+            "camera": rig.camera_names[windows.camera],
+            "calibration": rig.cameras[windows.camera].to_json(),
+            **{name: getattr(windows, name) for name in lengths},
+            "windows": rows,
+        }
+        (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n")
     return len(rows)
-
-
-def _manifest(windows: TrainingWindows, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    rig = windows.recording.rig
-    return {
-        "schema_version": 1,
-        "recording": windows.recording.name,
-        "camera": rig.camera_names[windows.camera],
-        "calibration": rig.cameras[windows.camera].to_json(),
-        "window_s": windows.window_s,
-        "stride_s": windows.stride_s,
-        "windows": rows,
-    }

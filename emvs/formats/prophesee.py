@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +40,7 @@ _CODINGS: dict[str, tuple[str, np.dtype[Any], Callable[..., int], int]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class _Coding:
+class _Coding(NamedTuple):
     """How the words of a format are read."""
 
     name: str
@@ -170,8 +168,7 @@ _SENSORS = {
 }
 
 
-@dataclass(frozen=True)
-class RawHeader:
+class RawHeader(NamedTuple):
     """What the lines say: coding (empty: none), sensor size, and where the events begin, bytes."""
 
     kind: str
@@ -190,32 +187,25 @@ def read_raw_header(path: Path, file: BinaryIO) -> RawHeader:
                 f"{path}, byte {file.tell()}: the header does not end; needs lines `% ...` and "
                 "`% end`: the file is damaged"
             )
-        words = line[1:].decode("latin-1").strip()
-        key, _, value = words.partition(" ")
+        key, _, value = line[1:].decode("latin-1").strip().partition(" ")
         if key == "end":
             break
         fields[key.lower()] = value.strip()
     if not fields:
         raise InputError(f"{path}, byte 0: no header; needs lines `% ...` before the events")
-    return _header(path, fields, file.tell())
-
-
-def _header(path: Path, fields: dict[str, str], offset: int) -> RawHeader:
-    kind, *options = (fields.get("format") or "").split(";")
+    kind, *options = fields.get("format", "").split(";")
     named = dict(option.partition("=")[::2] for option in options)
     if "legacy" in (named.get("endianness"), fields.get("endianness")):
         raise InputError(f"{path}: words in legacy order; convert it with Prophesee's tools first")
     if not kind and "evt" in fields:
         kind = "EVT" + fields["evt"].removesuffix(".0").replace(".", "")
-    size = _size(path, fields, named)
-    return RawHeader(kind.upper().replace(".", ""), size[0], size[1], offset)
+    return RawHeader(kind.upper().replace(".", ""), *_size(path, fields, named), file.tell())
 
 
 def _size(
     path: Path, fields: dict[str, str], named: dict[str, str]
 ) -> tuple[int, int] | tuple[None, None]:
-    width = named.get("width") or fields.get("width")
-    height = named.get("height") or fields.get("height")
+    width, height = (named.get(name) or fields.get(name) for name in ("width", "height"))
     if geometry := re.fullmatch(r"(\d+)x(\d+)", fields.get("geometry", "")):
         width, height = geometry.groups()
     if width is None or height is None:

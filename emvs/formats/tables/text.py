@@ -121,22 +121,20 @@ def text_layout(path: Path, head: bytes, columns: ColumnMap | None = None) -> Te
         )
     words = lines[0].decode("ascii").replace(",", " ").split()
     is_header = bool(words) and words[0].strip("\"'")[:1].isalpha()
-    if columns is not None and columns.x:
-        return _stated_layout(path, columns, words, skip + is_header * len(lines[0]), is_header)
-    if is_header:
-        layout = _csv_layout(path, words, skip + len(lines[0]), lines[1:])
-        return layout if columns is None else _in_unit(layout, columns)
     size = None
-    if len(words) == 2 and all(word.isdigit() and len(word) < 6 for word in words):
-        size = (int(words[0]), int(words[1]))
-        skip += len(lines.pop(0))
-    seconds = _has_points(lines, 0)
-    name = "esim-text" if size else "text"
-    layout = TextLayout(name, skip, (0, 1, 2, 3), 6 if seconds else 0, not seconds, size)
-    return layout if columns is None else _in_unit(layout, columns)
-
-
-def _in_unit(layout: TextLayout, columns: ColumnMap) -> TextLayout:
+    if columns is not None and columns.x:
+        layout = _stated_layout(path, columns, words, skip + is_header * len(lines[0]), is_header)
+    elif is_header:
+        layout = _csv_layout(path, words, skip + len(lines[0]), lines[1:])
+    else:
+        if len(words) == 2 and all(word.isdigit() and len(word) < 6 for word in words):
+            size = (int(words[0]), int(words[1]))
+            skip += len(lines.pop(0))
+        seconds = _has_points(lines, 0)
+        name = "esim-text" if size else "text"
+        layout = TextLayout(name, skip, (0, 1, 2, 3), 6 if seconds else 0, not seconds, size)
+    if columns is None:
+        return layout
     return replace(layout, power=_POWERS[f"t_{columns.time_unit}"], whole_times=False)
 
 
@@ -154,8 +152,7 @@ def _stated_layout(
             there = quoted(*names) or f"0 to {len(words) - 1}"
             raise InputError(f"{path}: no separate column {quoted(address)}; choose from {there}")
         order[place] = what
-    layout = TextLayout("csv", skip, tuple(order), 0, False)
-    return _in_unit(layout, columns)
+    return TextLayout("csv", skip, tuple(order), 0, False)
 
 
 def _csv_layout(path: Path, words: list[str], skip: int, body: list[bytes]) -> TextLayout:
