@@ -199,7 +199,8 @@ def read_raw_header(path: Path, file: BinaryIO) -> RawHeader:
         raise InputError(f"{path}: words in legacy order; convert it with Prophesee's tools first")
     if not kind and "evt" in fields:
         kind = "EVT" + fields["evt"].removesuffix(".0").replace(".", "")
-    return RawHeader(kind.upper().replace(".", ""), *_size(path, fields, named), file.tell())
+    width_px, height_px = _size(path, fields, named)
+    return RawHeader(kind.upper().replace(".", ""), width_px, height_px, file.tell())
 
 
 def _size(

@@ -37,8 +37,10 @@ class ParquetReader(BlockReader):
             self._groups = [
                 table.metadata.row_group(k).num_rows for k in range(table.num_row_groups)
             ]
-        is_stated = columns is not None and columns.x
-        chosen, unit_s = (columns, None) if is_stated else by_names(str(self.path), schema.names)
+        if columns is None or not columns.x:
+            chosen, unit_s = by_names(str(self.path), schema.names)
+        else:
+            chosen, unit_s = columns, None
         self._names = chosen.addresses
         self._unit_s = unit_s if columns is None else columns.unit_s
         for name in self._names.values():
