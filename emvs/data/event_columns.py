@@ -79,8 +79,8 @@ class ColumnReader:
         self.is_indexed = columns.index in file
         self._offset_us = self._offset(file) if columns.from_offset else 0
         self._kept_index: Numbers | None = None
-        if self.is_indexed and check_columns(self.path, file, {columns.index: 1}) <= _MOST_KEPT:
-            self._kept_index = file[columns.index][:]
+        if self.is_indexed:
+            check_columns(self.path, file, {columns.index: 1})
 
     def _offset(self, file: h5py.File) -> int:
         stored = np.ravel(file["t_offset"][()])
@@ -167,7 +167,12 @@ class ColumnReader:
 
     def _index(self, file: h5py.File) -> Numbers | h5py.Dataset:
         """The index: read once where it is of a usual length, else a data set to look up in."""
-        return file[self._columns.index] if self._kept_index is None else self._kept_index
+        if self._kept_index is None:
+            index = file[self._columns.index]
+            if len(index) > _MOST_KEPT:
+                return index
+            self._kept_index = index[:]
+        return self._kept_index
 
     def _row_at(self, index: Numbers | h5py.Dataset, ms: int) -> int:
         row = int(index[ms])

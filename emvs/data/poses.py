@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.stamps import read_lines
+from eventsweep.emvs.data.stamps import text_of
 from eventsweep.emvs.errors import InputError, located, said
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.files import atomic_path
@@ -58,9 +58,9 @@ def write_kitti(path: Path, trajectory: Trajectory) -> None:
 
 
 def _rows(path: Path) -> NDArray[np.float64]:
-    rows = []
-    for number, line in enumerate(read_lines(path, "ascii", f"lines `{_COLUMNS}`"), start=1):
-        words = line.split("#", 1)[0].replace(",", " ").split()
+    rows, text = [], text_of(path, "ascii", f"lines `{_COLUMNS}`")
+    for number, line in enumerate(text.replace(",", " ").splitlines(), start=1):
+        words = line.split("#", 1)[0].split()
         is_header = number == 1 and words and words[0][0].isalpha() and words[0] not in _NO_NUMBERS
         if words and not is_header:
             rows.append(_row(f"{path}, line {number}", words))

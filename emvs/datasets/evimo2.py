@@ -129,11 +129,7 @@ def _place(folder: Path) -> NDArray[np.float64]:
 def _offset_us(path: Path, meta: dict[str, Any]) -> int:
     """When the bag of the sequence began on the cameras' common clock, µs."""
     with located(f"{path}, meta"):
-        entry = entry_of(meta, "meta", "meta", dict)
-        offset_s = number_of(entry, "ros_time_offset", "meta")
-        if not abs(offset_s) < 1 << 40:
-            raise InputError(f"meta.ros_time_offset is {offset_s:g} s: needs less than 2^40")
-        return round(offset_s * 1e6)
+        return _time_us(entry_of(meta, "meta", "meta", dict), "ros_time_offset", "meta")
 
 
 def _trajectory(path: Path, meta: dict[str, Any]) -> Trajectory:
@@ -152,7 +148,10 @@ def _poses(entries: list[Any]) -> Iterator[tuple[int, list[float], list[float]]]
             continue
         key = f"full_trajectory[{k}]"
         pose = entry_of(entry_of(entry, "cam", key, dict), "pos", f"{key}.cam", dict)
-        yield _time_us(entry, key), *_motion(pose.get("t"), pose.get("q"), f"{key}.t", f"{key}.q")
+        yield (
+            _time_us(entry, "ts", key),
+            *_motion(pose.get("t"), pose.get("q"), f"{key}.t", f"{key}.q"),
+        )
 
 
 def _motion(t: Any, q: Any, t_key: str, q_key: str) -> tuple[list[float], list[float]]:
@@ -165,10 +164,10 @@ def _motion(t: Any, q: Any, t_key: str, q_key: str) -> tuple[list[float], list[f
     return position_m, [value / norm for value in quat_xyzw]
 
 
-def _time_us(entry: Any, key: str) -> int:
-    t_s = number_of(entry, "ts", key)
+def _time_us(entry: Any, name: str, key: str) -> int:
+    t_s = number_of(entry, name, key)
     if not abs(t_s) < 1 << 40:
-        raise InputError(f"{key}.ts is {t_s:g} s: needs less than 2^40")
+        raise InputError(f"{key}.{name} is {t_s:g} s: needs less than 2^40")
     return round(t_s * 1e6)
 
 
@@ -184,7 +183,7 @@ class EvimoDepth:
         with located(f"{self._info}, meta"):
             frames = entry_of(self._meta, "frames", "meta", list)
             stamps = {
-                int(number_of(frame, "id", f"frames[{k}]")): _time_us(frame, f"frames[{k}]")
+                int(number_of(frame, "id", f"frames[{k}]")): _time_us(frame, "ts", f"frames[{k}]")
                 for k, frame in enumerate(frames)
             }
         found: dict[int, str] = {}
