@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eventsweep.emvs.data.poses import write_tum
+from eventsweep.emvs.data.poses import read_poses, write_kitti, write_tum
+from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.export import RecordingExport, kinds, write_recording
 from eventsweep.emvs.datasets.posed import EventSource
 from eventsweep.emvs.datasets.raw_streams import Readable, open_readable
@@ -16,6 +17,7 @@ from eventsweep.emvs.formats import FORMATS, calibration_writers, depth, write_e
 from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import opened_npz, parse_json
 from eventsweep.emvs.utils.outputs import check_output, inputs_of, output_file
 from eventsweep.eval.progress import Display
@@ -57,9 +59,8 @@ class Options:
 
 def targets() -> list[str]:
     """Every format that can be written."""
-    disparity = ["disparity-png"]
-    rigs, depths = list(calibration_writers.WRITERS), list(depth.WRITERS)
-    return [*kinds(), *POSES, *rigs, *depths, *disparity, *CLOUDS, WINDOWS]
+    files = [*POSES, *calibration_writers.WRITERS, *depth.WRITERS, "disparity-png", *CLOUDS]
+    return [*kinds(), *files, WINDOWS]
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,12 @@ def convert_file(source: Path, out: Path, options: Options, progress: Display) -
     if to in kinds():
         return _events(source, out, options, inputs, progress)
     with output_file(out, force=options.force, inputs=inputs) as place:
-        return Written(_file(source, place, options))
+        if to in POSES:
+            return Written(_poses(source, place, options))
+        if to in calibration_writers.WRITERS:
+            calibration_writers.WRITERS[to](place, _rig(source))
+            return Written(f"calibration as {to}")
+        return Written((_cloud if to in CLOUDS else _depth)(source, place, options))
 
 
 def _refuse_unused(options: Options) -> None:
@@ -105,19 +111,6 @@ def _refuse_unused(options: Options) -> None:
         if is_useless:
             have = "have no effect" if " and " in flag else "has no effect"
             raise InputError(f"{flag} {have} with --to {options.to}: leave it out")
-
-
-def _file(source: Path, out: Path, options: Options) -> str:
-    """Poses, a calibration, a depth map or a point cloud."""
-    to = options.to
-    if to in POSES:
-        return _poses(source, out, options)
-    if to in calibration_writers.WRITERS:
-        calibration_writers.WRITERS[to](out, _rig(source))
-        return f"calibration as {to}"
-    if to in CLOUDS:
-        return _cloud(source, out, to)
-    return _depth(source, out, options)
 
 
 def _events(
@@ -152,7 +145,6 @@ def _windows(
     source: Path, out: Path, options: Options, inputs: tuple[Path, ...], progress: Display
 ) -> Written:
     """Events and the depth at their end, a file per window."""
-    from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.datasets.training import WINDOW_S, TrainingWindows, write_windows
 
     recording: Any = open_recording(source)
@@ -204,17 +196,15 @@ def _event_file(
     shift_us: int,
     report_progress: Callable[[int], None],
 ) -> int:
-    names = [name for name, _ in readable.streams]
     if options.to == "sequence" or not FORMATS[options.to].writes:
         raise InputError(
             f"{readable.path}: has events but no poses; cannot be converted to {options.to}"
         )
     if len(chosen) > 1 and FORMATS[options.to].limits.streams == 1:
         raise InputError(
-            f"{readable.path}: {len(chosen)} streams ({', '.join(names)}) into {options.to}, which "
-            "holds one: choose with --stream"
+            f"{readable.path}: {len(chosen)} streams ({', '.join(dict(chosen))}) into "
+            f"{options.to}, which holds one: choose with --stream"
         )
-
     sizes = zip(readable.streams, readable.sizes_px, strict=True)
     own = [size for (name, _), size in sizes if name == options.stream]
     known = next((size for size in (*own, *readable.sizes_px) if size), (None, None))
@@ -238,8 +228,6 @@ def _start_us(readable: Readable) -> int:
 
 
 def _poses(source: Path, out: Path, options: Options) -> str:
-    from eventsweep.emvs.data.poses import write_kitti
-
     poses = _trajectory(source, options.unit)
     if options.shift_us is None or options.shift_us:
         shift = -poses.span_us[0] if options.shift_us is None else options.shift_us
@@ -252,8 +240,6 @@ def _poses(source: Path, out: Path, options: Options) -> str:
 
 
 def _trajectory(source: Path, unit: str) -> Trajectory:
-    from eventsweep.emvs.data.poses import read_poses
-    from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.datasets.bags import read_bag_poses
     from eventsweep.emvs.datasets.custom import is_bag
 
@@ -265,7 +251,6 @@ def _trajectory(source: Path, unit: str) -> Trajectory:
 
 
 def _rig(source: Path) -> Rig:
-    from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.formats.calibration import read_rig
 
     if source.is_dir() or source.suffix in (".toml", ".bag", ".mcap"):
@@ -297,9 +282,8 @@ def _focal_px(source: Path) -> float:
         raise InputError(f"{source}: contains no camera; needs a map's depth.npz") from error
 
 
-def _cloud(source: Path, out: Path, to: str) -> str:
+def _cloud(source: Path, out: Path, options: Options) -> str:
     from eventsweep.emvs.depth.tsdf import load_open3d
-    from eventsweep.emvs.utils.files import atomic_path
 
     if source.suffix not in (".ply", ".pcd") or not source.is_file():
         raise InputError(f"{source}: no point cloud; needs a .ply or .pcd file")
@@ -307,9 +291,9 @@ def _cloud(source: Path, out: Path, to: str) -> str:
     cloud = o3d.io.read_point_cloud(source)
     if not cloud.has_points():
         raise InputError(f"{source}: contains no points, or is damaged; export it again")
-    if out.suffix != f".{to}":
-        raise InputError(f"{out}: needs a name that ends in .{to}")
+    if out.suffix != f".{options.to}":
+        raise InputError(f"{out}: needs a name that ends in .{options.to}")
     with atomic_path(out) as partial:
         if not o3d.io.write_point_cloud(partial, cloud):
             raise InputError(f"{out}: could not be written; is the disk full?")
-    return f"{len(cloud.points):,} points as {to}"
+    return f"{len(cloud.points):,} points as {options.to}"

@@ -109,7 +109,7 @@ def recording_facts(recording: Recording, counts: Sequence[StreamCount]) -> dict
             for c in counts
         ),
         "poses_share_of_events_span": [_covered(c, first, last) for c in counts],
-        "truth_times": _truth_times(recording),
+        "truth_times": len(getattr(recording, "truth_times_us", lambda _: ())(0)),
         "renderer": getattr(getattr(recording, "manifest", None), "renderer", None),
     }
 
@@ -121,11 +121,6 @@ def _covered(count: StreamCount, first_us: int, last_us: int) -> float:
     both = min(count.last_us, last_us) - max(count.first_us, first_us)
     whole = count.last_us - count.first_us
     return float(np.clip(both / whole, 0.0, 1.0)) if whole else float(both >= 0)
-
-
-def _truth_times(recording: Recording) -> int:
-    times = getattr(recording, "truth_times_us", None)
-    return 0 if times is None else len(times(0))
 
 
 def warnings(description: dict[str, Any]) -> list[str]:

@@ -15,7 +15,6 @@ from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import DerivedRecording, Recording
 from eventsweep.emvs.geometry import se3
-from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.parameters import FrozenModel
@@ -102,7 +101,8 @@ def perturbed(recording: Recording, amount: Perturbation, seed: int) -> Recordin
 
 def perturbed_rig(rig: Rig, amount: Perturbation) -> Rig:
     """The calibration with its errors: all intrinsics, and the extrinsics of camera 1."""
-    cameras = tuple(_perturbed_camera(camera, amount) for camera in rig.cameras)
+    zoomed = [camera.zoomed(1 + amount.focal_percent / 100) for camera in rig.cameras]
+    cameras = tuple(replace(camera, cx_px=camera.cx_px + amount.centre_px) for camera in zoomed)
     T_body_cam = list(rig.T_body_cam)
     if len(rig) > 1:
         T_0_1 = se3.inverse(T_body_cam[0]) @ T_body_cam[1]
@@ -111,11 +111,6 @@ def perturbed_rig(rig: Rig, amount: Perturbation) -> Rig:
         T_0_1[:3, 3] *= 1 + amount.baseline_percent / 100
         T_body_cam[1] = T_body_cam[0] @ T_0_1 @ turn
     return replace(rig, cameras=cameras, T_body_cam=tuple(T_body_cam))
-
-
-def _perturbed_camera(camera: Camera, amount: Perturbation) -> Camera:
-    zoomed = camera.zoomed(1 + amount.focal_percent / 100)
-    return replace(zoomed, cx_px=camera.cx_px + amount.centre_px)
 
 
 def thinned(events: Events, share: float, seed: int) -> Events:

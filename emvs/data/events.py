@@ -1,4 +1,7 @@
-"""Events as columns: sorted by time, four arrays of one length."""
+"""Events as columns: sorted by time, four arrays of one length; made of what a file holds.
+
+What a file says of pixels, times and polarity is checked here, whatever its format.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError, check_array
+
+Numbers = NDArray[Any]
+Columns = tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64], NDArray[np.uint8]]
+LARGEST_US = 1 << 62
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,20 +45,25 @@ class Events:
     @classmethod
     def empty(cls) -> Events:
         """No events."""
-        return cls(
-            np.empty(0, np.uint16),
-            np.empty(0, np.uint16),
-            np.empty(0, np.int64),
-            np.empty(0, np.uint8),
-        )
+        return cls.room(0)
+
+    @classmethod
+    def room(cls, count: int) -> Events:
+        """Columns for so many events, to be filled."""
+        x, y = np.empty(count, np.uint16), np.empty(count, np.uint16)
+        return cls(x, y, np.empty(count, np.int64), np.empty(count, np.uint8))
+
+    @property
+    def columns(self) -> Columns:
+        """`x`, `y`, `t_us` and `p`, as kernels take them."""
+        return self.x, self.y, self.t_us, self.p
 
     @classmethod
     def concat(cls, parts: Sequence[Events]) -> Events:
         """Joins stretches in the order given."""
         if not parts:
             return cls.empty()
-        columns = ("x", "y", "t_us", "p")
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
+        return cls(*map(np.concatenate, zip(*(part.columns for part in parts), strict=True)))
 
     def __len__(self) -> int:
         return len(self.t_us)
@@ -99,12 +111,13 @@ class Events:
                 f"event columns have different lengths {sorted(lengths)}: all must match"
             )
         check_sorted(self.t_us)
-        self._check_inside(width_px, height_px)
+        self.check_inside(width_px, height_px)
         return self
 
-    def _check_inside(self, width_px: int, height_px: int) -> None:
-        outside = np.flatnonzero((self.x >= width_px) | (self.y >= height_px))
-        if outside.size:
+    def check_inside(self, width_px: int, height_px: int) -> None:
+        """Refuses events off the sensor."""
+        if len(self.x) and (self.x.max() >= width_px or self.y.max() >= height_px):
+            outside = np.flatnonzero((self.x >= width_px) | (self.y >= height_px))
             k = int(outside[0])
             raise InputError(
                 f"event {k} at pixel ({self.x[k]}, {self.y[k]}) lies outside the "
@@ -130,3 +143,88 @@ def count_late(t_us: NDArray[np.int64], latest_us: int) -> int:
         return 0
     running = np.maximum.accumulate(np.maximum(t_us, latest_us))
     return int(np.count_nonzero(t_us < running))
+
+
+def to_events(
+    where: str, x: Numbers, y: Numbers, t: Numbers, p: Numbers, unit_s: float | None
+) -> Events:
+    """Events from columns of one length.
+
+    Args:
+        where: file and place, for the errors' sake.
+        x: (N,) columns, px.
+        y: (N,) rows, px.
+        t: (N,) times in `unit_s`.
+        p: (N,) polarity: 0 or -1 for darker, 1 for brighter.
+        unit_s: what times count, s; None: µs where whole numbers, seconds where floating.
+
+    Raises:
+        InputError: a value that is not finite, whole (pixels) or in range.
+    """
+    if unit_s is None:
+        unit_s = 1.0 if t.dtype.kind == "f" else 1e-6
+    return events_at(where, x, y, times_us(where, t, unit_s), p)
+
+
+def events_at(where: str, x: Numbers, y: Numbers, t_us: NDArray[np.int64], p: Numbers) -> Events:
+    """The same where times are known already, µs."""
+    return Events(_pixels(where, "x", x), _pixels(where, "y", y), t_us, _polarity(where, p))
+
+
+def times_us(where: str, t: Numbers, unit_s: float) -> NDArray[np.int64]:
+    """Times in whole µs, rounded to the nearest; no format here has any below 0 or above 2^62."""
+    if t.dtype.kind == "f":
+        with np.errstate(over="ignore", invalid="ignore"):
+            t_us = t.astype(np.float64) * (unit_s * 1e6)
+        _refuse(where, "t", t, ~(np.abs(t_us) < LARGEST_US), "finite times below 2^62 µs")
+        return checked_times(np.rint(t_us).astype(np.int64), where)
+    if len(t) and t.max() >= LARGEST_US:
+        _refuse(where, "t", t, t >= LARGEST_US, "times below 2^62")
+    whole = t.astype(np.int64, copy=False)
+    if unit_s == 1e-9:
+        whole = (whole + 500) // 1000
+    elif unit_s != 1e-6:
+        _refuse(where, "t", t, np.abs(whole) >= 1 << 42, "times below 2^42")
+        whole = whole * round(unit_s * 1e6)
+    return checked_times(whole, where)
+
+
+def checked_times(t_us: NDArray[np.int64], where: str, least_us: int = 0) -> NDArray[np.int64]:
+    """Returns (N,) times, µs, of which none is before the least or beyond 2^62."""
+    if len(t_us) and not least_us <= t_us.min() <= t_us.max() <= LARGEST_US:
+        k = int(np.argmax((t_us < least_us) | (t_us > LARGEST_US)))
+        raise InputError(
+            f"{where}: event {k} at {t_us[k]} µs; needs 0 to 2^62 µs: shift the times if "
+            "they count from another epoch, otherwise the file is damaged"
+        )
+    return t_us
+
+
+def _pixels(where: str, name: str, values: Numbers) -> NDArray[np.uint16]:
+    if values.dtype == np.uint16:
+        return values
+    with np.errstate(invalid="ignore"):
+        bad = ~((values >= 0) & (values <= 65535))
+        if values.dtype.kind == "f":
+            bad |= values != np.floor(values)
+    _refuse(where, name, values, bad, "whole pixels from 0 to 65535")
+    return values.astype(np.uint16)
+
+
+def _polarity(where: str, values: Numbers) -> NDArray[np.uint8]:
+    if values.dtype.kind == "b" or (values.dtype == np.uint8 and values.max(initial=0) <= 1):
+        return values.astype(np.uint8, copy=False)
+    bad = (values != 0) & (values != 1)
+    if values.dtype.kind != "u":
+        bad &= values != -1
+    _refuse(where, "p", values, bad, "0 or 1, or -1 or 1")
+    return (values > 0).astype(np.uint8)
+
+
+def _refuse(where: str, name: str, values: Numbers, bad: NDArray[np.bool_], needs: str) -> None:
+    if bad.any():
+        k = int(np.argmax(bad))
+        raise InputError(
+            f"{where}: {name} of event {k} is {values[k]}, needs {needs}: the file is damaged, "
+            "or its columns are assigned wrongly"
+        )

@@ -7,7 +7,7 @@ whole process; so both are looked at before the first value is read.
 from __future__ import annotations
 
 import io
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
@@ -16,7 +16,7 @@ import h5py
 import hdf5plugin
 import numpy as np
 
-from eventsweep.emvs.errors import InputError, quoted
+from eventsweep.emvs.errors import InputError, printable, quoted, said
 from eventsweep.emvs.utils.inputs import check_file
 
 # LZ4 writes ten times as fast as zstd for 1.3 bytes more per event.
@@ -32,6 +32,10 @@ COMPRESSION = {
 ECF = 0x8ECF  # the filter of Prophesee's codec
 _MOST_CHUNK = 1 << 28
 _MOST_LINKS = 10_000
+_FAULTS = (
+    OSError, LookupError, RuntimeError, TypeError, AttributeError, ValueError, ArithmeticError,
+    MemoryError,
+)  # fmt: skip
 # What the plug-ins themselves store for each data set, and read without counting.
 _LEAST_PARAMETERS = {32001: 4, 32008: 3, 32026: 4}
 
@@ -57,8 +61,11 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
         try:
             _check_own(path, file)
             yield file
-        except (KeyError, OSError, RuntimeError, IndexError, TypeError, AttributeError) as error:
-            raise InputError(f"{path}: damaged, or not in the expected layout ({error})") from error
+        except InputError as error:  # it may quote the file
+            raise InputError(printable(str(error), 1000)) from error
+        except _FAULTS as error:
+            what = f"{path}: damaged, or not in the expected layout"
+            raise InputError(f"{what} ({said(error)}); download or write it again") from error
 
 
 def _check_own(path: Path, file: h5py.File) -> None:
@@ -239,6 +246,28 @@ def check_dataset(path: Path, data: Any) -> int:
     _check_filters(where, data)
     _check_storage(where, data)
     return int(data.shape[0])
+
+
+def check_columns(path: Path, file: h5py.File, axes: Mapping[str, int]) -> int:
+    """Number of rows of data sets that belong together.
+
+    Args:
+        path: the file's.
+        file: the open file.
+        axes: how many axes each data set must have.
+
+    Raises:
+        InputError: what `check_dataset` refuses, other axes, or different lengths.
+    """
+    counts = {name: check_dataset(path, file[name]) for name in axes}
+    for name, needed in axes.items():
+        if file[name].ndim != needed:
+            raise InputError(
+                f"{path}, data set {name}: shape {file[name].shape}, which is not supported"
+            )
+    if len(set(counts.values())) != 1:
+        raise InputError(f"{path}: data sets of different lengths {counts}; needs equal lengths")
+    return next(iter(counts.values()))
 
 
 def _check_filters(where: str, data: h5py.Dataset) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from eventsweep.emvs.errors import InputError, quoted
+from eventsweep.emvs.errors import InputError, quoted, refused
 from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, read_text
 from eventsweep.emvs.utils.output_manifest import digest_of, files_below, hashed
@@ -110,11 +110,9 @@ def _check_inside(folder: Path, name: str) -> None:
 
 
 def _check_size(path: Path, entry: FileEntry) -> None:
-    try:
+    with refused(f"{path}: missing", OSError, cure="; create the sequence again"):
         check_file(path)
         size = path.stat().st_size
-    except OSError as error:
-        raise InputError(f"{path}: missing; create the sequence again") from error
     if size != entry.bytes:
         raise InputError(
             f"{path}: {size} bytes, should be {entry.bytes}; create the sequence again"

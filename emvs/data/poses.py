@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.data.stamps import text_of
 from eventsweep.emvs.errors import InputError, located, said
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.emvs.utils.inputs import TABLE_BYTES, read_text
 
 POSES_FILE = "poses.txt"
 """Of a sequence."""
@@ -58,15 +58,8 @@ def write_kitti(path: Path, trajectory: Trajectory) -> None:
 
 
 def _rows(path: Path) -> NDArray[np.float64]:
-    try:
-        lines = read_text(path, TABLE_BYTES, "ascii").replace(",", " ").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not ASCII text"
-        raise InputError(
-            f"{path}: cannot be read ({reason}); expected a text file of poses"
-        ) from error
-    rows = []
-    for number, line in enumerate(lines, start=1):
+    rows, text = [], text_of(path, "ascii", f"lines `{_COLUMNS}`")
+    for number, line in enumerate(text.replace(",", " ").splitlines(), start=1):
         words = line.split("#", 1)[0].split()
         is_header = number == 1 and words and words[0][0].isalpha() and words[0] not in _NO_NUMBERS
         if words and not is_header:

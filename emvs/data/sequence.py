@@ -188,8 +188,7 @@ class Sequence:
 
     def labels(self, camera: int, t0_us: int, t1_us: int) -> NDArray[np.uint8]:
         """(N,) cause of each of `events(camera, t0_us, t1_us)`, see `sim.sensor.labels`."""
-        column = self._of(self._events, camera).read_extra("label", t0_us, t1_us)
-        return column.astype(np.uint8, copy=False)
+        return self._of(self._events, camera).read_extra("label", t0_us, t1_us)
 
     def sensor_counts(self, camera: int) -> dict[str, int]:
         """Number of a camera's events sent by cause and dropped by reason.
@@ -204,8 +203,7 @@ class Sequence:
 
     def event_depth_m(self, camera: int, t0_us: int, t1_us: int) -> NDArray[np.float32]:
         """(N,) z-depth of the surface that made each of `events(camera, t0_us, t1_us)`, m."""
-        column = self._of(self._events, camera).read_extra("depth_m", t0_us, t1_us)
-        return column.astype(np.float32, copy=False)
+        return self._of(self._events, camera).read_extra("depth_m", t0_us, t1_us)
 
     def event_points_world(self, camera: int, t0_us: int, t1_us: int) -> NDArray[np.float64]:
         """(N, 3) surface point that made each of `events(camera, t0_us, t1_us)`, world frame, m."""

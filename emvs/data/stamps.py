@@ -25,6 +25,15 @@ class Stamps(NamedTuple):
     unit: str
 
 
+def text_of(path: Path, encoding: str, needs: str, most_bytes: int = TABLE_BYTES) -> str:
+    """A text of a file; what cannot be read says what is needed."""
+    try:
+        return read_text(path, most_bytes, encoding)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or f"not a text file in {encoding}"
+        raise InputError(f"{path}: cannot be read ({reason}); needs {needs}") from error
+
+
 def read_stamps(path: Path, unit: str | None = None) -> Stamps:
     """Reads lines `t` or `t name`, parted by blanks or a comma; `#` starts a comment.
 
@@ -35,14 +44,7 @@ def read_stamps(path: Path, unit: str | None = None) -> Stamps:
         InputError: an unreadable file, a line that is neither, some lines with a name and some
             without, or a unit that nothing says.
     """
-    try:
-        lines = read_text(path, TABLE_BYTES).splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        raise InputError(f"{path}: cannot be read ({reason}); needs lines `t` or `t name`") from (
-            error
-        )
-    rows, header = _rows(lines)
+    rows, header = _rows(text_of(path, "utf-8", "lines `t` or `t name`").splitlines())
     if not rows:
         raise InputError(f"{path}: no times; needs a line `t` or `t name` for each image")
     words = [row[1] for row in rows]

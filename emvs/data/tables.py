@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, refused
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.files import atomic_path
@@ -56,14 +56,11 @@ def write_imu(path: str | Path, samples: ImuSamples) -> None:
 
 def read_imu(path: Path) -> ImuSamples:
     """Reads what `write_imu` wrote."""
-    try:
+    with refused(f"{path}: cannot be read as IMU samples", OSError, ValueError):
         check_file(path, TABLE_BYTES)
         with Path(path).open(encoding="ascii") as file:
             T_body_imu = _place(file.readline())
         table = np.loadtxt(path, delimiter=",", ndmin=2)
-    except (OSError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: cannot be read as IMU samples ({reason})") from error
     if table.shape[1] != 7 or not np.isfinite(table).all():
         raise InputError(
             f"{path}: needs rows of seven finite numbers: t_us, gyro x y z, accel x y z"

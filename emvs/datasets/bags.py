@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError, located, quoted, said
+from eventsweep.emvs.errors import InputError, located, quoted, refused
 from eventsweep.emvs.formats.calibration_values import camera_of
 from eventsweep.emvs.formats.rosbag import is_ros2, opened_bag
 from eventsweep.emvs.geometry import se3
@@ -26,15 +26,13 @@ _MODELS: dict[str, Model] = {
     "fisheye": "kb4",
     "": "pinhole",
 }
-POSE_TYPES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
-    "geometry_msgs/msg/PoseStamped": lambda m: (m.pose.position, m.pose.orientation),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: (
-        m.pose.pose.position,
-        m.pose.pose.orientation,
-    ),
-    "nav_msgs/msg/Odometry": lambda m: (m.pose.pose.position, m.pose.pose.orientation),
-    "geometry_msgs/msg/TransformStamped": lambda m: (m.transform.translation, m.transform.rotation),
+POSE_TYPES: dict[str, Callable[[Any], Any]] = {
+    "geometry_msgs/msg/PoseStamped": lambda message: message.pose,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: message.pose.pose,
+    "nav_msgs/msg/Odometry": lambda message: message.pose.pose,
+    "geometry_msgs/msg/TransformStamped": lambda message: message.transform,
 }
+"""Types of messages with a pose, and where it is in them."""
 _MOST_POSES = 10_000_000
 
 
@@ -144,14 +142,7 @@ def _of(info: Any, name: str) -> NDArray[np.float64]:
     return np.asarray(getattr(info, name.lower()) if values is None else values, np.float64)
 
 
-class PoseTopic(NamedTuple):
-    """Which topic's poses are meant, or why none is."""
-
-    name: str
-    lacks: str
-
-
-def pose_topic(kinds: Mapping[str, str], streams: Sequence[str]) -> PoseTopic:
+def pose_topic(kinds: Mapping[str, str], streams: Sequence[str]) -> tuple[str, str]:
     """Chooses among a bag's topics: the only one with poses, or that beside the first events.
 
     ESIM writes a topic of poses for every camera, `/cam0/pose` beside `/cam0/events`; those of the
@@ -160,17 +151,17 @@ def pose_topic(kinds: Mapping[str, str], streams: Sequence[str]) -> PoseTopic:
     Args:
         kinds: type of each topic.
         streams: topics of events, the first camera's first.
+
+    Returns:
+        The topic, or else an empty name and why none is meant.
     """
-    found = [name for name, kind in kinds.items() if kind in POSE_TYPES]
+    names = [name for name, kind in kinds.items() if kind in POSE_TYPES]
     own = f"{streams[0].rpartition('/')[0]}/pose" if streams else ""
-    if own in found:
-        return PoseTopic(own, "")
-    if len(found) == 1:
-        return PoseTopic(found[0], "")
-    if not found:
-        return PoseTopic("", "no poses: no pose topic in it, no poses.txt beside it")
-    words = f"poses in {quoted(*found)}: choose one with poses.topic in a recording.toml"
-    return PoseTopic("", words)
+    if own in names or len(names) == 1:
+        return own if own in names else names[0], ""
+    if not names:
+        return "", "no poses: no pose topic in it, no poses.txt beside it"
+    return "", f"poses in {quoted(*names)}: choose one with poses.topic in a recording.toml"
 
 
 def topics(path: Path) -> dict[str, str]:
@@ -189,13 +180,11 @@ def messages(path: Path, topic: str) -> Iterator[Any]:
         wanted = [c for c in bag.connections if c.topic == topic]
         decode = store.deserialize_cdr if ros2 else store.deserialize_ros1
         for number, (connection, stamp_ns, data) in enumerate(bag.messages(wanted)):
-            try:
+            where = f"{path}, topic {quoted(topic)}, message {number} at {stamp_ns} ns"
+            what = f"{where}: cannot be read as {connection.msgtype}"
+            # The library's decoders end in whatever Python has.
+            with refused(what, Exception, cure="; damaged, record the bag again"):
                 message = decode(data, connection.msgtype)
-            except Exception as error:  # the library's decoders end in whatever Python has
-                raise InputError(
-                    f"{path}, topic {quoted(topic)}, message {number} at {stamp_ns} ns: cannot be "
-                    f"read as {connection.msgtype} ({said(error)}); damaged, record the bag again"
-                ) from error
             yield message
 
 
@@ -224,7 +213,9 @@ def read_bag_poses(path: Path, topic: str = "", shift_us: int = 0) -> Trajectory
     topic = topic or found[0]
     rows, part = [], POSE_TYPES[kinds[topic]]
     for message in messages(path, topic):
-        at, turn = part(message)
+        pose = part(message)
+        at = getattr(pose, "position", None) or pose.translation
+        turn = getattr(pose, "orientation", None) or pose.rotation
         stamp = message.header.stamp
         t_us = stamp.sec * 1_000_000 + round(stamp.nanosec / 1000) + shift_us
         rows.append((t_us, at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w))

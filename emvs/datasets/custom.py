@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,9 +57,8 @@ class EventsTable(FrozenModel):
     def source(self, folder: Path) -> EventSource:
         """The events, of a file relative to a folder."""
         stated = {} if self.columns is None else self.columns.model_dump()
-        columns = (
-            ColumnMap(**stated, time_unit=self.time_unit) if stated or self.time_unit else None
-        )
+        is_stated = bool(stated or self.time_unit)
+        columns = ColumnMap(**stated, time_unit=self.time_unit) if is_stated else None
         return EventSource(folder / self.file, self.stream, self.time_offset_us, columns)
 
 
@@ -142,6 +141,11 @@ def assembled(
         truth=truth,
         depth_range_m=what.depth_range_m,
     )
+
+
+def described(folder: Path, layout: str, rig: Rig | None = None, **tables: Any) -> PosedRecording:
+    """Opens the recording that the tables of a descriptor describe, as plain values."""
+    return assembled(folder, Descriptor(**tables), layout, rig)
 
 
 def _rig(path: Path, what: Descriptor) -> Rig:

@@ -13,16 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.datasets.custom import (
-    CalibrationTable,
-    Descriptor,
-    EventsTable,
-    PosesTable,
-    assembled,
-)
+from eventsweep.emvs.datasets.custom import described
 from eventsweep.emvs.datasets.posed import PosedRecording, find_one, find_optional
 from eventsweep.emvs.errors import InputError, located
-from eventsweep.emvs.formats.calibration import read_rig
+from eventsweep.emvs.formats.calibration import read_imu_cam, read_rig
 from eventsweep.emvs.formats.calibration_values import entry_of, near_rigid, parsed
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
@@ -56,29 +50,26 @@ def open_tumvie(folder: Path) -> PosedRecording:
     left = find_one(folder, [TUMVIE_LEFT], "the left events")
     calibration = _relative(folder, find_one(folder, _CAMERAS, "the camera calibration"))
     mocap = find_optional(folder, _MOCAP, "the mocap poses")
-    vio = find_optional(folder, _VIO, "the VIO poses")
-    poses = mocap or vio
-    if poses is None:
+    file = mocap or find_optional(folder, _VIO, "the VIO poses")
+    if file is None:
         raise InputError(f"{folder}: no poses; needs {_MOCAP[0]} or {_VIO[0]}")
-    hand_eye = None
+    poses = {"file": _relative(folder, file), "unit": "us"}
     if mocap is not None:
-        hand_eye = _relative(folder, find_one(folder, _MARKER, "the marker calibration"))
-    what = Descriptor(
+        marker = find_one(folder, _MARKER, "the marker calibration")
+        poses |= {"hand_eye": _relative(folder, marker), "imu_cam": calibration}
+    right = find_one(folder, [_TUMVIE_RIGHT], "the right events")
+    recording = described(
+        folder,
+        "TUM-VIE",
         name=left.name.removesuffix("events_left.h5").rstrip("-_") or folder.resolve().name,
-        calibration=CalibrationTable(file=calibration),
-        poses=PosesTable(
-            file=_relative(folder, poses),
-            unit="us",
-            hand_eye=hand_eye,
-            imu_cam=None if hand_eye is None else calibration,
-        ),
-        events=(
-            EventsTable(file=left.name),
-            EventsTable(file=find_one(folder, [_TUMVIE_RIGHT], "the right events").name),
-        ),
+        calibration={"file": calibration},
+        poses=poses,
+        events=[{"file": left.name}, {"file": right.name}],
     )
-    recording = assembled(folder, what, "TUM-VIE")
-    return recording if mocap is not None else _from_imu(recording, folder / calibration)
+    if mocap is not None:
+        return recording
+    T_imu_cam = read_imu_cam(folder / calibration)  # VIO poses are the IMU's
+    return replace(recording, trajectory=recording.trajectory.times(T_imu_cam))
 
 
 def open_vector(folder: Path) -> PosedRecording:
@@ -96,17 +87,17 @@ def open_vector(folder: Path) -> PosedRecording:
     T_cam0_event = [_motion(joint, f"cam{k}", f"T_cam0_cam{k}") for k in (2, 3)]
     cameras = [read_rig(find_one(lenses, [name], "a lens")).cameras[0] for name in _VECTOR_LENSES]
     T_first = se3.inverse(T_cam0_event[0])
-    what = Descriptor(
+    poses = find_one(folder, [_VECTOR_TRUTH], "the poses")
+    right = find_one(folder, [_VECTOR_RIGHT], "the right events")
+    recording = described(
+        folder,
+        "VECtor",
+        Rig("VECtor", tuple(cameras), tuple(T_first @ T for T in T_cam0_event)),
         name=left.name.partition(".")[0],
-        calibration=CalibrationTable(file=_VECTOR_LENSES[0]),
-        poses=PosesTable(file=find_one(folder, [_VECTOR_TRUTH], "the poses").name),
-        events=(
-            EventsTable(file=left.name),
-            EventsTable(file=find_one(folder, [_VECTOR_RIGHT], "the right events").name),
-        ),
+        calibration={"file": _VECTOR_LENSES[0]},
+        poses={"file": poses.name},
+        events=[{"file": left.name}, {"file": right.name}],
     )
-    rig = Rig("VECtor", tuple(cameras), tuple(T_first @ T for T in T_cam0_event))
-    recording = assembled(folder, what, "VECtor", rig)
     T_tracked_event = se3.inverse(T_cam0_tracked) @ T_cam0_event[0]
     return replace(recording, trajectory=recording.trajectory.times(T_tracked_event))
 
@@ -115,12 +106,14 @@ def open_eds(folder: Path) -> PosedRecording:
     """Opens a sequence: `events.h5`, poses of the event camera, and a chain of Kalibr's."""
     poses = find_one(folder, [_EDS_POSES], "the poses")
     chain = find_one(calibration_folder(folder, _EDS_CHAIN), [_EDS_CHAIN], "the calibration")
-    what = Descriptor(
-        calibration=CalibrationTable(file=chain.name, cameras=(_EDS_CAMERA,)),
-        poses=PosesTable(file=poses.name),
-        events=(EventsTable(file=EDS_EVENTS),),
+    return described(
+        folder,
+        "EDS",
+        read_rig(chain, (_EDS_CAMERA,)),
+        calibration={"file": chain.name, "cameras": (_EDS_CAMERA,)},
+        poses={"file": poses.name},
+        events=[{"file": EDS_EVENTS}],
     )
-    return assembled(folder, what, "EDS", read_rig(chain, (_EDS_CAMERA,)))
 
 
 def calibration_folder(folder: Path, pattern: str) -> Path:
@@ -146,13 +139,6 @@ def _motion(path: Path, camera: str, key: str) -> NDArray[np.float64]:
     values = parsed(path)
     with located(path):
         return near_rigid(entry_of(values, camera, "file", dict).get(key), f"{camera}.{key}")
-
-
-def _from_imu(recording: PosedRecording, calibration: Path) -> PosedRecording:
-    """VIO poses are the IMU's: carries them to the left event camera."""
-    from eventsweep.emvs.formats.calibration import read_imu_cam
-
-    return replace(recording, trajectory=recording.trajectory.times(read_imu_cam(calibration)))
 
 
 def _relative(folder: Path, path: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,15 +13,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.hdf5 import Hdf5Writer, check_dataset
+from eventsweep.emvs.data.hdf5 import Hdf5Writer, check_dataset, open_hdf5
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.datasets.custom import (
-    CalibrationTable,
-    Descriptor,
-    EventsTable,
-    PosesTable,
-    assembled,
-)
+from eventsweep.emvs.datasets.custom import described
 from eventsweep.emvs.datasets.posed import PosedRecording, find_one, find_optional
 from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.formats.calibration_values import (
@@ -32,7 +27,6 @@ from eventsweep.emvs.formats.calibration_values import (
 )
 from eventsweep.emvs.formats.calibration_writers import kalibr_camera
 from eventsweep.emvs.formats.depth import read_png, write_image
-from eventsweep.emvs.formats.tables.hdf5_layouts import opened_hdf5
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
@@ -55,15 +49,14 @@ def open_dsec(folder: Path) -> PosedRecording:
     calibration = find_one(folder, _CAMERAS, "the calibration")
     poses = find_one(folder, _POSES, "poses (T_world_cam of the left event camera, TUM format)")
     right = find_one(folder, ["events/right/events.h5"], "the right events")
-    what = Descriptor(
-        calibration=CalibrationTable(file=calibration.relative_to(folder).as_posix()),
-        poses=PosesTable(file=poses.relative_to(folder).as_posix()),
-        events=(
-            EventsTable(file=LEFT),
-            EventsTable(file=right.relative_to(folder).as_posix()),
-        ),
+    names = [path.relative_to(folder).as_posix() for path in (calibration, poses, right)]
+    recording = described(
+        folder,
+        "DSEC",
+        calibration={"file": names[0]},
+        poses={"file": names[1]},
+        events=[{"file": LEFT}, {"file": names[2]}],
     )
-    recording = assembled(folder, what, "DSEC")
     camera = recording.rig.cameras[0]
     if (folder / _RECTIFY).exists():
         check_rectify_map(folder / _RECTIFY, calibration, camera)
@@ -74,8 +67,6 @@ def open_dsec(folder: Path) -> PosedRecording:
     if stamps is None or images is None:
         lacks, there = (_STAMPS[0], images) if stamps is None else (f"{_IMAGES[0]}/", stamps)
         raise InputError(f"{folder}: has {there}, but not {lacks}; download it, or remove both")
-    from dataclasses import replace
-
     return replace(recording, truth=DsecDisparity(images, stamps, calibration, camera))
 
 
@@ -85,7 +76,7 @@ def check_rectify_map(path: Path, calibration: Path, camera: Camera) -> None:
     The mapper rectifies ray by ray, by the calibration; a difference of more than a pixel means
     that the two files belong to different cameras.
     """
-    with opened_hdf5(path) as file:
+    with open_hdf5(path) as file:
         data = file.get("rectify_map")
         shape = (camera.height_px, camera.width_px, 2)
         if not isinstance(data, h5py.Dataset) or data.shape != shape:
@@ -96,9 +87,8 @@ def check_rectify_map(path: Path, calibration: Path, camera: Camera) -> None:
         with np.errstate(invalid="ignore"):  # a damaged number may be one that signals
             stored = np.asarray(data[()], np.float64)[::16, ::16]
     rectified, R_rect_cam, _ = rectification_of(calibration)
-    rays = camera.bearing_table()[::16, ::16]
-    points = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) @ R_rect_cam.T
-    off_px = np.abs(rectified.project(points) - stored).max(axis=-1)
+    rays = camera.ray_table()[::16, ::16]
+    off_px = np.abs(rectified.project(rays @ R_rect_cam.T) - stored).max(axis=-1)
     wrong = np.isfinite(rays).all(axis=-1) & ~(off_px <= _RECTIFY_OFF_PX)
     if wrong.any():
         row, column = np.unravel_index(int(np.argmax(wrong)), wrong.shape)
@@ -234,8 +224,7 @@ def write_calibration(folder: Path, rig: Rig) -> None:
     for side, camera, turned in zip(
         ("left", "right"), rig.cameras, (R_left, R_right), strict=False
     ):
-        rays = camera.bearing_table()
-        points = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) @ turned.T
+        points = camera.ray_table() @ turned.T
         with Hdf5Writer(folder / "events" / side / "rectify_map.h5") as hdf5:
             hdf5.create("rectify_map", data=common.project(points).astype(np.float32))
 

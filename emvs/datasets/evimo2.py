@@ -1,24 +1,28 @@
 """EVIMO2 (Burner et al., 2022), version 2: a folder per camera and sequence, poses and depth.
 
-Folders are `CAMERA/CATEGORY/PURPOSE/SEQUENCE`. What NumPy pickled in them, the calibration and the
-poses, is read without unpickling.
+Folders are `CAMERA/CATEGORY/PURPOSE/SEQUENCE`. Calibration and poses are arrays of Python's objects
+that NumPy pickled, and unpickling runs what a file says. Here Python's own unpickler is left with
+the opcodes that build lists, mappings, texts and numbers; NumPy's constructors of arrays are stood
+in for by a class that keeps what they are given, and every other name is refused.
 """
 
 from __future__ import annotations
 
+import io
+import pickle
+import struct
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording, find_one
-from eventsweep.emvs.errors import InputError, located
+from eventsweep.emvs.errors import InputError, located, quoted, refused
 from eventsweep.emvs.formats.calibration_values import camera_of, entry_of, number_of
-from eventsweep.emvs.formats.tables.npz import FOLDER_FILES, member, member_names
-from eventsweep.emvs.formats.tables.object_arrays import object_values
+from eventsweep.emvs.formats.tables.npz import FOLDER_FILES, member, opened_archive
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera, Model
 from eventsweep.emvs.geometry.rig import Rig
@@ -33,6 +37,24 @@ _LENSES: dict[str, tuple[Model, tuple[str, ...]]] = {
     "equidistant": ("kb4", ("k1", "k2", "k3", "k4")),
 }
 _MM = 1e-3
+_ARRAY = {"numpy.core.multiarray _reconstruct", "numpy._core.multiarray _reconstruct"}
+_ENCODE = "_codecs encode"  # how protocol 2 writes bytes
+_NAMES = _ARRAY | {"numpy ndarray", "numpy dtype", _ENCODE}
+# Of protocols 2 to 4. Left out: what reserves or holds more than the file (byte arrays, long
+# numbers), makes objects of classes, or asks Python's registry.
+_OPCODES = b"".join([
+    pickle.PROTO, pickle.FRAME, pickle.STOP, pickle.MARK, pickle.GLOBAL, pickle.STACK_GLOBAL,
+    pickle.REDUCE, pickle.BUILD, pickle.NONE, pickle.NEWTRUE, pickle.NEWFALSE, pickle.BININT,
+    pickle.BININT1, pickle.BININT2, pickle.LONG1, pickle.BINFLOAT, pickle.BINBYTES,
+    pickle.SHORT_BINBYTES, pickle.BINUNICODE, pickle.SHORT_BINUNICODE, pickle.EMPTY_TUPLE,
+    pickle.TUPLE, pickle.TUPLE1, pickle.TUPLE2, pickle.TUPLE3, pickle.EMPTY_LIST, pickle.APPEND,
+    pickle.APPENDS, pickle.EMPTY_DICT, pickle.SETITEM, pickle.SETITEMS, pickle.BINPUT,
+    pickle.LONG_BINPUT, pickle.MEMOIZE, pickle.BINGET, pickle.LONG_BINGET,
+])  # fmt: skip
+_FAULTS = (
+    pickle.UnpicklingError, EOFError, ValueError, LookupError, TypeError, AttributeError,
+    struct.error, MemoryError,
+)  # fmt: skip
 
 
 def open_evimo2(folder: Path) -> PosedRecording:
@@ -107,11 +129,7 @@ def _place(folder: Path) -> NDArray[np.float64]:
 def _offset_us(path: Path, meta: dict[str, Any]) -> int:
     """When the bag of the sequence began on the cameras' common clock, µs."""
     with located(f"{path}, meta"):
-        entry = entry_of(meta, "meta", "meta", dict)
-        offset_s = number_of(entry, "ros_time_offset", "meta")
-        if not abs(offset_s) < 1 << 40:
-            raise InputError(f"meta.ros_time_offset is {offset_s:g} s: needs less than 2^40")
-        return round(offset_s * 1e6)
+        return _time_us(entry_of(meta, "meta", "meta", dict), "ros_time_offset", "meta")
 
 
 def _trajectory(path: Path, meta: dict[str, Any]) -> Trajectory:
@@ -130,7 +148,10 @@ def _poses(entries: list[Any]) -> Iterator[tuple[int, list[float], list[float]]]
             continue
         key = f"full_trajectory[{k}]"
         pose = entry_of(entry_of(entry, "cam", key, dict), "pos", f"{key}.cam", dict)
-        yield _time_us(entry, key), *_motion(pose.get("t"), pose.get("q"), f"{key}.t", f"{key}.q")
+        yield (
+            _time_us(entry, "ts", key),
+            *_motion(pose.get("t"), pose.get("q"), f"{key}.t", f"{key}.q"),
+        )
 
 
 def _motion(t: Any, q: Any, t_key: str, q_key: str) -> tuple[list[float], list[float]]:
@@ -143,10 +164,10 @@ def _motion(t: Any, q: Any, t_key: str, q_key: str) -> tuple[list[float], list[f
     return position_m, [value / norm for value in quat_xyzw]
 
 
-def _time_us(entry: Any, key: str) -> int:
-    t_s = number_of(entry, "ts", key)
+def _time_us(entry: Any, name: str, key: str) -> int:
+    t_s = number_of(entry, name, key)
     if not abs(t_s) < 1 << 40:
-        raise InputError(f"{key}.ts is {t_s:g} s: needs less than 2^40")
+        raise InputError(f"{key}.{name} is {t_s:g} s: needs less than 2^40")
     return round(t_s * 1e6)
 
 
@@ -162,14 +183,15 @@ class EvimoDepth:
         with located(f"{self._info}, meta"):
             frames = entry_of(self._meta, "frames", "meta", list)
             stamps = {
-                int(number_of(frame, "id", f"frames[{k}]")): _time_us(frame, f"frames[{k}]")
+                int(number_of(frame, "id", f"frames[{k}]")): _time_us(frame, "ts", f"frames[{k}]")
                 for k, frame in enumerate(frames)
             }
         found: dict[int, str] = {}
-        for name in member_names(self._path):
-            number = name.removeprefix("depth_")
-            if number.isdecimal() and int(number) in stamps:
-                found[stamps[int(number)]] = name
+        with opened_archive(self._path) as archive:
+            for name in archive.namelist():
+                number = name.removeprefix("depth_").removesuffix(".npy")
+                if name.endswith(".npy") and number.isdecimal() and int(number) in stamps:
+                    found[stamps[int(number)]] = name.removesuffix(".npy")
         return dict(sorted(found.items()))
 
     @property
@@ -193,3 +215,69 @@ class EvimoDepth:
         known = np.isfinite(depth_mm) & (depth_mm > 0)
         depth_m = np.where(known, depth_mm * _MM, np.nan).astype(np.float32)
         return undistort_depth(depth_m, camera)
+
+
+def object_values(data: bytes, where: str) -> Any:
+    """The value of a pickled array of one object.
+
+    Args:
+        data: what follows the header of the npy file.
+        where: file and array, for the error's sake.
+
+    Returns:
+        Of mappings, lists, tuples, texts, bytes, numbers, booleans and None.
+
+    Raises:
+        InputError: damage, anything else in it, or an array of more than one object.
+    """
+    what, cure = f"{where}: cannot be read as Python's plain values", "; damaged, download it again"
+    with refused(what, *_FAULTS, cure=cure):
+        with located(where):
+            array = _Unpickler(io.BytesIO(data)).load()
+        items = array.state[4]
+        if not isinstance(array, _Named) or array.name not in _ARRAY or len(items) != 1:
+            raise ValueError("no array of one object")
+        return items[0]
+
+
+class _Named:
+    """What a name stands for, or what calling it would give; nothing is imported or called."""
+
+    __slots__ = ("name", "state")
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __call__(self, *values: Any) -> Any:
+        return values[0].encode("latin-1") if self.name == _ENCODE else _Named(self.name)
+
+    def __setstate__(self, state: Any) -> None:
+        self.state = state
+
+
+class _Mapping(dict[Any, Any]):
+    """One without keys that take long to hash."""
+
+    __slots__ = ()
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        if not isinstance(key, str | int | float):
+            raise TypeError("a mapping whose keys are neither texts nor numbers")
+        super().__setitem__(key, value)
+
+
+# The one in Python: the compiled one cannot be left without opcodes, and one of them makes it
+# reserve 64 GB.
+class _Unpickler(pickle._Unpickler):
+    dispatch: ClassVar = {code: pickle._Unpickler.dispatch[code] for code in _OPCODES} | {
+        pickle.EMPTY_DICT[0]: lambda unpickler: unpickler.append(_Mapping())
+    }
+
+    def find_class(self, module: str, name: str) -> Any:
+        """A stand-in for what may be named."""
+        full = f"{module} {name}"
+        if full not in _NAMES:
+            raise InputError(
+                f"loads plain values only, but the file refers to {quoted(full)}: do not trust it"
+            )
+        return _Named(full)

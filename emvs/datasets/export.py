@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from eventsweep.emvs.datasets import dsec, radiance
 from eventsweep.emvs.datasets.posed import EventSource
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import FORMATS, in_time_order, write_events
-from eventsweep.emvs.formats.base import Checker
+from eventsweep.emvs.formats.base import Checker, Progress
 from eventsweep.emvs.formats.blocks import within
 from eventsweep.emvs.formats.calibration_writers import (
     basalt,
@@ -31,8 +31,6 @@ from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.outputs import atomic_dir
 
-OnWritten = Callable[[int], None]
-
 
 @dataclass(frozen=True)
 class RecordingExport:
@@ -41,7 +39,7 @@ class RecordingExport:
     recording: Recording
     sources: tuple[EventSource, ...]
     shift_us: int
-    on_written: OnWritten
+    on_written: Progress
 
     @property
     def rig(self) -> Rig:
@@ -62,16 +60,19 @@ class RecordingExport:
         """The rig, whose body is the first camera."""
         return replace(self.rig, T_body_cam=self.T_cam0_cam())
 
+    def size_px(self, camera: int) -> tuple[int, int]:
+        """Width and height of a sensor."""
+        return self.rig.cameras[camera].width_px, self.rig.cameras[camera].height_px
+
     def packets(self, camera: int) -> Iterator[Events]:
         """A camera's events on the shifted clock."""
         return (events.shifted(self.shift_us) for events in self.sources[camera].chunks())
 
     def write_camera(self, path: Path, kind: str, camera: int) -> None:
         """Writes one camera's events into a file."""
-        sensor = self.rig.cameras[camera]
         path.parent.mkdir(parents=True, exist_ok=True)
-        size = (sensor.width_px, sensor.height_px)
-        write_events(path, kind, *size, {"events": self.packets(camera)}, self.on_written)
+        streams = {"events": self.packets(camera)}
+        write_events(path, kind, *self.size_px(camera), streams, self.on_written)
 
 
 def write_recording(
@@ -159,29 +160,28 @@ def _tumvie(job: RecordingExport, folder: Path) -> None:
 def _mvsec(job: RecordingExport, folder: Path) -> None:
     from eventsweep.emvs.datasets.mvsec_m3ed import write_truth
 
-    name, size = job.recording.name, job.rig.cameras[0]
+    name = job.recording.name
     streams = {"davis/left": job.packets(0), "davis/right": job.packets(1)}
     data = folder / f"{name}_data.hdf5"
-    write_events(data, "mvsec", size.width_px, size.height_px, streams, job.on_written)
+    write_events(data, "mvsec", *job.size_px(0), streams, job.on_written)
     chain = yaml.safe_dump(kalibr_chain(job.rig), sort_keys=False)
     (folder / f"camchain-imucam-{name}.yaml").write_text(chain, encoding="utf-8")
     write_truth(folder / f"{name}_gt.hdf5", job.recording, job.poses(), job.shift_us)
 
 
 def _rosbag(job: RecordingExport, folder: Path) -> None:
+    from eventsweep.emvs.datasets.bags import info_topic
     from eventsweep.emvs.datasets.rosbag import RecordingBag
 
-    path, sensor = folder / f"{job.recording.name}.bag", job.rig.cameras[0]
-    size = (sensor.width_px, sensor.height_px)
-    prefixes = [f"/cam{k}" for k in range(len(job.rig))]
-    names = [f"{prefix}/events" for prefix in prefixes]
-    check = Checker(path, FORMATS["rosbag1"].limits, *size)
+    path = folder / f"{job.recording.name}.bag"
+    names = [f"/cam{k}/events" for k in range(len(job.rig))]
+    check = Checker(path, FORMATS["rosbag1"].limits, *job.size_px(0))
     poses = job.poses()
     if poses.span_us[0] < 0:
         raise InputError(f"{path}: poses begin at {poses.span_us[0]} µs; shift the times above 0")
-    streams: Mapping[str, Iterator[Events]] = {n: job.packets(k) for k, n in enumerate(names)}
-    with RecordingBag(path, *size, names) as bag:
-        bag.append_cameras([f"{p}/camera_info" for p in prefixes], job.rig, poses.span_us[0])
+    streams = {name: job.packets(k) for k, name in enumerate(names)}
+    with RecordingBag(path, *job.size_px(0), names) as bag:
+        bag.append_cameras([*map(info_topic, names)], job.rig, poses.span_us[0])
         bag.append_poses(poses)
         for stream, events in in_time_order(streams):
             bag.append(stream, check(stream, events))
@@ -211,9 +211,8 @@ def _eventnerf(job: RecordingExport, folder: Path) -> None:
         first_us, last_us = _covered(job, k, poses.span_us)
         spans_us.append((first_us, last_us))
         undistorted, done = radiance.Undistorter(camera), 0
-        size_px = (camera.width_px, camera.height_px)
-        check = Checker(split, FORMATS["npz"].limits, *size_px)
-        with SignedNpzWriter(split / "events" / "events.npz", *size_px) as writer:
+        check = Checker(split, FORMATS["npz"].limits, *job.size_px(k))
+        with SignedNpzWriter(split / "events" / "events.npz", *job.size_px(k)) as writer:
             for events in job.packets(k):
                 seen = undistorted(within(events, first_us, last_us + 1)).shifted(-first_us)
                 writer.append("events", check("events", seen))
@@ -246,9 +245,7 @@ def _covered(job: RecordingExport, camera: int, span_us: tuple[int, int]) -> tup
     return first_us, last_us
 
 
-def _sequence(
-    job: RecordingExport, folder: Path, *, force: bool = False, inputs: Collection[Path] = ()
-) -> None:
+def _sequence(job: RecordingExport, folder: Path, **kept: Any) -> None:
     from eventsweep.emvs.data.writer import SequenceWriter
 
     done = 0
@@ -259,8 +256,7 @@ def _sequence(
         trajectory=job.poses(),
         config={"converted_from": job.recording.name},
         depth_range_m=job.recording.depth_range_m,
-        force=force,
-        inputs=inputs,
+        **kept,
     ) as writer:
         for camera in range(len(job.rig)):
             for events in job.packets(camera):

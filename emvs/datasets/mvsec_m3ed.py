@@ -13,14 +13,13 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.hdf5 import Hdf5Writer
+from eventsweep.emvs.data.hdf5 import Hdf5Writer, check_columns, open_hdf5
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording, find_one, find_optional
 from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.formats.calibration import kalibr_camera_of, read_rig
 from eventsweep.emvs.formats.calibration_values import near_rigid
-from eventsweep.emvs.formats.tables.hdf5_layouts import check_columns, opened_hdf5
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
@@ -88,7 +87,7 @@ def open_m3ed(folder: Path) -> PosedRecording:
 
 def _m3ed_rig(path: Path) -> Rig:
     """The cameras of the groups `calib`, which hold Kalibr's keys."""
-    with opened_hdf5(path) as file, located(path):
+    with open_hdf5(path) as file, located(path):
         entries = [_plain(file, f"{side}/calib") for side in _SIDES]
         cameras = tuple(map(kalibr_camera_of, entries, _SIDES))
         keys = [f"{side}/calib/T_to_prophesee_left" for side in _SIDES]
@@ -115,12 +114,12 @@ def _plain(file: h5py.File, name: str) -> dict[str, Any]:
 def _matrices(path: Path, stack: _Stack) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Times, µs, and motions (N, 4, 4)."""
     names = (stack.data, stack.times)
-    with opened_hdf5(path) as file:
+    with open_hdf5(path) as file:
         missing = [name for name in names if name not in file]
         if missing:
             raise InputError(f"{path}: lacks {', '.join(missing)}; download it again")
-        check_columns(path, file, names[:1], 3)
-        check_columns(path, file, names[1:], 1)
+        check_columns(path, file, {stack.data: 3})
+        check_columns(path, file, {stack.times: 1})
         shape = file[stack.data].shape
         if shape[1:] != (4, 4) or not 1 <= shape[0] <= _MOST_POSES:
             raise InputError(f"{path}: {stack.data} has shape {shape}; needs (N, 4, 4)")
@@ -157,7 +156,7 @@ class DepthStack:
     def __init__(self, path: Path, stack: _Stack, camera: Camera) -> None:
         self._path, self._stack, self._camera = path, stack, camera
         names = (stack.data, stack.times)
-        with opened_hdf5(path) as file:
+        with open_hdf5(path) as file:
             missing = [name for name in names if name not in file]
             self.there = len(missing) < 2
             if len(missing) == 1:
@@ -165,8 +164,9 @@ class DepthStack:
                     f"{path}: has only one of two data sets, {missing[0]} is missing; download "
                     "it again"
                 )
-            for name in names if self.there else ():
-                check_columns(path, file, (name,), 3 if name == stack.data else 1)
+            if self.there:
+                check_columns(path, file, {stack.data: 3})
+                check_columns(path, file, {stack.times: 1})
             shape = file[stack.data].shape if self.there else (0, 0, 0)
         if self.there and shape[1:] != (camera.height_px, camera.width_px):
             raise InputError(
@@ -178,7 +178,7 @@ class DepthStack:
     @cached_property
     def t_us(self) -> NDArray[np.int64]:
         """(T,) times, µs."""
-        with opened_hdf5(self._path) as file:
+        with open_hdf5(self._path) as file:
             times = file[self._stack.times][()]
         return _times(self._path, times, self._count, self._stack.per_us)
 
@@ -186,7 +186,7 @@ class DepthStack:
         """(H, W) z-depth in the undistorted view at one of the times, m."""
         from eventsweep.emvs.geometry.warp import undistort_depth
 
-        with opened_hdf5(self._path) as file:
+        with open_hdf5(self._path) as file:
             raw = np.asarray(file[self._stack.data][int(np.argmax(self.t_us == t_us))], np.float32)
         known = np.isfinite(raw) & (raw > 0)
         return undistort_depth(np.where(known, raw, np.nan).astype(np.float32), self._camera)

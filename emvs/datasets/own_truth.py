@@ -62,7 +62,10 @@ def open_truth(
     if not table.times:
         raise InputError(f"{folder}: [truth] needs the key times: text with one time per line")
     files = sorted(path for path in folder.glob(table.depth) if path.is_file())
-    times_us, names = _read_times(folder / table.times, table)
+    stamps = read_stamps(folder / table.times, table.time_unit)
+    times_us, names = np.array(stamps.t_us, np.int64) + table.time_offset_us, stamps.names
+    if not (np.diff(times_us) > 0).all():
+        raise InputError(f"{folder / table.times}: times must increase from line to line")
     if names:
         by_name = {path.name: path for path in files}
         missing = [name for name in names if Path(name).name not in by_name]
@@ -160,15 +163,6 @@ def _depth_of_mesh(
     # A ray whose z in the camera is 1 is met after as many of its lengths as the depth has metres.
     depth_m = scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(both)))["t_hit"].numpy()
     return np.where(np.isfinite(depth_m), depth_m, np.nan).astype(np.float32)
-
-
-def _read_times(path: Path, table: TruthTable) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Rising times, µs, and names of the maps where the text has them."""
-    stamps = read_stamps(path, table.time_unit)
-    t_us = np.array(stamps.t_us, np.int64) + table.time_offset_us
-    if not (np.diff(t_us) > 0).all():
-        raise InputError(f"{path}: times must increase from line to line")
-    return t_us, stamps.names
 
 
 def _read_map(path: Path, unit_m: float | None) -> NDArray[np.float32]:

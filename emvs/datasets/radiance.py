@@ -127,7 +127,8 @@ def write_views(
     rows = np.concatenate([K, np.zeros((1, 4))])  # the last: no lens terms
     for name in ("pose", "intrinsics", "rgb"):
         (folder / name).mkdir(parents=True)
-    table = _sensor_px(lens)
+    rays = lens.undistorted().ray_table()  # of the view's pixels, and where the sensor has them:
+    table = np.nan_to_num(lens.project(rays), nan=-1e4).astype(np.float32)
     for number, t_us in enumerate(T_world_cam.t_us.tolist()):
         stem = f"{number:06d}"
         np.savetxt(folder / "pose" / f"{stem}.txt", T_world_cam.at(t_us), fmt="%.17g")
@@ -136,12 +137,6 @@ def write_views(
         image = np.zeros(table.shape[:2], np.uint8) if image is None else image
         seen = cv2.remap(image, table[..., 0], table[..., 1], cv2.INTER_LINEAR)
         _write_picture(folder / "rgb" / f"{stem}.png", seen)
-
-
-def _sensor_px(camera: Camera) -> NDArray[np.float32]:
-    """(H, W, 2) where each pixel of the undistorted view lies on the sensor."""
-    rays = camera.undistorted().ray_table()
-    return np.nan_to_num(camera.project(rays), nan=-1e4).astype(np.float32)
 
 
 class Undistorter:

@@ -9,14 +9,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from eventsweep.emvs.datasets.bags import info_topic, pose_topic, topics
-from eventsweep.emvs.datasets.custom import (
-    CalibrationTable,
-    Descriptor,
-    EventsTable,
-    PosesTable,
-    assembled,
-    is_bag,
-)
+from eventsweep.emvs.datasets.custom import described, is_bag
 from eventsweep.emvs.datasets.posed import PosedRecording, find_optional
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import open_events
@@ -107,7 +100,7 @@ def lacks(path: Path) -> str:
     if calibration is None and missing:
         return f"no calibration: no topic {missing[0]}, no camera chain beside it"
     if find_optional(path.parent, _POSES, "the poses") is None:
-        return pose_topic(kinds, streams).lacks
+        return pose_topic(kinds, streams)[1]
     return ""
 
 
@@ -123,15 +116,16 @@ def open_bag_recording(path: Path) -> PosedRecording:
     streams = tuple(sorted(open_events(path).streams))
     if len(streams) > 64:
         raise InputError(f"{path}: {len(streams)} event topics; choose some in a recording.toml")
-    topic = "" if poses else pose_topic(topics(path), streams).name
-    what = Descriptor(
+    topic = "" if poses else pose_topic(topics(path), streams)[0]
+    return described(
+        beside,
+        "ROS2 bag" if is_ros2(path) else "ROS1 bag",
         name=path.stem,
-        calibration=CalibrationTable(file=(calibration or path).name),
-        poses=PosesTable(
-            file=(poses or path).name,
-            topic=topic,
-            hand_eye=None if hand_eye is None else hand_eye.name,
-        ),
-        events=tuple(EventsTable(file=path.name, stream=stream) for stream in streams),
+        calibration={"file": (calibration or path).name},
+        poses={
+            "file": (poses or path).name,
+            "topic": topic,
+            "hand_eye": None if hand_eye is None else hand_eye.name,
+        },
+        events=[{"file": path.name, "stream": stream} for stream in streams],
     )
-    return assembled(beside, what, "ROS2 bag" if is_ros2(path) else "ROS1 bag")

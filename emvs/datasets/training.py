@@ -19,7 +19,7 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.ground_truth import TruthRecording
 from eventsweep.emvs.errors import InputError, check_type
-from eventsweep.emvs.geometry.warp import distort_depth
+from eventsweep.emvs.geometry.warp import reproject_depth
 from eventsweep.emvs.utils.outputs import atomic_dir
 
 Window = dict[str, Any]
@@ -118,7 +118,8 @@ class TrainingWindows:
             depth_m = self.recording.truth_depth_m(self.camera, t_us)
         else:
             view_m = self.recording.truth_view_depth_m(self.camera, t_us)
-            depth_m = distort_depth(view_m, self.recording.rig.cameras[self.camera])
+            sensor = self.recording.rig.cameras[self.camera]
+            depth_m = reproject_depth(view_m, sensor.undistorted(), sensor)
         known = np.isfinite(depth_m) & (depth_m > 0)
         return np.where(known, depth_m, np.nan).astype(np.float32)
 
@@ -173,18 +174,14 @@ def write_windows(
             rows.append({"file": name, **times, "events": events})
             if on_written is not None:
                 on_written(k + 1)
-        (folder / MANIFEST).write_text(json.dumps(_manifest(windows, rows), indent=1) + "\n")
+        rig, lengths = windows.recording.rig, ("window_s", "stride_s")
+        manifest = {
+            "schema_version": 1,
+            "recording": windows.recording.name,
+            "camera": rig.camera_names[windows.camera],
+            "calibration": rig.cameras[windows.camera].to_json(),
+            **{name: getattr(windows, name) for name in lengths},
+            "windows": rows,
+        }
+        (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n")
     return len(rows)
-
-
-def _manifest(windows: TrainingWindows, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    rig = windows.recording.rig
-    return {
-        "schema_version": 1,
-        "recording": windows.recording.name,
-        "camera": rig.camera_names[windows.camera],
-        "calibration": rig.cameras[windows.camera].to_json(),
-        "window_s": windows.window_s,
-        "stride_s": windows.stride_s,
-        "windows": rows,
-    }

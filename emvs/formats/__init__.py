@@ -6,7 +6,7 @@ refuses what the format cannot hold. `FORMATS` says what that is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,10 +21,9 @@ from eventsweep.emvs.formats.base import (
     Progress,
     Streams,
     StreamWriter,
-    only_stream,
 )
 from eventsweep.emvs.formats.blocks import BlockReader
-from eventsweep.emvs.formats.prophesee import opened
+from eventsweep.emvs.formats.prophesee import RawReader, RawWriter, opened
 from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.utils.files import atomic_path
 
@@ -166,8 +165,7 @@ def open_events(path: str | Path, columns: ColumnMap | None = None) -> BlockRead
         head = file.read(16)
     if not head:
         raise InputError(f"{path}: is empty; download it again")
-    table = _table(head)
-    return _plain(path, _file(path, head), columns) if table is None else table(path, columns)
+    return _file(path, head, columns)
 
 
 def _plain(path: Path, reader: BlockReader, columns: ColumnMap | None) -> BlockReader:
@@ -190,44 +188,38 @@ def _folder(path: Path) -> BlockReader:
     return RosbagReader(path)
 
 
-def _table(head: bytes) -> Callable[[Path, ColumnMap | None], BlockReader] | None:
-    """What opens a file of columns, by its first bytes; None for other formats."""
+def _file(path: Path, head: bytes, columns: ColumnMap | None) -> BlockReader:
+    """Opens a file by its first bytes."""
     # Each import waits until its format is met: together they cost half a second.
     if head.startswith(_HDF5):
         from eventsweep.emvs.formats.tables.hdf5 import Hdf5Reader
 
-        return Hdf5Reader
+        return Hdf5Reader(path, columns)
     if head.startswith((b"PK\x03\x04", b"\x93NUMPY")):
         from eventsweep.emvs.formats.tables.npz import NpyReader, NpzReader
 
-        return NpyReader if head.startswith(b"\x93") else NpzReader
+        return (NpyReader if head.startswith(b"\x93") else NpzReader)(path, columns)
     if head.startswith(_MAT):
         from eventsweep.emvs.formats.tables.mat import MatReader
 
-        return MatReader
+        return MatReader(path, columns)
     if head.startswith(b"PAR1"):
         from eventsweep.emvs.formats.tables.parquet import ParquetReader
 
-        return ParquetReader
-    if head.startswith((b"#ROSBAG V", _MCAP, _OLD_AEDAT, b"%")):
-        return None
-    from eventsweep.emvs.formats.tables.text import TextReader
-
-    return TextReader
-
-
-def _file(path: Path, head: bytes) -> BlockReader:
+        return ParquetReader(path, columns)
     if head.startswith((b"#ROSBAG V", _MCAP)):
         from eventsweep.emvs.formats.rosbag import RosbagReader
 
-        return RosbagReader(path)
+        return _plain(path, RosbagReader(path), columns)
     if head.startswith(_OLD_AEDAT):
         from eventsweep.emvs.formats.aedat4 import Aedat4Reader
 
-        return Aedat4Reader(path)
-    from eventsweep.emvs.formats.prophesee import RawReader
+        return _plain(path, Aedat4Reader(path), columns)
+    if head.startswith(b"%"):
+        return _plain(path, RawReader(path), columns)
+    from eventsweep.emvs.formats.tables.text import TextReader
 
-    return RawReader(path)
+    return TextReader(path, columns)
 
 
 def write_events(
@@ -259,11 +251,12 @@ def write_events(
     if entry is None or not entry.writes:
         known = ", ".join(name for name, known in FORMATS.items() if known.writes)
         raise InputError(f"{path}: format {format!r} cannot be written; choose one of {known}")
-    if entry.limits.streams == 1:
-        only_stream(path, streams)
-    if not 1 <= len(streams) <= entry.limits.streams:
+    most = entry.limits.streams
+    if not 1 <= len(streams) <= most:
+        cure = ": write one file per stream, or choose mvsec, rosbag1 or aedat4" * (most == 1)
         raise InputError(
-            f"{path}: {len(streams)} streams; {format} holds 1 to {entry.limits.streams}"
+            f"{path}: {len(streams)} streams ({', '.join(streams) or 'none'}); {format} holds "
+            f"{'one' if most == 1 else f'1 to {most}'}{cure}"
         )
     check = Checker(path, entry.limits, width_px, height_px)
     with (
@@ -294,18 +287,13 @@ def in_time_order(streams: Streams) -> Iterator[tuple[str, Events]]:
 
 
 def _writer(
-    path: Path,
-    kind: str,
-    width_px: int,
-    height_px: int,
-    names: Sequence[str],
+    path: Path, kind: str, width_px: int, height_px: int, names: Sequence[str]
 ) -> StreamWriter:
-    from eventsweep.emvs.formats import prophesee
     from eventsweep.emvs.formats.tables import hdf5, npz, text
 
     match kind:
         case "evt2" | "evt3":
-            return prophesee.RawWriter(path, kind, width_px, height_px)
+            return RawWriter(path, kind, width_px, height_px)
         case "text" | "esim-text" | "csv":
             return text.TextWriter(path, kind, width_px, height_px)
         case "npz":

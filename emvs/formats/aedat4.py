@@ -15,10 +15,10 @@ from xml.etree import ElementTree
 import lz4.frame
 import numpy as np
 
-from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.events import Events, to_events
 from eventsweep.emvs.errors import InputError, quoted, refused
 from eventsweep.emvs.formats.base import FileWriter
-from eventsweep.emvs.formats.blocks import MOST_BYTES, BlockReader, to_events, unpacked
+from eventsweep.emvs.formats.blocks import MOST_BYTES, BlockReader, unpacked
 from eventsweep.emvs.formats.prophesee import opened
 
 MAGIC = b"#!AER-DAT4.0\r\n"
@@ -44,11 +44,13 @@ class Aedat4Reader(BlockReader):
         with opened(path) as file:
             self._compression, self._stop, tree = _header(path, file)
             self._start = file.tell()
-        self._numbers, sizes = _streams(path, tree)
-        super().__init__(path, tuple(self._numbers))
+        outputs = _streams(path, tree)
+        self._numbers = {name: number for name, (number, *_) in outputs.items()}
+        super().__init__(path, tuple(outputs))
         if not self.streams:
             raise InputError(f"{path}: no event stream (EVTS); record with events switched on")
-        self.width_px, self.height_px = sizes[self.streams[0]] or (None, None)
+        _, width, height = outputs[self.streams[0]]
+        self.width_px, self.height_px = (width, height) if width and height else (None, None)
 
     def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
         """Reads the stream's packets from front to back, passing over the others."""
@@ -117,12 +119,9 @@ def _header(path: Path, file: BinaryIO) -> tuple[int, int, ElementTree.Element]:
     return compression, table.number(1, "q", -1), tree
 
 
-def _streams(
-    path: Path, tree: ElementTree.Element
-) -> tuple[dict[str, int], dict[str, tuple[int, int] | None]]:
-    """Number and sensor size of each stream of events."""
-    numbers: dict[str, int] = {}
-    sizes: dict[str, tuple[int, int] | None] = {}
+def _streams(path: Path, tree: ElementTree.Element) -> dict[str, tuple[int, int, int]]:
+    """Number, and width and height of the sensor (0: unknown), of each stream of events."""
+    outputs: dict[str, tuple[int, int, int]] = {}
     for node in tree.iterfind("node[@name='outInfo']/node"):
         values = {a.get("key"): (a.text or "").strip() for a in node.iterfind("attr")}
         info = {a.get("key"): (a.text or "").strip() for a in node.iterfind("node/attr")}
@@ -135,10 +134,9 @@ def _streams(
                 f"{path}, header: stream {quoted(number)} of size {quoted(*size)}; damaged"
             )
         name = values.get("originalOutputName") or "events"
-        name = name if name not in numbers else f"{name}-{number}"
-        numbers[name] = int(number)
-        sizes[name] = (int(size[0]), int(size[1])) if all(map(int, size)) else None
-    return numbers, sizes
+        name = name if name not in outputs else f"{name}-{number}"
+        outputs[name] = int(number), int(size[0]), int(size[1])
+    return outputs
 
 
 class Aedat4Writer(FileWriter):

@@ -65,7 +65,7 @@ class Checker:
         if not len(events):
             return events
         with located(f"{self._path}, stream {stream!r}"):
-            events._check_inside(*self._size_px)
+            events.check_inside(*self._size_px)
             if not self._limits.keeps_order:
                 check_sorted(events.t_us, self._rows.get(stream, 0))
         self._check_times(stream, events)
@@ -93,16 +93,6 @@ class Checker:
                 "index would be larger than the events: cut the recording or choose npz"
             )
         self._last_us[stream] = last
-
-
-def only_stream(path: Path, streams: Streams) -> tuple[str, Iterable[Events]]:
-    """The one stream of a format that holds one."""
-    if len(streams) != 1:
-        raise InputError(
-            f"{path}: {len(streams)} streams ({', '.join(streams) or 'none'}) for a format that "
-            "holds one: write one file per stream, or choose mvsec, rosbag1 or aedat4"
-        )
-    return next(iter(streams.items()))
 
 
 class StreamWriter:

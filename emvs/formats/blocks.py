@@ -1,4 +1,4 @@
-"""What readers share: bounded blocks, time slices without an index, columns turned to events."""
+"""What readers share: bounded blocks, and time slices without an index."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from pathlib import Path, PosixPath
 from typing import Any
 
 import lz4.frame
-import numpy as np
-from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.errors import InputError, quoted, refused
@@ -23,7 +21,6 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-Numbers = NDArray[Any]
 MOST_BYTES = 1 << 28  # what one compressed packet or chunk may unpack to
 _MOST_RATIO = 64  # and how many times its own size a compressed file of more than that
 _STEP = 1 << 24  # bytes that are unpacked at a time
@@ -124,30 +121,20 @@ class BlockReader:
     def _index(self, stream: str) -> list[IndexedBlock]:
         self.check_stream(stream)
         if stream not in self._entries:
-            self._entries[stream] = [
-                IndexedBlock(place, int(events.t_us.min()), int(events.t_us.max()), len(events))
-                for place, events in self.scan(stream)
-                if len(events)
-            ]
+            self._entries[stream] = list(self._blocks(stream))
         return self._entries[stream]
+
+    def _blocks(self, stream: str) -> Iterator[IndexedBlock]:
+        for place, events in self.scan(stream):
+            if len(events):
+                first_us, last_us = int(events.t_us.min()), int(events.t_us.max())
+                yield IndexedBlock(place, first_us, last_us, len(events))
 
 
 def within(events: Events, t0_us: int, t1_us: int) -> Events:
     """Events with `t0_us <= t < t1_us`, whether or not they are sorted."""
     inside = (events.t_us >= t0_us) & (events.t_us < t1_us)
     return events if inside.all() else events.take(inside)
-
-
-def checked_times(t_us: NDArray[np.int64], where: str) -> NDArray[np.int64]:
-    """Returns times, µs; no format here has any below 0 or beyond 2^62 µs."""
-    bad = np.flatnonzero((t_us < 0) | (t_us > 1 << 62))
-    if bad.size:
-        k = int(bad[0])
-        raise InputError(
-            f"{where}: event {k} at {t_us[k]} µs; needs 0 to 2^62 µs: shift the times if "
-            "they count from another epoch, otherwise the file is damaged"
-        )
-    return t_us
 
 
 def unpacked(data: bytes | memoryview, compression: str, where: str) -> bytes:
@@ -212,72 +199,3 @@ class BoundedZstd(zstd.ZstdFile):
         if self.tell() > self._most:
             raise ValueError(f"a compressed file unpacks to more than {self._most} bytes")
         return data
-
-
-def to_events(
-    where: str, x: Numbers, y: Numbers, t: Numbers, p: Numbers, unit_s: float | None
-) -> Events:
-    """Events from columns of one length.
-
-    Args:
-        where: file and place, for the errors' sake.
-        x: (N,) columns, px.
-        y: (N,) rows, px.
-        t: (N,) times in `unit_s`.
-        p: (N,) polarity: 0 or -1 for darker, 1 for brighter.
-        unit_s: what times count, s; None: µs where whole numbers, seconds where floating.
-
-    Raises:
-        InputError: a value that is not finite, whole (pixels) or in range.
-    """
-    if unit_s is None:
-        unit_s = 1.0 if t.dtype.kind == "f" else 1e-6
-    t_us = checked_times(times_us(where, t, unit_s), where)
-    return Events(_pixels(where, "x", x), _pixels(where, "y", y), t_us, _polarity(where, p))
-
-
-def times_us(where: str, t: Numbers, unit_s: float) -> NDArray[np.int64]:
-    """Times in whole µs, rounded to the nearest."""
-    if t.dtype.kind == "f":
-        with np.errstate(over="ignore", invalid="ignore"):
-            t_us = t.astype(np.float64) * (unit_s * 1e6)
-        _refuse(where, "t", t, ~(np.abs(t_us) < 2.0**62), "finite times below 2^62 µs")
-        return np.rint(t_us).astype(np.int64)
-    _refuse(where, "t", t, t > np.iinfo(np.int64).max // 2, "times below 2^62")
-    whole = t.astype(np.int64, copy=False)
-    if unit_s == 1e-9:
-        return (whole + 500) // 1000
-    if unit_s == 1e-6:
-        return whole
-    _refuse(where, "t", t, np.abs(whole) >= 1 << 42, "times below 2^42")
-    return whole * round(unit_s * 1e6)
-
-
-def _pixels(where: str, name: str, values: Numbers) -> NDArray[np.uint16]:
-    if values.dtype == np.uint16:
-        return values
-    with np.errstate(invalid="ignore"):
-        bad = ~((values >= 0) & (values <= 65535))
-        if values.dtype.kind == "f":
-            bad |= values != np.floor(values)
-    _refuse(where, name, values, bad, "whole pixels from 0 to 65535")
-    return values.astype(np.uint16)
-
-
-def _polarity(where: str, values: Numbers) -> NDArray[np.uint8]:
-    if values.dtype.kind == "b":
-        return values.astype(np.uint8)
-    bad = (values != 0) & (values != 1)
-    if values.dtype.kind != "u":
-        bad &= values != -1
-    _refuse(where, "p", values, bad, "0 or 1, or -1 or 1")
-    return (values > 0).astype(np.uint8)
-
-
-def _refuse(where: str, name: str, values: Numbers, bad: NDArray[np.bool_], needs: str) -> None:
-    if bad.any():
-        k = int(np.argmax(bad))
-        raise InputError(
-            f"{where}: {name} of event {k} is {values[k]}, needs {needs}: the file is damaged, "
-            "or its columns are assigned wrongly"
-        )

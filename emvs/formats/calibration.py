@@ -6,6 +6,7 @@ The body is the first camera that is taken, so `T_body_cam` of that one is the i
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import count, takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,13 +24,16 @@ from eventsweep.emvs.formats.calibration_values import (
     parsed,
     pose_of,
 )
-from eventsweep.emvs.formats.opencv_calibration import is_opencv, opencv_cameras
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera, Model
 from eventsweep.emvs.geometry.rig import Rig
 
 _TERMS = {"kb4": ("k1", "k2", "k3", "k4"), "pinhole": (), "radtan4": ("k1", "k2", "p1", "p2")}
 _BASALT: dict[str, tuple[Model, str]] = {"kb4": ("kb4", "kb4"), "pinhole": ("pinhole", "pinhole")}
+_LENSES: dict[str, Model] = {
+    "plumb_bob": "radtan", "rational_polynomial": "radtan", "pinhole": "radtan",
+    "equidistant": "kb4", "fisheye": "kb4",
+}  # fmt: skip
 _KALIBR: dict[str, Model] = {"equidistant": "kb4", "radtan": "radtan", "none": "pinhole"}
 
 
@@ -78,8 +82,7 @@ def read_imu_cam(path: Path) -> NDArray[np.float64]:
 
 def _entries(values: dict[str, Any]) -> list[_Entry]:
     if is_opencv(values):
-        found = opencv_cameras(values)
-        return [_Entry(f"cam{k}", camera, T) for k, (camera, T) in enumerate(found)]
+        return _opencv(values)
     return _basalt(values["value0"]) if "value0" in values else _kalibr(values)
 
 
@@ -174,3 +177,68 @@ def kalibr_camera_of(entry: Any, name: str) -> Camera:
     terms = numbers_of(coefficients, len(coefficients), f"{name}.distortion_coeffs")
     size = entry_of(entry, "resolution", name, list)
     return camera_of(size, four, _KALIBR[lens], terms, f"{name}.resolution", name)
+
+
+def is_opencv(values: dict[str, Any]) -> bool:
+    """Whether a file's values are those of OpenCV or ROS."""
+    return "camera_matrix" in values or "cam0_K" in values
+
+
+def _opencv(values: dict[str, Any]) -> list[_Entry]:
+    """All cameras: the file's only one, or `cam0_K`, `cam0_D`, `cam0_size` and so on of each."""
+    if "camera_matrix" in values:
+        size = [number_of(values, name, "the file") for name in ("image_width", "image_height")]
+        lens = values.get("distortion_model", "plumb_bob")
+        terms = _row(values, "distortion_coefficients")
+        camera = _camera(size, values, "camera_matrix", lens, terms, "image_width, image_height")
+        return [_Entry("cam0", camera, np.eye(4))]
+    names = takewhile(lambda name: f"{name}_K" in values, (f"cam{k}" for k in count()))
+    return [_numbered(values, name) for name in names]
+
+
+def _numbered(values: dict[str, Any], name: str) -> _Entry:
+    size, place = _row(values, f"{name}_size"), f"{name}_T_body_cam"
+    lens = entry_of(values, f"{name}_model", "the file", str)
+    terms = _row(values, f"{name}_D")
+    camera = _camera(size, values, f"{name}_K", lens, terms, f"{name}_size")
+    T_body_cam = matrix(_table(values, place, 4).tolist(), place)
+    return _Entry(name, camera, T_body_cam)
+
+
+def _camera(
+    size: list[float], values: dict[str, Any], key: str, lens: Any, terms: list[float], of: str
+) -> Camera:
+    if lens not in _LENSES:
+        raise InputError(f"lens model {lens!r:.60} of {key}: needs {', '.join(_LENSES)}")
+    K = _table(values, key, 3)
+    if K[0, 1] or not np.array_equal(K[2], [0, 0, 1]) or K[1, 0]:
+        raise InputError(
+            f"{key} has skew, or a last row other than 0 0 1: not a supported camera matrix"
+        )
+    model, kept = _lens(_LENSES[lens], terms, key)
+    four = [float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])]
+    return camera_of(size, four, model, kept, of, key)
+
+
+def _lens(model: Model, terms: list[float], key: str) -> tuple[Model, list[float]]:
+    """The lens with as few terms as say the same: none, four or five."""
+    if not any(terms):
+        return ("kb4", [0.0] * 4) if model == "kb4" else ("pinhole", [])
+    most = 4 if model == "kb4" else 5
+    if any(terms[most:]):
+        raise InputError(
+            f"{key}: {len(terms)} lens terms: more than {most} cannot be represented; calibrate "
+            "without the rational model"
+        )
+    kept = terms[:most] if any(terms[4:]) else terms[:4]
+    return model, kept
+
+
+def _row(values: dict[str, Any], key: str) -> list[float]:
+    data = entry_of(entry_of(values, key, "the file", dict), "data", key, list)
+    return numbers_of(data, len(data), key)
+
+
+def _table(values: dict[str, Any], key: str, size: int) -> NDArray[np.float64]:
+    data = entry_of(entry_of(values, key, "the file", dict), "data", key, list)
+    return np.array(numbers_of(data, size * size, key)).reshape(size, size)

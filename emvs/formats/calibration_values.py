@@ -11,10 +11,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError, located, said
+from eventsweep.emvs.data.stamps import text_of
+from eventsweep.emvs.errors import InputError, located, refused
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera, Model
-from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, read_text
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES
 
 FORMATS = "needs a Kalibr, Basalt, DSEC, OpenCV or ROS calibration, or a rig.json"
 """What a calibration may be, for messages."""
@@ -41,14 +42,9 @@ _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
 
 def parsed(path: Path) -> dict[str, Any]:
     """The mapping that a JSON or YAML file holds."""
-    try:
-        text = read_text(path, SETTINGS_BYTES)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        raise InputError(f"{path}: cannot read the calibration ({reason}): correct the path") from (
-            error
-        )
-    try:
+    text = text_of(path, "utf-8", "a calibration: correct the path", SETTINGS_BYTES)
+    damage = ValueError, RecursionError, yaml.YAMLError
+    with refused(f"{path}: not valid JSON or YAML", *damage, cure=": correct the file"):
         if _LONG_NUMBER.search(text):  # YAML takes time by the square of a number's digits
             raise ValueError(f"a number of more than {_MOST_LETTERS} digits")
         values = (
@@ -57,9 +53,6 @@ def parsed(path: Path) -> dict[str, Any]:
             else yaml.load(_OPENCV_DIRECTIVE.sub("", text), _Loader)
         )
         _check_plain(values)
-    except (ValueError, RecursionError, yaml.YAMLError) as error:
-        reason = said(error, 120)
-        raise InputError(f"{path}: not valid JSON or YAML ({reason}): correct the file") from error
     if not isinstance(values, dict):
         raise InputError(f"{path}: contains no calibration: {FORMATS}")
     return values

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError, refused, said
+from eventsweep.emvs.errors import InputError, refused
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, opened_npz
 from eventsweep.emvs.utils.plugins import extra_module
@@ -37,7 +37,8 @@ def read_depth(path: Path) -> NDArray[np.float32]:
     Raises:
         InputError: an unreadable file, or one that is no depth map; pickles are never loaded.
     """
-    try:
+    # numpy ends in many kinds of exception on damaged files
+    with refused(f"{path}: not a depth map", Exception, cure="; needs a depth.npz or a .npy file"):
         if path.suffix == ".npz":
             with opened_npz(path) as stored:
                 depth_m = np.where(stored["mask"], stored["depth_m"], np.nan)
@@ -46,29 +47,20 @@ def read_depth(path: Path) -> NDArray[np.float32]:
             if mapped.ndim != 2 or mapped.size > _MOST_PIXELS or mapped.dtype.kind not in "fiu":
                 raise InputError(f"{path}: shape {mapped.shape}, {mapped.dtype}; needs (H, W) in m")
             depth_m = np.asarray(mapped)
-    except InputError:
-        raise
-    except Exception as error:  # numpy ends in many kinds of exception on damaged files
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(
-            f"{path}: not a depth map ({reason}); needs a depth.npz or a .npy file"
-        ) from error
     return np.asarray(np.where(depth_m > 0, depth_m, np.nan), np.float32)
 
 
 def read_exr(path: Path) -> dict[str, NDArray[np.float32]]:
     """Reads an EXR image: (H, W) of each channel, by name."""
     OpenEXR = extra_module("OpenEXR", f"{path}: reading EXR needs OpenEXR", "exr")
-    try:
-        # It prints what it finds damaged, which would stand among the numbers of a summary.
-        with (
-            redirect_stdout(io.StringIO()),
-            OpenEXR.File(str(path), separate_channels=True) as file,
-        ):
-            channels = file.channels().items()
-            return {name: np.asarray(channel.pixels, np.float32) for name, channel in channels}
-    except Exception as error:  # whatever the library raises for damage
-        raise InputError(f"{path}: not a complete EXR ({said(error)}); export it again") from error
+    # It raises anything for damage, and prints it, which would stand among a summary's numbers.
+    with (
+        refused(f"{path}: not a complete EXR", Exception, cure="; export it again"),
+        redirect_stdout(io.StringIO()),
+        OpenEXR.File(str(path), separate_channels=True) as file,
+    ):
+        channels = file.channels().items()
+        return {name: np.asarray(channel.pixels, np.float32) for name, channel in channels}
 
 
 def write_depth_png(path: Path, depth_m: NDArray[np.float32]) -> None:
@@ -81,11 +73,6 @@ def write_depth_png(path: Path, depth_m: NDArray[np.float32]) -> None:
             "m: choose depth-npy, depth-tiff or depth-exr"
         )
     write_image(path, ".png", units.astype(np.uint16))
-
-
-def write_depth_tiff(path: Path, depth_m: NDArray[np.float32]) -> None:
-    """Writes 32-bit floats, m, NaN where unknown."""
-    write_image(path, ".tiff", np.asarray(depth_m, np.float32))
 
 
 def write_depth_npy(path: Path, depth_m: NDArray[np.float32]) -> None:
@@ -117,7 +104,7 @@ def write_image(
 WRITERS: dict[str, Callable[[Path, NDArray[np.float32]], None]] = {
     "depth-png": write_depth_png,
     "depth-npy": write_depth_npy,
-    "depth-tiff": write_depth_tiff,
+    "depth-tiff": lambda path, m: write_image(path, ".tiff", np.asarray(m, np.float32)),
     "depth-exr": write_depth_exr,
 }
 
@@ -150,6 +137,8 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
 
 def _checked(path: Path) -> PngImageFile:
     """The decoded image of a file whose check sums hold."""
+    from PIL.PngImagePlugin import PngImageFile  # recordings without images need not wait for it
+
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise InputError(f"{path}: more than {_MOST_BYTES} bytes; needs a PNG image")
@@ -158,42 +147,31 @@ def _checked(path: Path) -> PngImageFile:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); needs a PNG image") from error
     check_png(path, data)
-    with _names_damage(path):
-        return _decoded(data)
+    with _damage_named(path):
+        image = PngImageFile(io.BytesIO(data))
+        image.load()
+        return image
 
 
 def check_png(path: Path, data: bytes) -> None:
     """Refuses a PNG file that is damaged, has lost its end, or declares too many pixels."""
-    with _names_damage(path):
-        _check_chunks(path, data)
+    from PIL.PngImagePlugin import PngImageFile
+
+    with _damage_named(path):
+        # `Image.open` would warn of sizes by a limit of its own, and not say what is damaged
+        stream = io.BytesIO(data)
+        image = PngImageFile(stream)
+        width, height = image.size
+        if width * height > _MOST_READ_PIXELS:
+            raise InputError(f"{path}: declares {width}x{height} pixels; at most 2^26 are read")
+        image.verify()  # every chunk but the last, whose eight first bytes have been read
+        at = stream.tell()
+        if data[at - 8 : at + 4] != _END:
+            raise ValueError("its last chunk is damaged")
 
 
 @contextmanager
-def _names_damage(path: Path) -> Iterator[None]:
-    what = refused(f"{path}: not a complete PNG image", *_DAMAGE, cure="; download it again")
-    with what, warnings.catch_warnings(action="error", category=UserWarning):
+def _damage_named(path: Path) -> Iterator[None]:
+    damage = refused(f"{path}: not a complete PNG image", *_DAMAGE, cure="; download it again")
+    with damage, warnings.catch_warnings(action="error", category=UserWarning):
         yield
-
-
-def _check_chunks(path: Path, data: bytes) -> None:
-    """Refuses impossible sizes and wrong check sums; what is raised says which."""
-    from PIL.PngImagePlugin import PngImageFile  # recordings without images need not wait for it
-
-    # `Image.open` would warn of sizes by a limit of its own, and not say what is damaged
-    stream = io.BytesIO(data)
-    image = PngImageFile(stream)
-    width_px, height_px = image.size
-    if width_px * height_px > _MOST_READ_PIXELS:
-        raise InputError(f"{path}: declares {width_px}x{height_px} pixels; at most 2^26 are read")
-    image.verify()  # every chunk but the last, whose eight first bytes have been read
-    at = stream.tell()
-    if data[at - 8 : at + 4] != _END:
-        raise ValueError("its last chunk is damaged")
-
-
-def _decoded(data: bytes) -> PngImageFile:
-    from PIL.PngImagePlugin import PngImageFile
-
-    image = PngImageFile(io.BytesIO(data))
-    image.load()
-    return image

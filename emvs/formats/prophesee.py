@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +40,7 @@ _CODINGS: dict[str, tuple[str, np.dtype[Any], Callable[..., int], int]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class _Coding:
+class _Coding(NamedTuple):
     """How the words of a format are read."""
 
     name: str
@@ -126,15 +124,14 @@ def decode_words(
         How many words were used, and their events.
     """
     room = min(_ROOM, prophesee_kernels.MOST_PER_WORD * len(words))
-    x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
-    t_us, p = np.empty(room, np.int64), np.empty(room, np.uint8)
-    used, count, unknown = coding.decode(words, state, x, y, t_us, p)
+    events = Events.room(room)
+    used, count, unknown = coding.decode(words, state, events.columns)
     if unknown:
         raise InputError(
             f"{where(used)}: {int(words[used]):#x} is not a word of {coding.name.upper()}; the "
             "file is damaged or in another format, download it again"
         )
-    return used, Events(x, y, t_us, p).slice(0, count)
+    return used, events.slice(0, count)
 
 
 def opened(path: Path) -> BinaryIO:
@@ -171,8 +168,7 @@ _SENSORS = {
 }
 
 
-@dataclass(frozen=True)
-class RawHeader:
+class RawHeader(NamedTuple):
     """What the lines say: coding (empty: none), sensor size, and where the events begin, bytes."""
 
     kind: str
@@ -191,32 +187,26 @@ def read_raw_header(path: Path, file: BinaryIO) -> RawHeader:
                 f"{path}, byte {file.tell()}: the header does not end; needs lines `% ...` and "
                 "`% end`: the file is damaged"
             )
-        words = line[1:].decode("latin-1").strip()
-        key, _, value = words.partition(" ")
+        key, _, value = line[1:].decode("latin-1").strip().partition(" ")
         if key == "end":
             break
         fields[key.lower()] = value.strip()
     if not fields:
         raise InputError(f"{path}, byte 0: no header; needs lines `% ...` before the events")
-    return _header(path, fields, file.tell())
-
-
-def _header(path: Path, fields: dict[str, str], offset: int) -> RawHeader:
-    kind, *options = (fields.get("format") or "").split(";")
+    kind, *options = fields.get("format", "").split(";")
     named = dict(option.partition("=")[::2] for option in options)
     if "legacy" in (named.get("endianness"), fields.get("endianness")):
         raise InputError(f"{path}: words in legacy order; convert it with Prophesee's tools first")
     if not kind and "evt" in fields:
         kind = "EVT" + fields["evt"].removesuffix(".0").replace(".", "")
-    size = _size(path, fields, named)
-    return RawHeader(kind.upper().replace(".", ""), size[0], size[1], offset)
+    width_px, height_px = _size(path, fields, named)
+    return RawHeader(kind.upper().replace(".", ""), width_px, height_px, file.tell())
 
 
 def _size(
     path: Path, fields: dict[str, str], named: dict[str, str]
 ) -> tuple[int, int] | tuple[None, None]:
-    width = named.get("width") or fields.get("width")
-    height = named.get("height") or fields.get("height")
+    width, height = (named.get(name) or fields.get(name) for name in ("width", "height"))
     if geometry := re.fullmatch(r"(\d+)x(\d+)", fields.get("geometry", "")):
         width, height = geometry.groups()
     if width is None or height is None:
@@ -250,5 +240,5 @@ class RawWriter(FileWriter):
     def _put(self, _stream: str, events: Events) -> None:
         loops = (int(events.t_us[-1]) >> self._loop_bits) - int(self._state[LOOPS])
         words = np.empty(8 * len(events) + 3 * loops + 8, self._word)
-        count = self._encode(events.x, events.y, events.t_us, events.p, self._state, words)
+        count = self._encode(events.columns, self._state, words)
         self._file.write(words[:count].data)

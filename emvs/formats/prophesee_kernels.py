@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
-Column = NDArray[np.uint16]
+Columns = tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64], NDArray[np.uint8]]
 Result = tuple[int, int, bool]
 MOST_PER_WORD = 32
 """A word of EVT2.1 holds up to 32 events, one of EVT3 up to 12."""
@@ -62,17 +62,10 @@ def _is_passed_over(kind: Whole) -> bool:
 
 @njit(cache=True, inline="always")
 def _put(
-    x: Column,
-    y: Column,
-    t_us: NDArray[np.int64],
-    p: NDArray[np.uint8],
-    n: int,
-    column: Whole,
-    row: Whole,
-    stamp: Whole,
-    polarity: Whole,
+    columns: Columns, n: int, column: Whole, row: Whole, stamp: Whole, polarity: Whole
 ) -> None:
     """Writes event n."""
+    x, y, t_us, p = columns
     x[n] = column
     y[n] = row
     t_us[n] = stamp
@@ -80,17 +73,10 @@ def _put(
 
 
 @njit(cache=True, nogil=True)
-def decode_evt2(
-    words: NDArray[np.uint32],
-    state: State,
-    x: Column,
-    y: Column,
-    t_us: NDArray[np.int64],
-    p: NDArray[np.uint8],
-) -> Result:
+def decode_evt2(words: NDArray[np.uint32], state: State, columns: Columns) -> Result:
     """32-bit words: kind (4), then low time (6), x (11), y (11), or high time (28)."""
     n = 0
-    room = len(x)
+    room = len(columns[0])
     timed = state[TIMED] != 0
     high_us = _high_us(state)
     for k in range(len(words)):
@@ -101,7 +87,7 @@ def decode_evt2(
                 return k, n, False
             if timed:
                 stamp = high_us | ((word >> 22) & 0x3F)
-                _put(x, y, t_us, p, n, (word >> 11) & 0x7FF, word & 0x7FF, stamp, kind)
+                _put(columns, n, (word >> 11) & 0x7FF, word & 0x7FF, stamp, kind)
                 n += 1
             else:
                 state[UNTIMED] += 1
@@ -115,17 +101,10 @@ def decode_evt2(
 
 
 @njit(cache=True, nogil=True)
-def decode_evt21(
-    words: NDArray[np.uint64],
-    state: State,
-    x: Column,
-    y: Column,
-    t_us: NDArray[np.int64],
-    p: NDArray[np.uint8],
-) -> Result:
+def decode_evt21(words: NDArray[np.uint64], state: State, columns: Columns) -> Result:
     """64-bit words: kind (4), low time (6), x (11), y (11), then a bit per column from x on."""
     n = 0
-    room = len(x)
+    room = len(columns[0])
     for k in range(len(words)):
         valid = np.int64(words[k] & np.uint64(0xFFFFFFFF))
         word = np.int64(words[k] >> np.uint64(32))
@@ -138,7 +117,7 @@ def decode_evt21(
             for bit in range(32):
                 if (valid >> bit) & 1:
                     if state[TIMED]:
-                        _put(x, y, t_us, p, n, first + bit, word & 0x7FF, stamp, kind)
+                        _put(columns, n, first + bit, word & 0x7FF, stamp, kind)
                         n += 1
                     else:
                         state[UNTIMED] += 1
@@ -151,16 +130,11 @@ def decode_evt21(
 
 @njit(cache=True, nogil=True)
 def decode_evt3(  # noqa: C901 - one branch per kind of word
-    words: NDArray[np.uint16],
-    state: State,
-    x: Column,
-    y: Column,
-    t_us: NDArray[np.int64],
-    p: NDArray[np.uint8],
+    words: NDArray[np.uint16], state: State, columns: Columns
 ) -> Result:
     """16-bit words: kind (4) and a value (12); rows, times and vector bases hold until replaced."""
     n = 0
-    room = len(x)
+    room = len(columns[0])
     timed = state[TIMED] != 0
     row: Whole
     base_x: Whole
@@ -176,7 +150,7 @@ def decode_evt3(  # noqa: C901 - one branch per kind of word
             if n == room:
                 break
             if timed:
-                _put(x, y, t_us, p, n, word & 0x7FF, row, stamp, (word >> 11) & 1)
+                _put(columns, n, word & 0x7FF, row, stamp, (word >> 11) & 1)
                 n += 1
             else:
                 state[UNTIMED] += 1
@@ -194,7 +168,7 @@ def decode_evt3(  # noqa: C901 - one branch per kind of word
             else:
                 for bit in range(width):
                     # Written always, kept only where the bit is set: no branch to mispredict.
-                    _put(x, y, t_us, p, n, base_x + bit, row, stamp, polarity)
+                    _put(columns, n, base_x + bit, row, stamp, polarity)
                     n += (int(valid) >> bit) & 1
             base_x += width
         elif kind == 0x0:  # ADDR_Y
@@ -220,18 +194,11 @@ def decode_evt3(  # noqa: C901 - one branch per kind of word
 
 
 @njit(cache=True, nogil=True)
-def decode_dat(
-    words: NDArray[np.uint64],
-    state: State,
-    x: Column,
-    y: Column,
-    t_us: NDArray[np.int64],
-    p: NDArray[np.uint8],
-) -> Result:
+def decode_dat(words: NDArray[np.uint64], state: State, columns: Columns) -> Result:
     """64-bit records: time (32, low), x (14), y (14), polarity (4)."""
     n = 0
     for k in range(len(words)):
-        if n == len(x):
+        if n == len(columns[0]):
             return k, n, False
         stamp = np.int64(words[k] & np.uint64(0xFFFFFFFF))
         word = np.int64(words[k] >> np.uint64(32))
@@ -239,7 +206,7 @@ def decode_dat(
             return k, n, True  # a polarity that is neither 0 nor 1
         _raise_high(state, stamp, 32)
         stamp |= state[LOOPS] << 32
-        _put(x, y, t_us, p, n, word & 0x3FFF, (word >> 14) & 0x3FFF, stamp, word >> 28)
+        _put(columns, n, word & 0x3FFF, (word >> 14) & 0x3FFF, stamp, word >> 28)
         n += 1
     return len(words), n, False
 
@@ -289,15 +256,9 @@ def _encode_high(
 
 
 @njit(cache=True, nogil=True)
-def encode_evt2(
-    x: Column,
-    y: Column,
-    t_us: NDArray[np.int64],
-    p: NDArray[np.uint8],
-    state: State,
-    words: NDArray[np.uint32],
-) -> int:
+def encode_evt2(columns: Columns, state: State, words: NDArray[np.uint32]) -> int:
     """Fills `words`, returns how many; needs room for 8 per event and 3 per loop of 2^34 µs."""
+    x, y, t_us, p = columns
     n = 0
     for k in range(len(x)):
         high = t_us[k] >> 6
@@ -310,10 +271,9 @@ def encode_evt2(
 
 
 @njit(cache=True)
-def _vector_mask(
-    x: Column, y: Column, t_us: NDArray[np.int64], p: NDArray[np.uint8], first: int, base_x: Whole
-) -> tuple[Whole, int]:
+def _vector_mask(columns: Columns, first: int, base_x: Whole) -> tuple[Whole, int]:
     """Bits of the events from `first` on that fit 32 columns in one vector, and how many fit."""
+    x, y, t_us, p = columns
     mask, k = np.int64(0), first
     before: Whole = base_x - 1
     while (
@@ -330,19 +290,13 @@ def _vector_mask(
 
 
 @njit(cache=True, nogil=True)
-def encode_evt3(
-    x: Column,
-    y: Column,
-    t_us: NDArray[np.int64],
-    p: NDArray[np.uint8],
-    state: State,
-    words: NDArray[np.uint16],
-) -> int:
+def encode_evt3(columns: Columns, state: State, words: NDArray[np.uint16]) -> int:
     """Fills `words`, returns how many; needs room for 8 per event and 3 per loop of 2^24 µs.
 
     Five or more events of one time, row and polarity with rising columns become vectors, always
     12 + 12 + 8 columns as the cameras write them: some decoders take the three words at once.
     """
+    x, y, t_us, p = columns
     n = 0
     k = 0
     while k < len(x):
@@ -360,7 +314,7 @@ def encode_evt3(
             state[Y] = y[k]
             n += 1
         sign = np.int64(0x800) if p[k] else np.int64(0)
-        mask, count = _vector_mask(x, y, t_us, p, k, np.int64(x[k]))
+        mask, count = _vector_mask(columns, k, np.int64(x[k]))
         if count < 5:
             words[n] = 0x2000 | sign | np.int64(x[k])
             n += 1
@@ -379,7 +333,7 @@ def encode_evt3(
             base_x += 32
             if k == len(x) or y[k] != row or t_us[k] != stamp or (p[k] != 0) != positive:
                 break
-            mask, count = _vector_mask(x, y, t_us, p, k, base_x)
+            mask, count = _vector_mask(columns, k, base_x)
     return n
 
 

@@ -233,17 +233,15 @@ def array_head(data: bytes | memoryview, ros2: bool, where: str) -> ArrayHead:
 def array_events(data: bytes | memoryview, ros2: bool, where: str) -> Events:
     """The events of a message; nanoseconds are rounded to µs."""
     head = array_head(data, ros2, where)
-    n = head.events
-    x, y = np.empty(n, np.uint16), np.empty(n, np.uint16)
-    t_us, p = np.empty(n, np.int64), np.empty(n, np.uint8)
+    events = Events.room(head.events)
     raw = np.frombuffer(data, np.uint8)[head.start :]
-    bad = decode_array(raw, 16 if ros2 else EVENT_BYTES, 2 if ros2 else 0, x, y, t_us, p)
+    bad = decode_array(raw, 16 if ros2 else EVENT_BYTES, 2 if ros2 else 0, events.columns)
     if bad >= 0:
         raise InputError(
-            f"{where}: event {bad} of {n} has 10^9 nanoseconds or more, or a polarity above 1; "
-            "the message is damaged, record the bag again"
+            f"{where}: event {bad} of {head.events} has 10^9 nanoseconds or more, or a polarity "
+            "above 1; the message is damaged, record the bag again"
         )
-    return Events(x, y, t_us, p)
+    return events
 
 
 def array_bytes(events: Events, sequence: int, width_px: int, height_px: int) -> bytes:
@@ -252,7 +250,7 @@ def array_bytes(events: Events, sequence: int, width_px: int, height_px: int) ->
     head = struct.pack("<IIII", sequence & 0xFFFFFFFF, seconds, rest_us * 1000, 0)
     head += struct.pack("<III", height_px, width_px, len(events))
     data = np.empty(EVENT_BYTES * len(events), np.uint8)
-    encode_array(events.x, events.y, events.t_us, events.p, data)
+    encode_array(events.columns, data)
     return head + data.tobytes()
 
 

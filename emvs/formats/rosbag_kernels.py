@@ -12,10 +12,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.emvs.formats.prophesee_kernels import Whole
+from eventsweep.emvs.formats.prophesee_kernels import Columns, Whole
 
 Bytes = NDArray[np.uint8]
-Column = NDArray[np.uint16]
 
 
 @njit(cache=True, inline="always")
@@ -34,16 +33,9 @@ def _uint32(data: Bytes, k: int) -> Whole:
 
 
 @njit(cache=True, nogil=True)
-def decode_array(
-    data: Bytes,
-    stride: int,
-    x_back: int,
-    x: Column,
-    y: Column,
-    t_us: NDArray[np.int64],
-    p: NDArray[np.uint8],
-) -> int:
+def decode_array(data: Bytes, stride: int, x_back: int, columns: Columns) -> int:
     """Fills the columns from one array; returns the first impossible event, or -1."""
+    x, y, t_us, p = columns
     for k in range(len(x)):
         at = k * stride
         seconds, nanoseconds = _uint32(data, at + 4), _uint32(data, at + 8)
@@ -57,10 +49,9 @@ def decode_array(
 
 
 @njit(cache=True, nogil=True)
-def encode_array(
-    x: Column, y: Column, t_us: NDArray[np.int64], p: NDArray[np.uint8], data: Bytes
-) -> None:
+def encode_array(columns: Columns, data: Bytes) -> None:
     """Fills 13 bytes per event, as ROS1 packs them."""
+    x, y, t_us, p = columns
     for k in range(len(x)):
         at = 13 * k
         seconds, nanoseconds = t_us[k] // 1000000, (t_us[k] % 1000000) * 1000

@@ -250,11 +250,6 @@ def _kb4_radius(theta: NDArray[np.float64], terms: tuple[float, ...]) -> NDArray
     return theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
 
 
-def _same(bearing: NDArray[np.float64], _terms: tuple[float, ...]) -> NDArray[np.float64]:
-    return bearing
-
-
-DISTORT: dict[str, _Lens] = {"pinhole": _same, "radtan": _distort_radtan, "kb4": _distort_kb4}
-
-
-UNDISTORT: dict[str, _Lens] = {"pinhole": _same, "radtan": _undistort_radtan, "kb4": _undistort_kb4}
+_SAME: dict[str, _Lens] = {"pinhole": lambda bearing, _terms: bearing}
+DISTORT = _SAME | {"radtan": _distort_radtan, "kb4": _distort_kb4}
+UNDISTORT = _SAME | {"radtan": _undistort_radtan, "kb4": _undistort_kb4}

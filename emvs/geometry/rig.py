@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError, check_array, check_type, shown
+from eventsweep.emvs.errors import InputError, check_array, check_type, refused, shown
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 
@@ -97,15 +97,10 @@ class Rig:
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Rig:
         """Reads what `to_json` wrote."""
-        try:
+        faults = KeyError, TypeError, AttributeError, OverflowError, ValueError
+        with refused("rig calibration: an entry is missing, or not what it should be", *faults):
             entries = [dict(entry) for entry in values["cameras"]]
             names = tuple(str(entry.pop("name")) for entry in entries)
             T_body_cam = tuple(np.array(entry.pop("T_body_cam"), np.float64) for entry in entries)
             cameras = tuple(Camera.from_json(entry) for entry in entries)
             return cls(str(values["name"]), cameras, T_body_cam, names)
-        except (KeyError, TypeError, AttributeError, OverflowError) as error:
-            raise InputError(f"rig calibration: missing or wrong entry {error}") from error
-        except InputError:
-            raise
-        except ValueError as error:
-            raise InputError(f"rig calibration: T_body_cam is not a 4x4 matrix: {error}") from error

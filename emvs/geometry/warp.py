@@ -78,30 +78,20 @@ def _stamp(
 
 
 def undistort_depth(depth_m: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
-    """(H, W) z-depth, m, in `camera.undistorted()` from z-depth at the sensor's pixels.
-
-    Each pixel takes that of the nearest one of the sensor; NaN off the sensor.
-    """
-    if camera.model == "pinhole":
-        return depth_m
-    return _looked_up(depth_m, camera.undistorted().ray_table(), camera)
+    """(H, W) z-depth, m, in `camera.undistorted()` from z-depth at the sensor's pixels."""
+    return reproject_depth(depth_m, camera, camera.undistorted())
 
 
-def distort_depth(depth_m: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
-    """(H, W) z-depth, m, at a sensor's pixels from z-depth in `camera.undistorted()`.
-
-    Each pixel takes that of the nearest one of the view; NaN off the view.
-    """
-    if camera.model == "pinhole":
-        return depth_m
-    return _looked_up(depth_m, camera.ray_table(), camera.undistorted())
-
-
-def _looked_up(
-    depth_m: NDArray[np.float32], rays: NDArray[np.float64], camera: Camera
+def reproject_depth(
+    depth_m: NDArray[np.float32], camera: Camera, target: Camera
 ) -> NDArray[np.float32]:
-    """Depth as a camera has it at the pixels nearest to rays; a view of the same place."""
-    uv = camera.project(rays)
+    """(H, W) z-depth, m, at the pixels of another camera in the same place and pose.
+
+    Each pixel takes that of the nearest one; NaN off the camera that has the depth.
+    """
+    if camera == target:
+        return depth_m
+    uv = camera.project(target.ray_table())
     uv_px = np.rint(np.where(np.abs(uv) < 1e6, uv, -1)).astype(np.int64)
     inside = (
         (uv_px >= 0).all(axis=-1)

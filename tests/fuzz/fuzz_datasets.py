@@ -26,8 +26,6 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import dsec, open_recording
 from eventsweep.emvs.datasets.custom import read_hand_eye
 from eventsweep.emvs.datasets.dsec import rectification_of
-from eventsweep.emvs.datasets.export import RecordingExport, write_recording
-from eventsweep.emvs.datasets.raw_streams import open_readable
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import calibration_writers as rigs
 from eventsweep.emvs.formats.calibration import read_rig
@@ -64,11 +62,7 @@ def made(folder, kind):
     elif kind in dataset_files.SINGLE:
         dataset_files.SINGLE[kind](sequence, out)
     else:
-        found = open_readable(ours)
-        sources = tuple(source for _, source in found.streams)
-        write_recording(
-            RecordingExport(found.recording, sources, 0, lambda _: None), out, kind.split("-")[0]
-        )
+        world.rewritten(ours, out, kind.split("-")[0])
     if kind == "tumvie-vio":
         mocap = next(out.glob("*/mocap_data.txt"))
         mocap.rename(mocap.with_name("vio_poses.txt"))

@@ -7,17 +7,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.emvs.formats.prophesee_kernels import Columns
 
 
 @njit(cache=True, nogil=True)
-def convert_rows(
-    rows: NDArray[np.float64],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    t_us: NDArray[np.int64],
-    p: NDArray[np.uint8],
-) -> int:
+def convert_rows(rows: NDArray[np.float64], columns: Columns) -> int:
     """Fills the columns; returns the first row that is no event, or -1."""
+    x, y, t_us, p = columns
     for k in range(len(rows)):
         column, row, stamp, sign = rows[k, 0], rows[k, 1], rows[k, 2] * 1e6, rows[k, 3]
         # Written so that NaN fails each comparison.

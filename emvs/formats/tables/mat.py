@@ -18,7 +18,7 @@ import numpy as np
 
 from eventsweep.emvs.errors import refused
 from eventsweep.emvs.formats.prophesee import opened
-from eventsweep.emvs.formats.tables.npz import Array, NpzReader, Run, check_size
+from eventsweep.emvs.formats.tables.npz import Array, ArrayReader, check_size
 
 HEAD_BYTES = 128
 _MATRIX, _COMPRESSED = 14, 15
@@ -37,12 +37,12 @@ class _Tag(NamedTuple):
     padded: int
 
 
-class MatReader(NpzReader):
+class MatReader(ArrayReader):
     """A MATLAB file: one stream, `events`."""
 
     format = "mat"
 
-    def _arrays(self) -> dict[str, Array]:
+    def _declared(self) -> dict[str, Array]:
         found: dict[str, Array] = {}
         self._elements: dict[str, int] = {}
         size, at = self.path.stat().st_size, HEAD_BYTES
@@ -76,7 +76,7 @@ class MatReader(NpzReader):
         if len(shape) == 2 and (1 in shape or shape == (0, 0)):  # a vector, or MATLAB's `[]`
             shape = (max(shape) if min(shape) else 0,)
         kind = np.dtype(self._order + _NUMBERS[tag.kind])
-        array = Array(name, shape, kind, by_columns=True, head=element.tell(), place=None)
+        array = Array(name, shape, by_columns=True, kind=kind, head=element.tell())
         check_size(self.path, array, tag.size)
         return array
 
@@ -99,10 +99,10 @@ class MatReader(NpzReader):
                 yield inside, at + 8 + size
 
     @contextmanager
-    def _run_at(self, run: Run, at: int, *, whole: bool = False) -> Iterator[IO[bytes]]:
-        with self._element(self._elements[run.name]) as (element, _):
-            del whole
-            element.seek(run.head + at)
+    def _opened(self, array: Array, at: int, *, whole: bool) -> Iterator[IO[bytes]]:
+        del whole
+        with self._element(self._elements[array.name]) as (element, _):
+            element.seek(array.head + at)
             yield element
 
     def _tag(self, element: IO[bytes]) -> _Tag:

@@ -8,23 +8,23 @@ holds a block, compressed or not. Written are `x`, `y`, `t_us`, `p`, `width_px` 
 from __future__ import annotations
 
 import io
-import shutil
 import struct
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.events import Events, Numbers, to_events
 from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted, refused, said, shown
 from eventsweep.emvs.formats.base import StreamWriter
-from eventsweep.emvs.formats.blocks import BlockReader, Numbers, to_events
+from eventsweep.emvs.formats.blocks import BlockReader
 from eventsweep.emvs.formats.prophesee import STREAM, opened
 from eventsweep.emvs.formats.tables.columns import (
     CURE,
@@ -38,15 +38,9 @@ from eventsweep.emvs.formats.tables.columns import (
 _ROWS = 1 << 18
 _SAMPLE_ROWS = 1 << 12
 _MOST_HEADER = 1 << 14
-_FAULTS: tuple[type[Exception], ...] = (*DAMAGED_NPY, TypeError, RecursionError)
 _MOST_ROW = 1 << 10
+_FAULTS: tuple[type[Exception], ...] = (*DAMAGED_NPY, TypeError, RecursionError)
 _SIZES = ("width_px", "height_px")
-_COLUMNS: dict[str, type[np.generic]] = {
-    "x": np.uint16,
-    "y": np.uint16,
-    "t_us": np.int64,
-    "p": np.uint8,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,41 +53,64 @@ class Array:
 
     name: str
     shape: tuple[int, ...]
-    kind: np.dtype[Any]
     by_columns: bool
+    kind: np.dtype[Any]
     head: int
-    place: int | None
+    place: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
-    """Rows of one type that lie behind each other: a column, or several side by side.
+class _Run(NamedTuple):
+    """Rows of one type that follow each other, `skip` bytes into an array's values.
 
-    `head` and `place` as of `Array`, for the first row.
+    They are a column, or several side by side.
     """
 
-    name: str
+    array: Array
+    skip: int
     row: np.dtype[Any]
-    head: int
-    place: int | None
 
 
-class NpzReader(BlockReader):
-    """An archive of columns, as stated, or as names or values say: one stream, `events`."""
+_Files = list[IO[bytes]]
+_Written = tuple[type[np.generic], Callable[[Events], NDArray[Any]]]
 
-    format = "npz"
+
+class ArrayReader(BlockReader):
+    """Columns in arrays, as stated, or as names or values say: one stream, `events`."""
 
     def __init__(self, path: Path, columns: ColumnMap | None = None) -> None:
         super().__init__(Path(path), (STREAM,))
-        arrays = self._arrays()
-        self._runs: list[Run] = []
-        self._count = 0
-        self._of: dict[str, tuple[int, str]] = {}
-        self._unit_s: float | None = None
-        self._lay_out(arrays, columns)
+        arrays = self._declared()
+        is_stated = columns is not None and bool(columns.x)
+        addresses, unit_s = (
+            (columns.addresses, None) if columns and is_stated else self._chosen(arrays)
+        )
+        self._unit_s = columns.unit_s if columns and columns.unit_s is not None else unit_s
+        self._runs: list[_Run] = []
+        self._columns: dict[str, tuple[int, Any]] = {}
+        rows: dict[str, int] = {}
+        for what, address in addresses.items():
+            run, pick = _run_of(self.path, arrays, address)
+            self._runs += [] if run in self._runs else [run]
+            self._columns[what] = self._runs.index(run), pick
+            rows[address] = run.array.shape[0]
+        if len(set(rows.values())) != 1:
+            raise InputError(
+                f"{self.path}: columns of different lengths {rows}; needs equal lengths"
+            )
+        self._count = next(iter(rows.values()))
+        if addresses["p"].endswith("[3]") and not is_stated:
+            self._find_order()
+
+    def _declared(self) -> dict[str, Array]:
+        """What the file holds; only headers are read."""
+        raise NotImplementedError
+
+    def _opened(self, array: Array, at: int, *, whole: bool) -> AbstractContextManager[IO[bytes]]:
+        """The values of an array from a byte on; `whole` where all of them will be read."""
+        raise NotImplementedError
 
     def scan(self, _stream: str) -> Iterator[tuple[Any, Events]]:
-        """Reads all columns side by side, and so checks the archive's sums."""
+        """Reads all columns side by side, and so checks an archive's sums."""
         with self._opened_at(0, whole=True) as files:
             for start in range(0, self._count, _ROWS):
                 stop = min(start + _ROWS, self._count)
@@ -108,45 +125,12 @@ class NpzReader(BlockReader):
         """Which share of the rows ends with a block."""
         return float(place[1] / max(1, self._count))
 
-    def _arrays(self) -> dict[str, Array]:
-        """What the archive holds; only headers are read."""
-        with _archive(self.path) as archive:
-            names = [name for name in archive.namelist() if name.endswith(".npy")]
-            self.width_px, self.height_px = (
-                _scalar(self.path, archive, name) if f"{name}.npy" in names else None
-                for name in _SIZES
-            )
-            found = [_array_of(self.path, archive, name) for name in names]
-        return {array.name: array for array in found if array.name not in _SIZES}
-
-    def _lay_out(self, arrays: Mapping[str, Array], columns: ColumnMap | None) -> None:
-        """Finds each column's run, and how many rows there are."""
-        addresses, unit_s = self._chosen(arrays, columns)
-        counts = {}
-        for name, address in addresses.items():
-            array, run, field = _run_of(self.path, arrays, address)
-            counts[address] = array.shape[0]
-            if run not in self._runs:
-                self._runs.append(run)
-            self._of[name] = self._runs.index(run), field
-        if len(set(counts.values())) != 1:
-            raise InputError(
-                f"{self.path}: columns of different lengths {counts}; needs equal lengths"
-            )
-        self._count = next(iter(counts.values()))
-        self._unit_s = unit_s if columns is None or columns.unit_s is None else columns.unit_s
-        if addresses["p"].endswith("[3]") and not (columns and columns.x):
-            self._find_order()
-
-    def _chosen(
-        self, arrays: Mapping[str, Array], columns: ColumnMap | None
-    ) -> tuple[dict[str, str], float | None]:
-        if columns is not None and columns.x:
-            return columns.addresses, columns.unit_s
-        (array, *others) = arrays.values() if arrays else (None,)
-        if array is None or others:
+    def _chosen(self, arrays: Mapping[str, Array]) -> tuple[dict[str, str], float | None]:
+        """The addresses of x, y, t and p, and what times count, s, if names say it."""
+        if len(arrays) != 1:
             named, unit_s = by_names(str(self.path), arrays)
             return named.addresses, unit_s
+        (array,) = arrays.values()
         if array.kind.names:
             named, unit_s = by_names(str(self.path), array.kind.names)
             return {name: f"{array.name}[{key}]" for name, key in named.addresses.items()}, unit_s
@@ -161,33 +145,19 @@ class NpzReader(BlockReader):
         start = max(0, self._count - _SAMPLE_ROWS)
         with self._opened_at(start) as files:
             rows = self._values(files, start, self._count)
-        order = order_of(str(self.path), [rows[name] for name in "xytp"])
-        self._of = {name: self._of["xytp"[k]] for k, name in enumerate(order)}
+        order = order_of(str(self.path), list(rows.values()))
+        self._columns = {what: self._columns["xytp"[k]] for k, what in enumerate(order)}
         if self._unit_s is None:
             self._unit_s = nameless_unit_s(str(self.path), rows["xytp"[order.index("t")]])
 
     @contextmanager
-    def _opened_at(self, row: int, *, whole: bool = False) -> Iterator[list[IO[bytes]]]:
-        """Each run at a row; through the archive where it is compressed or read `whole`."""
+    def _opened_at(self, row: int, *, whole: bool = False) -> Iterator[_Files]:
+        """Each run at a row."""
         with ExitStack() as stack:
-            yield [
-                stack.enter_context(self._run_at(run, row * run.row.itemsize, whole=whole))
-                for run in self._runs
-            ]
+            starts = [(run.array, run.skip + row * run.row.itemsize) for run in self._runs]
+            yield [stack.enter_context(self._opened(*start, whole=whole)) for start in starts]
 
-    @contextmanager
-    def _run_at(self, run: Run, at: int, *, whole: bool) -> Iterator[IO[bytes]]:
-        """A run at a byte of it."""
-        if run.place is not None and not (self.format == "npz" and whole):
-            with opened(self.path) as file:
-                file.seek(run.place + at)
-                yield file
-            return
-        with _archive(self.path) as archive, archive.open(f"{run.name}.npy") as member:
-            member.seek(run.head + at)
-            yield member
-
-    def _values(self, files: list[IO[bytes]], start: int, stop: int) -> dict[str, Numbers]:
+    def _values(self, files: _Files, start: int, stop: int) -> dict[str, Numbers]:
         """The four columns of the rows that come next in the files."""
         rows = []
         for run, file in zip(self._runs, files, strict=True):
@@ -195,185 +165,102 @@ class NpzReader(BlockReader):
             data = file.read(size)
             if len(data) != size:
                 raise InputError(
-                    f"{_where(self.path, run.name)}: ends before row {stop} of {self._count}; "
-                    "the file is damaged, download it again"
+                    f"{_where(self.path, run.array.name)}: ends before row {stop} of "
+                    f"{self._count}; the file is damaged, download it again"
                 )
             rows.append(np.frombuffer(data, run.row))
-        picked = {name: (rows[k], field) for name, (k, field) in self._of.items()}
-        return {
-            name: np.ascontiguousarray(values[field]) if field else values
-            for name, (values, field) in picked.items()
-        }
+        columns = self._columns.items()
+        return {what: np.ascontiguousarray(rows[k][pick]) for what, (k, pick) in columns}
 
-    def _events(self, files: list[IO[bytes]], start: int, stop: int) -> Events:
+    def _events(self, files: _Files, start: int, stop: int) -> Events:
         values = self._values(files, start, stop)
         where = f"{self.path}, rows {start} to {stop}"
-        x, y, t, p = (values[name] for name in "xytp")
-        return to_events(where, x, y, t, p, self._unit_s)
+        return to_events(where, **values, unit_s=self._unit_s)
 
 
-def member(path: Path, name: str, most_bytes: int) -> tuple[Array, bytes]:
-    """One array of an archive as its header declares it, and the bytes of its values.
-
-    Raises:
-        InputError: no such array, one of more than `most_bytes`, or damage.
-    """
-    with _archive(path) as archive:
-        if f"{name}.npy" not in archive.namelist():
-            raise InputError(f"{path}: lacks the array {quoted(name)}; download it again")
-        info = archive.getinfo(f"{name}.npy")
-        if info.file_size > most_bytes:
-            raise InputError(
-                f"{_where(path, name)}: {info.file_size} bytes, at most {most_bytes} are read"
-            )
-        with archive.open(info) as file:
-            shape, by_columns, kind = _header(path, name, file)
-            array = Array(name, shape, kind, by_columns, file.tell(), None)
-            data = file.read()
-    if not kind.hasobject:
-        check_size(path, array, len(data))
-    return array, data
-
-
-def member_names(path: Path) -> list[str]:
-    """Names of the arrays of an archive."""
-    with _archive(path) as archive:
-        return [n.removesuffix(".npy") for n in archive.namelist() if n.endswith(".npy")]
-
-
-class NpyReader(NpzReader):
+class NpyReader(ArrayReader):
     """One array in a file: (N, 4), or with fields; one stream, `events`."""
 
     format = "npy"
 
-    def _arrays(self) -> dict[str, Array]:
-        with opened(self.path) as file:
-            shape, by_columns, kind = _header(self.path, "", file)
-            head = file.tell()
-        array = Array("", shape, kind, by_columns, head, head)
-        check_size(self.path, array, self.path.stat().st_size - head)
-        return {"": array}
+    def _file(self, name: str) -> Path:
+        """The file of an array."""
+        del name
+        return self.path
+
+    def _declared(self) -> dict[str, Array]:
+        return {"": self._read_head("")}
+
+    def _read_head(self, name: str) -> Array:
+        path = self._file(name)
+        with opened(path) as file:
+            array = _header(path, name, file)
+        check_size(path, replace(array, name=""), path.stat().st_size - array.head)
+        return array
+
+    @contextmanager
+    def _opened(self, array: Array, at: int, *, whole: bool) -> Iterator[IO[bytes]]:
+        del whole
+        with opened(self._file(array.name)) as file:
+            file.seek(array.head + at)
+            yield file
 
 
 FOLDER_FILES = {name: f"dataset_events_{name}.npy" for name in ("t", "xy", "p")}
 """Files of a folder of EVIMO2 with events: times in s, (N, 2) pixels, polarity."""
 
 
-class NpyFolderReader(NpzReader):
+class NpyFolderReader(NpyReader):
     """EVIMO2's folder with an npy file of times, one of pixels and one of polarities."""
 
     format = "evimo2"
 
-    def _arrays(self) -> dict[str, Array]:
-        return {name: self._array(name, self.path / file) for name, file in FOLDER_FILES.items()}
+    def _file(self, name: str) -> Path:
+        return self.path / FOLDER_FILES[name]
 
-    def _array(self, name: str, path: Path) -> Array:
-        with opened(path) as file:
-            shape, by_columns, kind = _header(path, "", file)
-            head = file.tell()
-        check_size(path, Array("", shape, kind, by_columns, head, head), path.stat().st_size - head)
-        flat = shape[:1] if name != "xy" and shape[1:] == (1,) else shape
-        return Array(name, flat, kind, by_columns, head, head)
+    def _declared(self) -> dict[str, Array]:
+        arrays = {name: self._read_head(name) for name in FOLDER_FILES}
+        flat = [n for n, a in arrays.items() if n != "xy" and a.shape[1:] == (1,)]
+        return arrays | {n: replace(arrays[n], shape=arrays[n].shape[:1]) for n in flat}
 
-    def _chosen(
-        self, arrays: Mapping[str, Array], columns: ColumnMap | None
-    ) -> tuple[dict[str, str], float | None]:
-        del arrays, columns
+    def _chosen(self, arrays: Mapping[str, Array]) -> tuple[dict[str, str], float | None]:
+        del arrays
         return {"x": "xy[0]", "y": "xy[1]", "t": "t", "p": "p"}, None
 
+
+class NpzReader(ArrayReader):
+    """An archive of columns."""
+
+    format = "npz"
+
+    def _declared(self) -> dict[str, Array]:
+        arrays: dict[str, Array] = {}
+        with opened_archive(self.path) as archive:
+            for info in archive.infolist():
+                if info.filename.endswith(".npy"):
+                    array = _member_array(self.path, archive, info)
+                    arrays[array.name] = array
+            self.width_px, self.height_px = (
+                _scalar(self.path, archive, arrays.pop(name)) if name in arrays else None
+                for name in _SIZES
+            )
+        return arrays
+
     @contextmanager
-    def _run_at(self, run: Run, at: int, *, whole: bool) -> Iterator[IO[bytes]]:
-        del whole
-        with opened(self.path / FOLDER_FILES[run.name]) as file:
-            file.seek((run.place or 0) + at)
-            yield file
-
-
-def _run_of(path: Path, arrays: Mapping[str, Array], address: str) -> tuple[Array, Run, str]:
-    """The array that an address names, its run of rows, and which field of them is meant."""
-    name, key = address_of(address)
-    if name not in arrays and not key and "" in arrays:
-        name, key = "", address  # the columns of an npy file
-    if name not in arrays:
-        raise InputError(f"{path}: no column {quoted(name)}; choose from {quoted(*sorted(arrays))}")
-    array, where = arrays[name], _where(path, name)
-    fields = array.kind.names
-    if array.kind.hasobject:
-        raise InputError(
-            f"{where}: of type {shown(array.kind)}; needs plain numbers of up to 8 bytes"
-        )
-    if fields:
-        if key not in fields or len(array.shape) != 1:
-            raise InputError(f"{where}: fields {quoted(*fields)}, not {quoted(key)}; {CURE}")
-        _check_number(where, array.kind[key])
-        return array, Run(name, array.kind, array.head, array.place), key
-    _check_number(where, array.kind)
-    if not key:
-        if len(array.shape) != 1:
-            raise InputError(f"{where}: shape {array.shape}; needs (N,), or a number in brackets")
-        return array, Run(name, array.kind, array.head, array.place), ""
-    width = array.shape[1] if len(array.shape) == 2 else 0
-    if not key.isdecimal() or int(key) >= width or width * array.kind.itemsize > _MOST_ROW:
-        raise InputError(f"{where}: no column {quoted(key)} in an array of shape {array.shape}")
-    if array.by_columns:
-        skip = int(key) * array.shape[0] * array.kind.itemsize
-        place = None if array.place is None else array.place + skip
-        return array, Run(name, array.kind, array.head + skip, place), ""
-    row = np.dtype([(str(k), array.kind) for k in range(width)])
-    return array, Run(name, row, array.head, array.place), key
-
-
-def _where(path: Path, name: str) -> str:
-    return f"{path}, column {name}" if name else str(path)
-
-
-def _check_number(where: str, kind: np.dtype[Any]) -> None:
-    if kind.kind not in "iufb" or kind.itemsize > 8:
-        raise InputError(f"{where}: of type {kind}; needs plain numbers of up to 8 bytes")
-
-
-def _array_of(path: Path, archive: zipfile.ZipFile, member_name: str) -> Array:
-    """Looks an array up; refuses a count that the archive contradicts."""
-    name, info = member_name.removesuffix(".npy"), archive.getinfo(member_name)
-    with archive.open(info) as member:
-        shape, by_columns, kind = _header(path, name, member)
-        head = member.tell()
-    place = None
-    if info.compress_type == zipfile.ZIP_STORED:
-        place = _content_at(path, info.header_offset) + head
-    array = Array(name, shape, kind, by_columns, head, place)
-    if not kind.hasobject:  # refused where it is asked for
-        check_size(path, array, info.file_size - head)
-    return array
-
-
-def check_size(path: Path, array: Array, size: int) -> None:
-    """Refuses an array whose bytes are not all there, or with more of them."""
-    where = _where(path, array.name)
-    if array.kind.hasobject:
-        raise InputError(f"{where}: of type {shown(array.kind)}; needs plain numbers")
-    needed = int(np.prod([1, *array.shape], dtype=object)) * array.kind.itemsize
-    if size != needed or min(array.shape, default=0) < 0:
-        raise InputError(
-            f"{where}: shape {shown(array.shape)} of {array.kind.itemsize} bytes declared, "
-            f"{size} bytes present; the file is damaged, download it again"
-        )
-    if array.kind.itemsize > _MOST_ROW:
-        raise InputError(
-            f"{where}: rows of {array.kind.itemsize} bytes, at most {_MOST_ROW} are read"
-        )
-
-
-def _content_at(path: Path, header_at: int) -> int:
-    """Where a member's bytes begin: behind 30 bytes, a name and a field of any length."""
-    with opened(path) as file:
-        file.seek(header_at + 26)
-        name, extra = struct.unpack("<HH", file.read(4))
-        return int(header_at + 30 + name + extra)
+    def _opened(self, array: Array, at: int, *, whole: bool) -> Iterator[IO[bytes]]:
+        if array.place is not None and not whole:
+            with opened(self.path) as file:
+                file.seek(array.place + at)
+                yield file
+            return
+        with opened_archive(self.path) as archive, archive.open(f"{array.name}.npy") as member:
+            member.seek(array.head + at)
+            yield member
 
 
 @contextmanager
-def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
+def opened_archive(path: Path) -> Iterator[zipfile.ZipFile]:
+    """The members of an npz; damage becomes one line."""
     # Of zipfile, of four decompressors, and of damaged names comes any exception.
     with (
         refused(f"{path}: not a complete npz archive", Exception, cure="; save it again"),
@@ -382,78 +269,146 @@ def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
         yield archive
 
 
-def _header(
-    path: Path, name: str, member: IO[bytes]
-) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Shape, order and type; leaves the member where its values begin."""
+def _member_array(path: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Array:
+    with archive.open(info) as member:
+        array = _header(path, info.filename.removesuffix(".npy"), member)
+    if not array.kind.hasobject:  # which is refused where it is asked for
+        check_size(path, array, info.file_size - array.head)
+    if info.compress_type != zipfile.ZIP_STORED:
+        return array
+    with opened(path) as file:  # a member is behind 30 bytes, a name and a field of any length
+        file.seek(info.header_offset + 26)
+        lengths = struct.unpack("<HH", file.read(4))
+    return replace(array, place=info.header_offset + 30 + sum(lengths) + array.head)
+
+
+def _scalar(path: Path, archive: zipfile.ZipFile, array: Array) -> int:
+    """A whole number that is a member."""
+    _check_number(f"{path}, {array.name}", array.kind)
+    data = archive.read(f"{array.name}.npy")[array.head :] if array.shape in ((), (1,)) else b""
+    value: NDArray[Any] = np.frombuffer(data, array.kind)
+    if len(value) != 1 or not 0 < value[0] <= 1 << 16:
+        raise InputError(f"{path}, {array.name}: needs one whole number, 1 to 65536")
+    return int(value[0])
+
+
+def member(path: Path, name: str, most_bytes: int) -> tuple[Array, bytes]:
+    """One array of an archive as its header declares it, and the bytes of its values.
+
+    Raises:
+        InputError: no such array, one of more than `most_bytes`, or damage.
+    """
+    with opened_archive(path) as archive:
+        if f"{name}.npy" not in archive.namelist():
+            raise InputError(f"{path}: lacks the array {quoted(name)}; download it again")
+        info = archive.getinfo(f"{name}.npy")
+        if info.file_size > most_bytes:
+            raise InputError(
+                f"{_where(path, name)}: {info.file_size} bytes, at most {most_bytes} are read"
+            )
+        array = _member_array(path, archive, info)
+        return array, archive.read(info)[array.head :]
+
+
+def _header(path: Path, name: str, file: IO[bytes]) -> Array:
+    """What the header of an array declares."""
+    head = io.BytesIO(file.read(_MOST_HEADER))
     try:
-        version = np.lib.format.read_magic(member)
-        size = member.read(2 if version == (1, 0) else 4)
-        length = int.from_bytes(size, "little")
-        if length > _MOST_HEADER:
-            raise ValueError(f"it declares {length} bytes")
-        read = (
-            np.lib.format.read_array_header_1_0
-            if version == (1, 0)
-            else np.lib.format.read_array_header_2_0
-        )
+        is_first = npy.read_magic(head) == (1, 0)
+        read = npy.read_array_header_1_0 if is_first else npy.read_array_header_2_0
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Python 2's headers, and damage that looks like them
-            return read(io.BytesIO(size + member.read(length)))
+            return Array(name, *read(head), head.tell())
     except _FAULTS as error:
         raise InputError(
             f"{_where(path, name)}: no npy header ({said(error)}); save the file again"
         ) from error
 
 
-def _scalar(path: Path, archive: zipfile.ZipFile, name: str) -> int:
-    with archive.open(f"{name}.npy") as member:
-        shape, _, kind = _header(path, name, member)
-        _check_number(f"{path}, {name}", kind)
-        data = member.read(kind.itemsize)
-    value: NDArray[Any] = np.frombuffer(data, kind)
-    if shape not in ((), (1,)) or len(value) != 1 or not 0 < value[0] <= 1 << 16:
-        raise InputError(f"{path}, {name}: needs one whole number, 1 to 65536")
-    return int(value[0])
+def check_size(path: Path, array: Array, size: int) -> None:
+    """Refuses an array whose bytes are not all there, or with more of them."""
+    where, row_bytes = _where(path, array.name), array.kind.itemsize
+    if array.kind.hasobject:
+        raise InputError(f"{where}: of type {shown(array.kind)}; needs plain numbers")
+    needed = int(np.prod([1, *array.shape], dtype=object)) * row_bytes
+    if size != needed or min(array.shape, default=0) < 0:
+        raise InputError(
+            f"{where}: shape {shown(array.shape)} of {row_bytes} bytes declared, {size} bytes "
+            "present; the file is damaged, download it again"
+        )
+    if row_bytes > _MOST_ROW:
+        raise InputError(f"{where}: rows of {row_bytes} bytes, at most {_MOST_ROW} are read")
+
+
+def _run_of(path: Path, arrays: Mapping[str, Array], address: str) -> tuple[_Run, Any]:
+    """The rows that hold the column at an address, and which part of them it is."""
+    name, key = address_of(address)
+    if name not in arrays and not key and "" in arrays:
+        name, key = "", address  # the columns of an npy file
+    if name not in arrays:
+        raise InputError(f"{path}: no column {quoted(name)}; choose from {quoted(*sorted(arrays))}")
+    array, where = arrays[name], _where(path, name)
+    kind, shape = array.kind, array.shape
+    if kind.names and not kind.hasobject:
+        if key not in kind.names or len(shape) != 1:
+            raise InputError(f"{where}: fields {quoted(*kind.names)}, not {quoted(key)}; {CURE}")
+        _check_number(where, kind[key])
+        return _Run(array, 0, kind), key
+    _check_number(where, kind)
+    if not key:
+        if len(shape) != 1:
+            raise InputError(f"{where}: shape {shape}; needs (N,), or a number in brackets")
+        return _Run(array, 0, kind), ...
+    rows, width = shape if len(shape) == 2 else (0, 0)
+    if not key.isdecimal() or int(key) >= width or width * kind.itemsize > _MOST_ROW:
+        raise InputError(f"{where}: no column {quoted(key)} in an array of shape {shape}")
+    if array.by_columns:
+        return _Run(array, int(key) * rows * kind.itemsize, kind), ...
+    return _Run(array, 0, np.dtype((kind, (width,)))), (slice(None), int(key))
+
+
+def _check_number(where: str, kind: np.dtype[Any]) -> None:
+    if kind.kind not in "iufb" or kind.itemsize > 8:
+        raise InputError(f"{where}: of type {kind}; needs plain numbers of up to 8 bytes")
+
+
+def _where(path: Path, name: str) -> str:
+    return f"{path}, column {name}" if name else str(path)
 
 
 class NpzWriter(StreamWriter):
     """Appends to one plain file per column; the archive is put together at the end."""
 
     packet = 1 << 20
-    kinds: Mapping[str, type[np.generic]] = _COLUMNS
+    columns: ClassVar[dict[str, _Written]] = {
+        "x": (np.uint16, lambda events: events.x),
+        "y": (np.uint16, lambda events: events.y),
+        "t_us": (np.int64, lambda events: events.t_us),
+        "p": (np.uint8, lambda events: events.p),
+    }
 
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
         self._path, self._size_px = path, {"width_px": width_px, "height_px": height_px}
         self._count = 0
-        self._parts = {name: path.with_name(f"{path.name}.{name}") for name in self.kinds}
+        self._parts = {name: path.with_name(f"{path.name}.{name}") for name in self.columns}
         self._files = {name: part.open("wb") for name, part in self._parts.items()}
 
     def _put(self, _stream: str, events: Events) -> None:
         self._count += len(events)
-        for name, kind in self.kinds.items():
-            self._files[name].write(np.ascontiguousarray(self._column(events, name), kind).data)
-
-    @staticmethod
-    def _column(events: Events, name: str) -> NDArray[Any]:
-        return np.asarray(getattr(events, name))
+        for name, (kind, column) in self.columns.items():
+            self._files[name].write(np.ascontiguousarray(column(events), kind).data)
 
     def _finish(self) -> None:
         for file in self._files.values():
             file.flush()
         with zipfile.ZipFile(self._path, "w", zipfile.ZIP_STORED) as archive:
-            for name, kind in self.kinds.items():
-                member = zipfile.ZipInfo(f"{name}.npy")
-                with (
-                    archive.open(member, "w", force_zip64=True) as out,
-                    self._parts[name].open("rb") as part,
-                ):
-                    _write_header(out, kind, (self._count,))
-                    shutil.copyfileobj(part, out, 1 << 20)
+            for name, (kind, _) in self.columns.items():
+                part = np.memmap(self._parts[name], kind, "r") if self._count else np.empty(0, kind)
+                with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as out:
+                    npy.write_array(out, part)
             for name, value in self._size_px.items():
                 with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as out:
-                    _write_header(out, np.int64, ())
-                    out.write(np.int64(value).tobytes())
+                    npy.write_array(out, np.array(value, np.int64))
 
     def _close(self) -> None:
         for file in self._files.values():
@@ -465,18 +420,8 @@ class NpzWriter(StreamWriter):
 class SignedNpzWriter(NpzWriter):
     """Times are `t`, µs, and polarity is -1 or 1, as EventNeRF takes them."""
 
-    kinds: Mapping[str, type[np.generic]] = {
-        "x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.int8
-    }  # fmt: skip
-
-    @staticmethod
-    def _column(events: Events, name: str) -> NDArray[Any]:
-        if name == "p":
-            return 2 * events.p.astype(np.int8) - 1
-        return np.asarray(events.t_us if name == "t" else getattr(events, name))
-
-
-def _write_header(out: IO[bytes], kind: type[np.generic], shape: tuple[int, ...]) -> None:
-    descr = np.lib.format.dtype_to_descr(np.dtype(kind))
-    header = {"descr": descr, "fortran_order": False, "shape": shape}
-    np.lib.format.write_array_header_1_0(out, header)
+    columns: ClassVar[dict[str, _Written]] = {
+        **{name: NpzWriter.columns[name] for name in "xy"},
+        "t": NpzWriter.columns["t_us"],
+        "p": (np.int8, lambda events: 2 * events.p.astype(np.int8) - 1),
+    }

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.events import Events, Numbers, to_events
 from eventsweep.emvs.errors import InputError, quoted, refused, shown
-from eventsweep.emvs.formats.blocks import BlockReader, Numbers, to_events
+from eventsweep.emvs.formats.blocks import BlockReader
 from eventsweep.emvs.formats.prophesee import STREAM, opened
 from eventsweep.emvs.formats.tables.columns import UNITS_S, ColumnMap, by_names
 from eventsweep.emvs.utils.plugins import extra_module
@@ -40,7 +40,7 @@ class ParquetReader(BlockReader):
         if columns is None or not columns.x:
             chosen, unit_s = by_names(str(self.path), schema.names)
         else:
-            chosen, unit_s = columns, columns.unit_s
+            chosen, unit_s = columns, None
         self._names = chosen.addresses
         self._unit_s = unit_s if columns is None else columns.unit_s
         for name in self._names.values():
@@ -80,16 +80,14 @@ class ParquetReader(BlockReader):
             where = f"{self.path}, row group {group}, rows {done} to {done + batch.num_rows}"
             done += batch.num_rows
             x, y, t, p = (self._numbers(where, batch, self._names[name]) for name in "xytp")
-            yield to_events(where, x, y, t, p, self._unit_of(batch))
+            kind = batch.schema.field(self._names["t"]).type
+            is_stamp = str(kind).startswith("timestamp")
+            yield to_events(where, x, y, t, p, UNITS_S[kind.unit] if is_stamp else self._unit_s)
         if done != self._groups[group]:
             raise InputError(
                 f"{self.path}, row group {group}: {done} rows of {self._groups[group]}; the file "
                 "is damaged, download it again"
             )
-
-    def _unit_of(self, batch: Any) -> float | None:
-        kind = batch.schema.field(self._names["t"]).type
-        return UNITS_S[kind.unit] if str(kind).startswith("timestamp") else self._unit_s
 
     def _numbers(self, where: str, batch: Any, name: str) -> Numbers:
         column = batch.column(batch.schema.get_field_index(name))

@@ -86,13 +86,10 @@ class TextReader(BlockReader):
         return line
 
     def _parse(self, text: bytes, offset: int) -> Events:
-        rows = text.count(b"\n") + 1
-        t_us, p = np.empty(rows, np.int64), np.empty(rows, np.uint8)
-        x, y = np.empty(rows, np.uint16), np.empty(rows, np.uint16)
-        layout = self._layout
+        layout, events = self._layout, Events.room(text.count(b"\n") + 1)
         order: NDArray[np.int64] = np.array(layout.order, np.int64)
         data = np.frombuffer(text, np.uint8)
-        count, bad = parse_rows(data, order, layout.power, layout.whole_times, t_us, x, y, p)
+        count, bad = parse_rows(data, order, layout.power, layout.whole_times, events.columns)
         if bad >= 0:
             line = text[bad : bad + 60].split(b"\n")[0].decode("ascii", "replace")
             fields = " ".join("txyp"[what] if what >= 0 else "..." for what in layout.order)
@@ -103,7 +100,7 @@ class TextReader(BlockReader):
                 f"needs `{fields}`, t >= 0 ({times}), whole pixels 0 to 65535, p 0 or 1 or -1: "
                 "correct or remove the line"
             )
-        return Events(x, y, t_us, p).slice(0, count)
+        return events.slice(0, count)
 
 
 def text_layout(path: Path, head: bytes, columns: ColumnMap | None = None) -> TextLayout:
@@ -124,22 +121,20 @@ def text_layout(path: Path, head: bytes, columns: ColumnMap | None = None) -> Te
         )
     words = lines[0].decode("ascii").replace(",", " ").split()
     is_header = bool(words) and words[0].strip("\"'")[:1].isalpha()
-    if columns is not None and columns.x:
-        return _stated_layout(path, columns, words, skip + is_header * len(lines[0]), is_header)
-    if is_header:
-        layout = _csv_layout(path, words, skip + len(lines[0]), lines[1:])
-        return layout if columns is None else _in_unit(layout, columns)
     size = None
-    if len(words) == 2 and all(word.isdigit() and len(word) < 6 for word in words):
-        size = (int(words[0]), int(words[1]))
-        skip += len(lines.pop(0))
-    seconds = _has_points(lines, 0)
-    name = "esim-text" if size else "text"
-    layout = TextLayout(name, skip, (0, 1, 2, 3), 6 if seconds else 0, not seconds, size)
-    return layout if columns is None else _in_unit(layout, columns)
-
-
-def _in_unit(layout: TextLayout, columns: ColumnMap) -> TextLayout:
+    if columns is not None and columns.x:
+        layout = _stated_layout(path, columns, words, skip + is_header * len(lines[0]), is_header)
+    elif is_header:
+        layout = _csv_layout(path, words, skip + len(lines[0]), lines[1:])
+    else:
+        if len(words) == 2 and all(word.isdigit() and len(word) < 6 for word in words):
+            size = (int(words[0]), int(words[1]))
+            skip += len(lines.pop(0))
+        seconds = _has_points(lines, 0)
+        name = "esim-text" if size else "text"
+        layout = TextLayout(name, skip, (0, 1, 2, 3), 6 if seconds else 0, not seconds, size)
+    if columns is None:
+        return layout
     return replace(layout, power=_POWERS[f"t_{columns.time_unit}"], whole_times=False)
 
 
@@ -157,8 +152,7 @@ def _stated_layout(
             there = quoted(*names) or f"0 to {len(words) - 1}"
             raise InputError(f"{path}: no separate column {quoted(address)}; choose from {there}")
         order[place] = what
-    layout = TextLayout("csv", skip, tuple(order), 0, False)
-    return _in_unit(layout, columns)
+    return TextLayout("csv", skip, tuple(order), 0, False)
 
 
 def _csv_layout(path: Path, words: list[str], skip: int, body: list[bytes]) -> TextLayout:
@@ -200,6 +194,5 @@ class TextWriter(FileWriter):
 
     def _put(self, _stream: str, events: Events) -> None:
         text = np.empty(48 * len(events), np.uint8)
-        columns = events.t_us, events.x, events.y, events.p
-        size = format_rows(*columns, self._seconds, self._gap, text)
+        size = format_rows(events.columns, self._seconds, self._gap, text)
         self._file.write(text[:size].data)

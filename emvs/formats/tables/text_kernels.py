@@ -7,10 +7,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.emvs.formats.prophesee_kernels import Whole
+from eventsweep.emvs.formats.prophesee_kernels import Columns, Whole
 
 Bytes = NDArray[np.uint8]
-Column = NDArray[np.uint16]
 
 _MOST = 1 << 62
 
@@ -94,10 +93,7 @@ def parse_rows(  # noqa: C901 - one pass over the bytes
     order: NDArray[np.int64],
     power: int,
     whole_times: bool,
-    t_us: NDArray[np.int64],
-    x: Column,
-    y: Column,
-    p: NDArray[np.uint8],
+    columns: Columns,
 ) -> tuple[int, int]:
     """Reads whole lines of numbers; returns the rows, and where a bad line begins (-1: none).
 
@@ -105,6 +101,7 @@ def parse_rows(  # noqa: C901 - one pass over the bytes
     `10**power` µs and is a whole number where `whole_times`. Blank lines and lines that begin with
     `#` are passed over.
     """
+    x, y, t_us, p = columns
     n, k = 0, 0
     values = np.zeros(4, np.int64)
     while k < len(text):
@@ -162,16 +159,9 @@ def _put(text: Bytes, n: int, value: Whole, least: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def format_rows(
-    t_us: NDArray[np.int64],
-    x: Column,
-    y: Column,
-    p: NDArray[np.uint8],
-    seconds: bool,
-    gap: int,
-    text: Bytes,
-) -> int:
+def format_rows(columns: Columns, seconds: bool, gap: int, text: Bytes) -> int:
     """Writes `t x y p` lines, time in seconds with six decimals or in µs; needs 40 bytes a line."""
+    x, y, t_us, p = columns
     n = 0
     for k in range(len(t_us)):
         if seconds:

@@ -25,6 +25,7 @@ from eventsweep.emvs.datasets.custom import FILE_NAME, read_descriptor
 from eventsweep.emvs.datasets.ecd import EventCameraDataset
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
 from eventsweep.emvs.errors import InputError, check_path
+from eventsweep.emvs.formats.calibration import is_opencv
 from eventsweep.emvs.formats.calibration_values import parsed
 from eventsweep.emvs.formats.calibration_writers import (
     write_basalt,
@@ -32,7 +33,6 @@ from eventsweep.emvs.formats.calibration_writers import (
     write_opencv,
     write_rig_json,
 )
-from eventsweep.emvs.formats.opencv_calibration import is_opencv
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.utils.outputs import atomic_dir, check_output
 from eventsweep.emvs.utils.runtime import Progress, silent, versions

@@ -1,125 +1,75 @@
 """Data sets in their publishers' layouts: miniatures map like ours; damage is told in one line."""
 
+import json
 import random
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import point_world as world
-from depth_maps import mapped_like
-from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.emvs.data.writer import SequenceWriter
+import dataset_world as world
+from dataset_world import TRUTH_US, rewritten
+from eventsweep.emvs.data.poses import write_tum
 from eventsweep.emvs.datasets import open_recording
-from eventsweep.emvs.datasets.export import RecordingExport, write_recording
 from eventsweep.emvs.datasets.mvsec_m3ed import open_mvsec
-from eventsweep.emvs.datasets.raw_streams import open_readable
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats.calibration_writers import pose_values
+from eventsweep.emvs.geometry import se3
 from eventsweep.eval.cli.main import main
 from made_events import assert_same_events
 from refusals import refused
 
-DEPTH_M = 2.0
 KINDS = ("dsec", "tumvie", "mvsec", "rosbag1", "evt2", "evt3", "aedat4", "npz", "sequence")
-T_REF_US = 250_000
-CONFIG = MapperConfig(min_depth_m=1.0, max_depth_m=4.0, planes=30, methods=("Alg1/H",))
 
 
 @pytest.fixture(scope="module")
 def ours(tmp_path_factory) -> Path:
     """A plane before a moving pair, as a sequence with ground truth."""
-    made = world.fronto_parallel(DEPTH_M)
-    path = tmp_path_factory.mktemp("ours") / "plane"
-    camera = made.rig.cameras[0]
-    with SequenceWriter(
-        path, name="plane", rig=made.rig, trajectory=made.trajectory, config={},
-        depth_range_m=(1.0, 4.0),
-    ) as writer:  # fmt: skip
-        for k in range(2):
-            writer.append_events(k, made.streams[k])
-            depth = np.full((camera.height_px, camera.width_px), DEPTH_M, np.float32)
-            writer.append_truth(k, T_REF_US, depth, np.zeros(depth.shape, np.uint8))
-    return path
-
-
-def rewritten(ours: Path, out: Path, kind: str, shift_us: int = 0) -> Path:
-    found = open_readable(ours)
-    sources = tuple(source for _, source in found.streams)
-    write_recording(RecordingExport(found.recording, sources, shift_us, lambda _: None), out, kind)
-    return out
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_layout_maps_to_the_same_depth(ours, tmp_path, kind):
-    theirs = rewritten(ours, tmp_path / kind, kind)
-    expected, got = mapped_like(ours, ours, CONFIG), mapped_like(theirs, ours, CONFIG)
-    assert expected.mask.sum() > 100
-    np.testing.assert_array_equal(got.mask, expected.mask)
-    np.testing.assert_allclose(got.depth_m[got.mask], expected.depth_m[got.mask], rtol=1e-6)
+    return world.write_sequence(tmp_path_factory.mktemp("ours") / "plane", "pinhole", steps=300)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_layout_keeps_events_rig_and_poses(ours, tmp_path, kind):
+    """So that it maps to the same depth: the body is the first camera in all of them."""
     a, b = open_recording(ours), open_recording(rewritten(ours, tmp_path / kind, kind))
-    for camera in range(2):
-        one, two = (r.events(camera, 0, 10**6) for r in (a, b))
-        assert_same_events(one, two)
-        np.testing.assert_allclose(b.rig.T_body_cam[camera], a.rig.T_body_cam[camera], atol=1e-9)
-        assert b.rig.cameras[camera].to_json() == a.rig.cameras[camera].to_json()
-    np.testing.assert_array_equal(a.trajectory.t_us, b.trajectory.t_us)
-    np.testing.assert_allclose(a.trajectory.positions_m, b.trajectory.positions_m, atol=1e-9)
+    T_cam0_body = se3.inverse(a.rig.T_body_cam[0])
+    for k in range(2):
+        assert_same_events(a.events(k, 0, 10**6), b.events(k, 0, 10**6))
+        T_cam0_cam = T_cam0_body @ a.rig.T_body_cam[k]
+        np.testing.assert_allclose(b.rig.T_body_cam[k], T_cam0_cam, atol=1e-9)
+        assert b.rig.cameras[k].to_json() == a.rig.cameras[k].to_json()
+    poses = a.trajectory.times(a.rig.T_body_cam[0])
+    np.testing.assert_array_equal(poses.t_us, b.trajectory.t_us)
+    np.testing.assert_allclose(poses.positions_m, b.trajectory.positions_m, atol=1e-9)
 
 
-def test_times_shift_together(ours, tmp_path):
-    moved = open_recording(rewritten(ours, tmp_path / "late", "tumvie", 5_000_000))
-    before = Sequence.open(ours)
-    assert moved.trajectory.span_us[0] == before.trajectory.span_us[0] + 5_000_000
-    one, two = before.events(0, 100_000, 200_000), moved.events(0, 5_100_000, 5_200_000)
-    np.testing.assert_array_equal(one.t_us + 5_000_000, two.t_us)
-
-
-@pytest.mark.parametrize("kind", ["dsec", "mvsec", "rosbag1", "aedat4", "npz"])
-def test_unix_time_keeps_every_microsecond(ours, tmp_path, kind):
+@pytest.mark.parametrize("kind", ["dsec", "tumvie", "mvsec", "rosbag1", "aedat4", "npz"])
+@pytest.mark.parametrize("late_us", [5_000_000, 1_504_645_177_500_001])
+def test_times_shift_together_and_keep_every_microsecond(ours, tmp_path, kind, late_us):
     """Events, poses and ground truth, as recordings of 2017 have them."""
-    late_us = 1_504_645_177_500_001
-    before, moved = (
-        Sequence.open(ours),
-        open_recording(rewritten(ours, tmp_path / "k", kind, late_us)),
-    )
+    if kind == "tumvie" and late_us > 10**9:
+        pytest.skip("its index counts every millisecond from 0")
+    before = open_recording(ours)
+    moved = open_recording(rewritten(ours, tmp_path / "k", kind, late_us))
     one, two = before.events(0, 0, 10**6), moved.events(0, late_us, late_us + 10**6)
     np.testing.assert_array_equal(one.t_us + late_us, two.t_us)
     np.testing.assert_array_equal(before.trajectory.t_us + late_us, moved.trajectory.t_us)
     if kind in ("dsec", "mvsec"):
-        assert moved.truth_times_us(0).tolist() == [T_REF_US + late_us]
-
-
-@pytest.mark.parametrize(("kind", "tolerance"), [("mvsec", 0.0), ("dsec", 0.01)])
-def test_ground_truth_survives(ours, tmp_path, kind, tolerance):
-    """DSEC's disparity, 4 px here, is rounded to 1/256 px."""
-    found = open_recording(rewritten(ours, tmp_path / kind, kind))
-    assert found.truth_times_us(0).tolist() == [T_REF_US]
-    depth_m = found.truth_view_depth_m(0, T_REF_US)
-    np.testing.assert_allclose(depth_m, DEPTH_M, atol=tolerance)
-    refused("nearest time is 250000", found.truth_view_depth_m, 0, 7)
+        assert moved.truth_times_us(0).tolist() == [t_us + late_us for t_us in TRUTH_US]
+        refused("the nearest time is", moved.truth_view_depth_m, 0, 7)
 
 
 def test_a_tumvie_marker_off_the_camera_is_undone(ours, tmp_path):
     """Poses of a marker, with the hand-eye calibration, give the camera's own poses."""
-    import json
-
-    from eventsweep.emvs.formats.calibration_writers import pose_values
-    from eventsweep.emvs.geometry import se3
-
     folder = rewritten(ours, tmp_path / "t", "tumvie")
+    plain = open_recording(folder).trajectory
     T_imu_marker = se3.from_quat_xyzw(np.array([0.1, -0.2, 0.05]), np.array([0, 0.6, 0, 0.8]))
     marker = {"value0": {"T_imu_marker": pose_values(T_imu_marker)}}
     (folder / "mocap-imu-calibrationA.json").write_text(json.dumps(marker))
-    plain = Sequence.open(ours).trajectory
-    tracked = plain.times(T_imu_marker)  # the IMU is the left camera here
-    rows = np.column_stack([tracked.t_us, tracked.positions_m, tracked.quats_xyzw])
-    text = "\n".join(f"{int(r[0])} " + " ".join(f"{v:.12f}" for v in r[1:]) for r in rows)
-    (folder / "plane-vi_gt_data" / "mocap_data.txt").write_text("# t\n" + text)
+    poses = folder / "plane-vi_gt_data" / "mocap_data.txt"
+    write_tum(poses, plain.times(T_imu_marker))  # the IMU is the left camera here
+    poses.write_text(re.sub(r"(?m)^(\d+)\.(\d{6})", r"\1\2", poses.read_text()))  # s to µs
     np.testing.assert_allclose(
         open_recording(folder).trajectory.positions_m, plain.positions_m, atol=1e-9
     )
@@ -128,7 +78,7 @@ def test_a_tumvie_marker_off_the_camera_is_undone(ours, tmp_path):
 def test_a_bag_needs_no_calibration_file(ours, tmp_path):
     folder = rewritten(ours, tmp_path / "bag", "rosbag1")
     assert {path.name for path in folder.iterdir()} == {"plane.bag", ".eventsweep.json"}
-    assert open_recording(folder / "plane.bag").rig.baseline_m() == pytest.approx(0.1)
+    assert open_recording(folder / "plane.bag").rig.baseline_m() == pytest.approx(0.1, abs=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["dsec", "tumvie", "mvsec", "rosbag1", "npz"])
@@ -192,15 +142,6 @@ def test_a_bad_descriptor_and_no_mvsec_at_all_are_refused(ours, tmp_path, text, 
     folder = rewritten(ours, tmp_path / "d", "npz")
     (folder / "recording.toml").write_text(text)
     refused(message, open_recording, folder)
-
-
-def test_real_trajectories_parse_and_evaluate(shared_data):
-    from eventsweep.emvs.data.poses import read_poses
-
-    for path in sorted(shared_data.rglob("*.tum.txt")):
-        poses = read_poses(path)
-        middle = sum(poses.span_us) // 2
-        assert np.isfinite(poses.at(middle)).all(), path
 
 
 def test_slider_depth_maps_the_ball_before_the_dartboard(shared_data, tmp_path):

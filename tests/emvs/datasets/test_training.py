@@ -12,7 +12,7 @@ import eventsweep as es
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.training import TrainingWindows, write_windows
-from eventsweep.emvs.geometry.warp import distort_depth, undistort_depth
+from eventsweep.emvs.geometry.warp import reproject_depth, undistort_depth
 from eventsweep.eval.cli.main import main
 from made_events import assert_same_events
 from refusals import refused
@@ -108,7 +108,7 @@ def test_depth_goes_to_the_view_and_back(ours):
     camera = Sequence.open(ours).rig.cameras[0]
     rows, columns = np.mgrid[: camera.height_px, : camera.width_px]
     depth_m = (1 + 0.01 * rows + 0.02 * columns).astype(np.float32)
-    back = distort_depth(undistort_depth(depth_m, camera), camera)
+    back = reproject_depth(undistort_depth(depth_m, camera), camera.undistorted(), camera)
     known = np.isfinite(back)
     assert known.mean() > 0.5
     assert np.abs(back - depth_m)[known].max() < 0.04  # at most a pixel each way

@@ -14,7 +14,16 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import naive_formats as naive
-from event_files import PACKET, evt3_payloads, libcaer_payloads, mono_payloads, write_packets
+from event_files import (
+    PACKET,
+    PACKETS,
+    evt3_payloads,
+    libcaer_payloads,
+    mono_payloads,
+    packet,
+    packet_types,
+    write_packets,
+)
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import blocks, open_events, rosbag
@@ -23,6 +32,7 @@ from eventsweep.emvs.formats.prophesee_kernels import initial_state
 from refusals import refused
 
 SIZE_PX = (640, 480)
+STORE = packet_types()
 ROWS = [(5000 * k + 17 * (k % 3), k % 640, k // 7 % 480, k % 2) for k in range(4000)]
 WORDS = st.sampled_from([0x8001, 0x8002, 0x6005, 0x0011, 0x2003, 0x2804, 0x3802, 0x4A05, 0x5081])
 PAYLOADS = {
@@ -72,8 +82,7 @@ def test_messages_are_one_stream_wherever_it_is_cut(words, cuts):
     whole = np.array(words, "<u2")
     state, found = initial_state(), []
     for part in np.split(whole, sorted(cuts)):
-        (_, _, data), *_ = [(0, 0, message(part.tobytes()))]
-        found += naive.rows_of(packet_events(data, True, "here", state))
+        found += naive.rows_of(packet_events(message(part.tobytes()), True, "here", state))
     assert found == naive.decode_evt3(words)
 
 
@@ -164,21 +173,12 @@ def test_a_real_mcap_file_of_a_davis346():
 
 
 def message(payload, encoding="evt3", **changes):
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    kind = "event_camera_msgs/msg/EventPacket"
-    store.register(get_types_from_msg(PACKET, kind))
-    types = store.types
-    fields = {
-        "header": types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), "cam"),
-        "height": 480, "width": 640, "seq": 0, "time_base": 0, "encoding": encoding,
-        "is_bigendian": False, "events": np.frombuffer(payload, np.uint8),
-    } | changes  # fmt: skip
-    return bytes(store.serialize_cdr(types[kind](**fields), kind))
+    return packet(STORE, payload, encoding, **changes)
 
 
 def test_ros1_bags_hold_packets_too(tmp_path):
     store = get_typestore(Stores.ROS1_NOETIC)
-    kind = "event_camera_msgs/msg/EventPacket"
+    kind = PACKETS
     store.register(get_types_from_msg(PACKET, kind))
     types, path = store.types, tmp_path / "f.bag"
     with Ros1Writer(path) as bag:

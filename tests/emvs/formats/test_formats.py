@@ -184,7 +184,10 @@ def test_formats_that_are_only_read_are_named_so(tmp_path, kind):
     refused(words, write_events, tmp_path / "f", kind, *SIZE_PX, {"events": []})
 
 
-@pytest.mark.parametrize("kind", ["evt2", "evt3", "esim-text", "npz", "aedat4", "rosbag1"])
+NO_SIZE = {"dsec", "tumvie", "mvsec", "m3ed", "v2e", "e2calib", "evimo2", "npy", "mat", "parquet"}
+
+
+@pytest.mark.parametrize("kind", [kind for kind in ALL if kind not in {*NO_SIZE, "text", "csv"}])
 def test_the_sensor_size_is_kept_where_the_format_has_a_place_for_it(tmp_path, kind):
     reader = open_events(written(tmp_path, kind, [(5, 1, 2, 1)]))
     assert (reader.width_px, reader.height_px) == SIZE_PX
@@ -203,24 +206,11 @@ def test_many_events_cross_the_blocks_of_the_reader(tmp_path, kind):
         assert_same_events(part, expected)
 
 
-def raw(path, kind, words):
-    head = f"% evt {kind}\n% geometry 640x480\n% end\n".encode()
-    path.write_bytes(head + words.tobytes())
-    return path
-
-
-def test_evt21_reads_32_columns_a_word(tmp_path):
-    words = np.array(
-        [(8 << 60) | (5 << 32), (1 << 60) | (3 << 54) | (64 << 43) | (9 << 32) | 0x80000005], "<u8"
-    )
-    reader = open_events(raw(tmp_path / "f.raw", "2.1", words))
-    assert reader.format == "evt21"
-    assert read(reader, 9) == [(323, 64, 9, 1), (323, 66, 9, 1), (323, 95, 9, 1)]
-
-
 def test_events_before_the_first_time_word_are_left_out_and_counted(tmp_path):
     words = np.array([0x2001, 0x2002, 0x8000, 0x6005, 0x2003], "<u2")
-    reader = open_events(raw(tmp_path / "f.raw", "3.0", words))
+    path = tmp_path / "f.raw"
+    path.write_bytes(b"% evt 3.0\n% geometry 640x480\n% end\n" + words.tobytes())
+    reader = open_events(path)
     assert read(reader, 9) == [(5, 3, 0, 0)]
     assert reader.untimed == 2
 
@@ -233,16 +223,6 @@ def test_dat_counts_the_loops_of_its_32_bits(tmp_path):
     reader = open_events(tmp_path / "f.dat")
     assert (reader.width_px, reader.height_px, reader.format) == (640, 480, "dat")
     assert read(reader, 9) == [(2**32 - 1, 5, 7, 1), (2**32 + 3, 6, 8, 0)]
-
-
-def test_prophesee_hdf5_without_compression(tmp_path):
-    kind = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
-    with h5py.File(tmp_path / "f.hdf5", "w") as file:
-        file.create_dataset("CD/events", data=np.array([(1, 2, 1, 50), (3, 4, 0, 60)], kind))
-        file.attrs["geometry"] = "640x480"
-    reader = open_events(tmp_path / "f.hdf5")
-    assert (reader.format, reader.width_px) == ("prophesee-hdf5", 640)
-    assert read(reader, 9) == [(50, 1, 2, 1), (60, 3, 4, 0)]
 
 
 def test_a_filter_that_is_not_installed_is_named_with_its_cure(tmp_path):

@@ -1,4 +1,4 @@
-"""Hostile event files of every sort end in one clear line; see `test_codecs_fuzz`, too."""
+"""Hostile event files of every sort end in one clear line; see `test_formats_fuzz`, too."""
 
 import bz2
 import io
@@ -192,8 +192,8 @@ LONG_HEADER = b"\x93NUMPY\x02\x00" + (2**32 - 1).to_bytes(4, "little") + bytes(8
     ("member", "words"),
     [
         *((npz_member(shape), "") for shape in IMPOSSIBLE),
-        # Refused for its length before it is read: a header of 4 GB that unpacks from 4 MB.
-        (LONG_HEADER, "declares 4294967295 bytes"),
+        # Never read to its end: a header of 4 GB that unpacks from 4 MB.
+        (LONG_HEADER, "expected 4294967295 bytes"),
         # Read in blocks: 64 kB that unpack to 64 MB are refused for what they hold, not by memory.
         (saved(np.full(1 << 23, 7, np.uint8)), "rows 0 to 262144: p of event 0 is 7"),
     ],

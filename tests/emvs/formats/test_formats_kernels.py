@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import naive_formats as naive
+from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.formats import prophesee_kernels
 from eventsweep.emvs.formats.prophesee_kernels import LOOPS, initial_state
 from eventsweep.emvs.formats.rosbag_kernels import decode_array, encode_array
@@ -17,11 +18,9 @@ def decode(kernel, words, room):
     """Runs a kernel with a small output again and again, as the reader does."""
     state, rows = initial_state(), []
     while len(words):
-        x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
-        t_us, p = np.empty(room, np.int64), np.empty(room, np.uint8)
-        used, count, unknown = kernel(words, state, x, y, t_us, p)
-        columns = (column[:count].tolist() for column in (t_us, x, y, p))
-        rows += zip(*columns, strict=True)
+        events = Events.room(room)
+        used, count, unknown = kernel(words, state, events.columns)
+        rows += naive.rows_of(events.slice(0, count))
         if unknown:
             return rows, int(words[used])
         words = words[used:]
@@ -98,7 +97,7 @@ def test_what_is_encoded_decodes_to_the_same_by_the_twin(encode, twin, kind, bit
         events = naive.events_of(part)
         room = 8 * len(part) + 3 * ((part[-1][0] >> bits) - int(state[LOOPS])) + 8
         out = np.empty(room, kind)
-        count = encode(events.x, events.y, events.t_us, events.p, state, out)
+        count = encode(events.columns, state, out)
         assert count <= room
         words += out[:count].tolist()
     assert twin(words) == rows
@@ -108,7 +107,7 @@ def test_evt3_writes_dense_rows_as_vectors():
     rows = [(100, x, 7, 1) for x in range(640)]
     events, words = naive.events_of(rows), np.empty(8 * 640, np.uint16)
     state = prophesee_kernels.encoder_state()
-    count = prophesee_kernels.encode_evt3(events.x, events.y, events.t_us, events.p, state, words)
+    count = prophesee_kernels.encode_evt3(events.columns, state, words)
     assert count == 4 + 3 * 20  # time high and low, row, base, and 20 vectors of 32 columns
     assert naive.decode_evt3(words[:count]) == rows
 
@@ -123,20 +122,16 @@ def test_ros_arrays_equal_their_twin(rows, ros2):
     for k, (seconds, nanoseconds, x, y) in enumerate(rows):
         for value, size in ((x, 2), (y, 2), (seconds, 4), (nanoseconds, 4), (k % 2, 1)):
             data += bytes(-len(data) % size if ros2 else 0) + value.to_bytes(size, "little")
-    n = len(rows)
-    x, y = np.empty(n, np.uint16), np.empty(n, np.uint16)
-    t_us, p = np.empty(n, np.int64), np.empty(n, np.uint8)
-    raw = np.frombuffer(bytes(data), np.uint8)
-    assert decode_array(raw, 16 if ros2 else 13, 2 if ros2 else 0, x, y, t_us, p) == -1
-    decoded = zip(t_us.tolist(), x.tolist(), y.tolist(), p.tolist(), strict=True)
-    assert list(decoded) == naive.decode_ros(data, n, ros2)
+    events, raw = Events.room(len(rows)), np.frombuffer(bytes(data), np.uint8)
+    assert decode_array(raw, 16 if ros2 else 13, 2 if ros2 else 0, events.columns) == -1
+    assert naive.rows_of(events) == naive.decode_ros(data, len(rows), ros2)
 
 
 @given(st.lists(st.tuples(st.integers(0, 2**32 * 10**6 - 1), *[st.integers(0, 65535)] * 2)))
 def test_ros_arrays_encode_what_the_twin_decodes(rows):
     rows = [(*row, k % 2) for k, row in enumerate(rows)]
     events, data = naive.events_of(rows), np.empty(13 * len(rows), np.uint8)
-    encode_array(events.x, events.y, events.t_us, events.p, data)
+    encode_array(events.columns, data)
     assert naive.decode_ros(data, len(rows), False) == rows
 
 
@@ -144,8 +139,7 @@ def test_ros_arrays_encode_what_the_twin_decodes(rows):
 def test_ros_arrays_name_an_impossible_event(at, value):
     data = np.zeros(39, np.uint8)
     data[13 + at] = value
-    x, t_us, p = np.empty(3, np.uint16), np.empty(3, np.int64), np.empty(3, np.uint8)
-    assert decode_array(data, 13, 0, x, x.copy(), t_us, p) == 1
+    assert decode_array(data, 13, 0, Events.room(3).columns) == 1
 
 
 finite = st.sampled_from([0.0, 1.0, 3.5, 65535.0, 65536.0, -1.0, np.nan, np.inf, 1e300, -0.0])
@@ -154,25 +148,18 @@ stamps_s = st.floats(0, 1e9) | st.sampled_from([-0.1, np.nan, np.inf, 1e300, 5e1
 
 @given(st.lists(st.tuples(finite, finite, stamps_s, st.sampled_from([1.0, -1.0, 0.0, 2.0]))))
 def test_rows_of_doubles_equal_their_twin(rows):
-    n = len(rows)
-    x, y = np.empty(n, np.uint16), np.empty(n, np.uint16)
-    t_us, p = np.empty(n, np.int64), np.empty(n, np.uint8)
-    table = np.array(rows, np.float64).reshape(n, 4)
-    bad = convert_rows(table, x, y, t_us, p)
+    events = Events.room(len(rows))
+    bad = convert_rows(np.array(rows, np.float64).reshape(-1, 4), events.columns)
     expected = naive.convert_rows(rows)
-    assert bad == (len(expected) if len(expected) < n else -1)
-    columns = (column[: len(expected)].tolist() for column in (t_us, x, y, p))
-    assert list(zip(*columns, strict=True)) == expected
+    assert bad == (len(expected) if len(expected) < len(rows) else -1)
+    assert naive.rows_of(events.slice(0, len(expected))) == expected
 
 
 def parse(text, power=6, whole=False, order=(0, 1, 2, 3)):
     data = np.frombuffer(text.encode("ascii"), np.uint8)
-    rows = text.count("\n") + 1
-    t_us, p = np.empty(rows, np.int64), np.empty(rows, np.uint8)
-    x, y = np.empty(rows, np.uint16), np.empty(rows, np.uint16)
-    count, bad = parse_rows(data, np.array(order, np.int64), power, whole, t_us, x, y, p)
-    columns = (column[:count].tolist() for column in (t_us, x, y, p))
-    return list(zip(*columns, strict=True)), bad
+    events = Events.room(text.count("\n") + 1)
+    count, bad = parse_rows(data, np.array(order, np.int64), power, whole, events.columns)
+    return naive.rows_of(events.slice(0, count)), bad
 
 
 decimals = st.one_of(
@@ -215,7 +202,7 @@ def test_text_points_at_a_bad_line(line, end):
 def test_text_that_is_written_reads_back(rows, seconds):
     rows = [(*row, k % 2) for k, row in enumerate(rows)]
     events, text = naive.events_of(rows), np.empty(48 * len(rows), np.uint8)
-    size = format_rows(events.t_us, events.x, events.y, events.p, seconds, ord(" "), text)
+    size = format_rows(events.columns, seconds, ord(" "), text)
     assert size <= 48 * len(rows)
     written = bytes(text[:size]).decode("ascii")
     assert naive.parse_text(written, 6 if seconds else 0) == rows

@@ -105,8 +105,9 @@ def write_sequence(path: Path, model: str, cameras: int = 2, steps: int = STEPS)
     return path
 
 
-def rewritten(ours: Path, out: Path, kind: str) -> Path:
+def rewritten(ours: Path, out: Path, kind: str, shift_us: int = 0) -> Path:
     readable = open_readable(ours)
     sources = tuple(source for _, source in readable.streams)
-    write_recording(RecordingExport(readable.recording, sources, 0, lambda _: None), out, kind)
+    job = RecordingExport(readable.recording, sources, shift_us, lambda _: None)
+    write_recording(job, out, kind)
     return out

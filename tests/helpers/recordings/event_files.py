@@ -207,6 +207,7 @@ def write_rosbag2(
                 bag.write(topic, last_us * 1000, ros2_message(part, size_px))
 
 
+PACKETS = "event_camera_msgs/msg/EventPacket"
 PACKET = (
     "std_msgs/Header header\nuint32 height\nuint32 width\nuint64 seq\nuint64 time_base\n"
     "string encoding\nbool is_bigendian\nuint8[] events\n"
@@ -215,22 +216,35 @@ PACKET = (
 
 def write_packets(path, size_px, payloads, encoding, storage=StoragePlugin.SQLITE3, **changes):
     """A ROS2 bag of EventPackets, by the library's typed encoder: (stamp ns, time base, bytes)."""
-    kind = changes.pop("kind", "event_camera_msgs/msg/EventPacket")
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg(PACKET, kind))
-    types = store.types
+    kind = changes.pop("kind", PACKETS)
+    store = packet_types(kind)
     with Ros2Writer(path, version=9, storage_plugin=storage) as bag:
         topic = bag.add_connection("/events", kind, typestore=store)
         for seq, (stamp_ns, base_ns, payload) in enumerate(payloads):
-            stamp = types["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
-            fields = {
-                "header": types["std_msgs/msg/Header"](stamp, "cam" + "x" * (seq % 5)),
-                "height": size_px[1], "width": size_px[0], "seq": seq, "time_base": base_ns,
-                "encoding": encoding, "is_bigendian": False,
-                "events": np.frombuffer(payload, np.uint8),
-            } | changes  # fmt: skip
-            bag.write(topic, stamp_ns, store.serialize_cdr(types[kind](**fields), kind))
+            fields = {"time_base": base_ns} | changes
+            message = packet(store, payload, encoding, size_px, kind, seq, stamp_ns, **fields)
+            bag.write(topic, stamp_ns, message)
     return path
+
+
+def packet_types(kind=PACKETS):
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(PACKET, kind))
+    return store
+
+
+def packet(
+    store, payload, encoding, size_px=(640, 480), kind=PACKETS, seq=0, stamp_ns=0, **changes
+):
+    """The bytes of an EventPacket."""
+    types = store.types
+    stamp = types["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
+    fields = {
+        "header": types["std_msgs/msg/Header"](stamp, "cam" + "x" * (seq % 5)),
+        "height": size_px[1], "width": size_px[0], "seq": seq, "time_base": 0,
+        "encoding": encoding, "is_bigendian": False, "events": np.frombuffer(payload, np.uint8),
+    } | changes  # fmt: skip
+    return bytes(store.serialize_cdr(types[kind](**fields), kind))
 
 
 def evt3_payloads(rows, cuts):

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from eventsweep.emvs.datasets.evimo2 import object_values
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.formats.tables.object_arrays import object_values
 from refusals import refused
 
 LEAVES = st.one_of(
