@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.inputs import inputs_of
 from eventsweep.emvs.utils.outputs import atomic_dir, check_files, files_together, output_folder
 from eventsweep.eval.config import EvalConfig, Settings
 from eventsweep.eval.progress import Display, MapBars, Silent
@@ -63,7 +64,7 @@ def run_cases(
     from eventsweep.eval.scoring import run_folder
 
     _check_run(cases, settings, rig, track=track is not None)
-    with atomic_dir(out, force=force, inputs=_inputs(cases, settings)) as folder:
+    with atomic_dir(out, force=force, inputs=_inputs(cases, settings, rig)) as folder:
         (folder / run_folder.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
         for case in cases:
             of_case = folder / case_name(case)
@@ -126,11 +127,12 @@ def simulate_scene(
         _collection_paused() as resume,
     ):
         from eventsweep import scenes
+        from eventsweep.emvs.data.sequence import Sequence as EventSequence
         from eventsweep.sim.simulate import simulate
 
-        def show(done_us: int, total_us: int, events: int) -> None:
+        def show(_stage: str, done_us: int, total_us: int) -> None:
             resume()  # the first picture is there: nothing is imported any more
-            update(done_us / total_us, f"{done_us / 1e3:.0f} ms, {events:,} events")
+            update(done_us / total_us, f"{done_us / 1e3:.0f} ms")
 
         simulate(
             *scenes.prepared(scene, rig, settings.sim, seed, progress.say),
@@ -142,6 +144,9 @@ def simulate_scene(
             notice=progress.say,
             progress=show,
         )
+        made = EventSequence.open(out).manifest
+        words = f"{(made.span_us[1] - made.span_us[0]) / 1e3:.0f} ms"
+        update(1.0, f"{words}, {sum(made.event_counts):,} events")
 
 
 @contextmanager
@@ -283,10 +288,12 @@ def _check_run(cases: Sequence[str], settings: Settings, rig: str | None, *, tra
         check_case(case, rig, settings.map, settings.sim, track=track)
 
 
-def _inputs(cases: Sequence[str], settings: Settings) -> list[Path]:
-    models = [Path(case) for case in cases if Path(case).is_file()]
-    recorded = settings.sim.replay.trajectory
-    return models if recorded is None else [*models, recorded]
+def _inputs(*given: object) -> list[object]:
+    """What is read: of models also the files that they name."""
+    from eventsweep.sim.mjcf import SUFFIXES, files_of
+
+    models = [path for path in inputs_of(*given) if path.suffix.lower() in SUFFIXES]
+    return [*given, *map(files_of, models)]
 
 
 def check_case(

@@ -79,7 +79,6 @@ def run(
         score=score,
     )
     check_skipping(wanted.map, allowed=allow_skipped)
-    common.check(out, force=force)
     console = common.console()
     results = run_cases(
         case,

@@ -239,8 +239,8 @@ def test_an_output_is_replaced_only_when_told(tmp_path, folder):
 
 @pytest.mark.parametrize("out", ["seq", "a.h5"])
 def test_an_interrupt_leaves_nothing(tmp_path, folder, out):
-    def interrupt(share, events):
-        if share > 0.4:
+    def interrupt(_stage, done, total):
+        if done > 0.4 * total:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -250,10 +250,10 @@ def test_an_interrupt_leaves_nothing(tmp_path, folder, out):
 
 def test_progress_rises_to_the_end(tmp_path, folder):
     told = []
-    made(folder, tmp_path / "seq", progress=lambda share, events: told.append((share, events)))
+    made(folder, tmp_path / "seq", progress=lambda *step: told.append(step))
     assert len(told) == 9
     assert told == sorted(told)
-    assert told[-1][0] == 1
+    assert told[-1] == ("events", 1000, 1000)
 
 
 # `ru_maxrss` would begin with what the process that runs the tests held when it forked.

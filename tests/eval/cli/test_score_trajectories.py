@@ -98,8 +98,6 @@ def test_poses_of_a_recording_are_a_truth(files):
     ("good.txt --truth tracked --out out", "not recognised as a recording"),
     ("good.txt --truth gt.txt --out out --prediction x", "--prediction is for maps"),
     ("good.txt --truth gt.txt --out out --score.border-px 3", "--score. is for maps"),
-    ("good.txt --truth gt.txt --out gt.txt --force", "is a file"),
-    ("good.txt --truth gt.txt --out tracked --force", "eventsweep did not write"),
     ("good.txt --truth gt.txt --out out --max-difference-s -1", "max_difference_s is '-1'"),
     ("good.txt --truth gt.txt --out out --associate evo", "one-to-one"),
 ])  # fmt: skip
