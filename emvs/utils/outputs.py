@@ -264,6 +264,8 @@ def _touching(place: Path, inputs: Iterable[object], *, within: bool = True) -> 
     of_command = command_inputs()
     for source in (*inputs_of(*inputs), *of_command):
         leads_to = Path(os.path.realpath(source))
+        if not leads_to.exists():
+            continue
         if _is_in(leads_to, place):
             return f"is or holds the input {source}"
         if (within or source not in of_command) and _is_in(place, leads_to):
