@@ -49,7 +49,7 @@ def inputs_of(*values: object) -> tuple[Path, ...]:
 
 @contextmanager
 def command() -> Iterator[None]:
-    """The extent of a command, for which `read_by_command` holds."""
+    """The extent of a command, for which `also_read` holds; outside of any it does for good."""
     before = _OF_COMMAND.set(())
     try:
         yield
@@ -57,9 +57,9 @@ def command() -> Iterator[None]:
         _OF_COMMAND.reset(before)
 
 
-def read_by_command(*values: object) -> None:
-    """Says what the command that runs was given: its outputs remove no input among it."""
-    _OF_COMMAND.set(inputs_of(*values))
+def also_read(*values: object) -> None:
+    """Says what is read: no output removes an input that these values name."""
+    _OF_COMMAND.set(tuple(dict.fromkeys((*_OF_COMMAND.get(), *inputs_of(*values)))))
 
 
 def command_inputs() -> tuple[Path, ...]:

@@ -61,7 +61,7 @@ class Program(App):
     def parse_args(self, *tokens: Any, **options: Any) -> Any:
         """What is called with what; its outputs remove no file that any of it names."""
         command, bound, ignored = super().parse_args(*tokens, **options)
-        inputs.read_by_command(bound.arguments)
+        inputs.also_read(bound.arguments)
         return command, bound, ignored
 
     def help_print(

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils import files, outputs
 from eventsweep.emvs.utils.files import MARK, DiskFull, atomic_path, bytes_text, free_bytes
-from eventsweep.emvs.utils.inputs import command, read_by_command
+from eventsweep.emvs.utils.inputs import also_read, command
 from eventsweep.emvs.utils.output_manifest import NAME, complete, is_ours, strangers
 from eventsweep.emvs.utils.outputs import (
     atomic_dir,
@@ -264,7 +264,7 @@ def test_an_input_is_never_removed(tmp_path, caplog, how, of_command, out, sourc
     given_values = READ[how](tmp_path / source)
     with command():
         if of_command:
-            read_by_command({"given": given_values, "out": tmp_path / out})
+            also_read({"given": given_values, "out": tmp_path / out})
         made_anew(tmp_path / out, () if of_command else given_values)
     assert words in kept(caplog, tmp_path / out)
     after = {(str(path).replace(".kept-1", ""), what) for path, what in contents(tmp_path).items()}
@@ -340,7 +340,7 @@ def test_files_in_a_folder_are_replaced_where_they_are_ours(tmp_path, caplog, be
         (out / "tables" / "a").symlink_to(tmp_path / "theirs" / "a")
     with command():
         if before == "input":
-            read_by_command(out / "tables" / "a")
+            also_read(out / "tables" / "a")
         check_files(out, ["tables/a"], force=True)
         written_new(out, "tables/a")
     assert (out / "tables" / "a").read_text() == "new"

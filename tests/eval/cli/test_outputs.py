@@ -6,12 +6,13 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.emvs.utils.inputs import command, command_inputs, read_by_command
+from eventsweep.emvs.utils.inputs import also_read, command, command_inputs
 from eventsweep.emvs.utils.output_manifest import strangers
 from eventsweep.eval.cli.app import Common, app
 from eventsweep.eval.cli.main import main
@@ -90,6 +91,7 @@ def test_a_recording_survives_its_map(tmp_path, caplog, rec, flags, out):
 READING = {
     "simulate": "simulate planes --out OUT --sim.replay.trajectory IN",
     "simulate a model": "simulate IN --out OUT --sim.replay.imu-cam IN --motion IN --rig IN",
+    "simulate a sensor": "simulate planes --out OUT --sim.sensor.preset PRESET",
     "simulate as a file says": "simulate planes --out OUT --config IN",
     "run": "run planes --out OUT --sim.replay.hand-eye IN --map.learned.weights IN",
     "map": "map IN --out OUT --config IN --map.derd.weights IN",
@@ -119,8 +121,12 @@ def test_a_command_removes_nothing_that_its_words_name(tmp_path, verb):
             path.write_text('weights = "weights.npz"\n')
             inputs.add(path)
             word = word.replace("IN", str(path))
+        if word == "PRESET":
+            word = str(tmp_path / "sensor.toml")
+            Path(word).write_text("contrast_threshold_pos = 0.3\n")
+            inputs.add(Path(word))
         words.append(str(tmp_path / "out") if word == "OUT" else word)
-    if not any(path.suffix == ".toml" for path in inputs):
+    if not any(path.name == "in2.toml" for path in inputs):
         inputs.remove(tmp_path / "weights.npz")
     with command():
         app.parse_args(words, exit_on_error=False, print_error=False)
@@ -233,7 +239,7 @@ def test_the_gate_keeps_what_is_not_its_own(tmp_path):
     def report(**files):
         flags = gate.GateFlags(baseline=baseline, **files)
         with command():
-            read_by_command({"flags": flags})
+            also_read({"flags": flags})
             gate._report([], SimpleNamespace(name="a"), flags, Common(quiet=True))
 
     for kind in ("junit", "markdown"):
