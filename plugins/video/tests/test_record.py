@@ -233,8 +233,11 @@ def test_an_output_is_replaced_only_when_told(tmp_path, folder):
         made(folder, out)
         refused("exists", made, folder, out)
         made(folder, out, NOISY, force=True)
-    refused("input", made, folder, folder, force=True)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.h5", "in", "seq"]
+    images = {path.name: path.read_bytes() for path in folder.iterdir()}
+    made(folder, folder, force=True)
+    kept = tmp_path / f"{folder.name}.kept-1"
+    assert {path.name: path.read_bytes() for path in kept.iterdir()} == images
+    assert {path.name for path in tmp_path.glob("[!.]*")} == {"a.h5", "in", kept.name, "seq"}
 
 
 @pytest.mark.parametrize("out", ["seq", "a.h5"])
