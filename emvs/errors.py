@@ -32,7 +32,16 @@ _SHOWN_WHOLE = 12
 
 
 class InputError(ValueError):
-    """Input that cannot be used: what came, what is needed, how to cure it, in one line."""
+    """Input that cannot be used: what came, what is needed, how to cure it, in one line.
+
+    Attributes:
+        parameter: what the line begins with, such as `map.start_s`, where that is a parameter; a
+            command line shows its flag instead.
+    """
+
+    def __init__(self, *words: object, parameter: str = "") -> None:
+        super().__init__(*words)
+        self.parameter = parameter
 
 
 class ByName(dict[str, Value]):

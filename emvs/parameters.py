@@ -35,7 +35,7 @@ class ParameterGroup(FrozenModel):
         try:
             super().__init__(**values)
         except ValidationError as error:
-            raise InputError(explain(error, type(self))) from None
+            raise fault(error, type(self)) from None
 
     # So marked, it is not called for groups within groups: their faults keep their whole names.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
@@ -60,7 +60,7 @@ class ParameterGroup(FrozenModel):
         try:
             return super().model_validate(obj, **options)
         except ValidationError as error:
-            raise InputError(explain(error, cls)) from None
+            raise fault(error, cls) from None
 
     @classmethod
     def or_default(cls, given: Self | None) -> Self:
@@ -76,19 +76,29 @@ class ParameterGroup(FrozenModel):
         return given
 
 
-def explain(error: ValidationError, model: type[BaseModel], where: str = "") -> str:
-    """The first fault of a pydantic error in one line, which begins with `where`."""
-    fault = error.errors(include_url=False, include_context=False)[0]
-    place, value = fault["loc"], shown(fault["input"])
-    key = ".".join(str(part) for part in place) or model.__name__
-    if fault["type"] == "extra_forbidden":
-        return f"{where}unknown key {key}{_suggestion(model, place)}"
-    message = fault["msg"].removeprefix("Value error, ")
+def fault(
+    error: ValidationError, model: type[BaseModel], where: str = "", above: str = ""
+) -> InputError:
+    """The first fault of a pydantic error in one line, with the parameter that it is of.
+
+    Args:
+        error: what was raised.
+        model: what was made.
+        where: what the line begins with, such as a file's name and a colon.
+        above: the groups that the model lies in, each with a dot.
+    """
+    first = error.errors(include_url=False, include_context=False)[0]
+    place, value = first["loc"], shown(first["input"])
+    key = above + ".".join(map(str, place)) if place else model.__name__
+    if first["type"] == "extra_forbidden":
+        return InputError(f"{where}unknown key {key}{_suggestion(model, place)}")
+    message = first["msg"].removeprefix("Value error, ")
     kind = _annotation(model, place)
-    if fault["type"] == "value_error" and (kind is None or hasattr(kind, "model_fields")):
-        return f"{where}{message}"
+    if first["type"] == "value_error" and (kind is None or hasattr(kind, "model_fields")):
+        return InputError(f"{where}{message}")
     more = f" ({error.error_count() - 1} more faults)" if error.error_count() > 1 else ""
-    return f"{where}{key} is {value}: {message[0].lower()}{message[1:]}{more}"
+    line = f"{where}{key} is {value}: {message[0].lower()}{message[1:]}{more}"
+    return InputError(line, parameter="" if where else key)
 
 
 def refuse_code(model: type[BaseModel], values: Any, where: str = "", above: str = "") -> None:

@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.parameters import FrozenModel, ParameterGroup, explain, refuse_code
+from eventsweep.emvs.parameters import FrozenModel, ParameterGroup, fault, refuse_code
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
 from eventsweep.sim.config import SimConfig
 
@@ -147,7 +147,7 @@ def load(file: Path | None, **flags: BaseModel) -> Settings:
     try:
         return Settings.model_validate(values)
     except ValidationError as error:
-        raise InputError(explain(error, Settings, f"{file}: " if file else "")) from error
+        raise fault(error, Settings, f"{file}: " if file else "") from error
 
 
 def unread(file: Path | None, groups: Sequence[str]) -> list[str]:

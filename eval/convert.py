@@ -18,8 +18,8 @@ from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.emvs.utils.inputs import opened_npz, parse_json
-from eventsweep.emvs.utils.outputs import check_output, inputs_of, output_file
+from eventsweep.emvs.utils.inputs import inputs_of, opened_npz, parse_json
+from eventsweep.emvs.utils.outputs import check_output, output_file
 from eventsweep.eval.progress import Display
 
 POSES = ("tum", "kitti")
@@ -77,8 +77,8 @@ def convert_file(source: Path, out: Path, options: Options, progress: Display) -
     if to not in targets():
         raise InputError(f"--to {to}: unknown; choose from {', '.join(targets())}")
     _refuse_unused(options)
-    inputs = (*inputs_of(source), *options.inputs)
-    check_output(out, force=options.force, inputs=inputs, folder=out.is_dir())
+    inputs = inputs_of(source, options.inputs)
+    check_output(out, force=options.force)
     if to == WINDOWS:
         return _windows(source, out, options, inputs, progress)
     if to in kinds():
@@ -117,8 +117,6 @@ def _events(
     source: Path, out: Path, options: Options, inputs: tuple[Path, ...], progress: Display
 ) -> Written:
     readable = open_readable(source, options.columns)
-    whole = readable.recording is not None and not options.stream
-    check_output(out, force=options.force, inputs=inputs, folder=whole)
     shift_us = options.shift_us if options.shift_us is not None else -_start_us(readable)
     counted, chosen = [0], _chosen(readable, options)
     with progress.stage(f"write {options.to}", 1.0) as update:

@@ -52,11 +52,9 @@ def simulate(
     check_whole("workers", workers)
     config, out = SimConfig.or_default(config), Path(out)
     made, cameras, config = _prepared(scene, rig, config, seed)
-
-    def show(done_us: int, total_us: int, _events: int) -> None:
-        progress("simulate", done_us, total_us)
-
-    simulate_to_disk(made, cameras, config, seed, out, force=force, workers=workers, progress=show)
+    simulate_to_disk(
+        made, cameras, config, seed, out, force=force, workers=workers, progress=progress
+    )
     return Sequence.open(out)
 
 

@@ -245,8 +245,9 @@ def read_preset(path: Path) -> Preset:
     """
     import tomllib
 
-    from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, read_text
+    from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, also_read, read_text
 
+    also_read(path)  # settings keep its values, not its name
     try:
         table = tomllib.loads(read_text(path, SETTINGS_BYTES, "utf-8"))
     except (OSError, ValueError) as error:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
@@ -25,9 +25,10 @@ from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.files import bytes_text, free_bytes
 from eventsweep.emvs.utils.outputs import check_output
-from eventsweep.emvs.utils.runtime import available_bytes, versions
+from eventsweep.emvs.utils.runtime import Progress, available_bytes, silent, versions
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.graphics import note
+from eventsweep.sim.mjcf import files_of
 from eventsweep.sim.model.survey import FEW, glanced_beyond_8_bits, needs_floats
 from eventsweep.sim.motion.curves import sampled
 from eventsweep.sim.parallel.checkpoint import CheckpointFolder, Notice, Stopped
@@ -52,7 +53,6 @@ from eventsweep.sim.scene import Scene, replayed
 from eventsweep.sim.sensor.frame_camera import DENSE_PX, FrameCamera, exposure_spans_us
 from eventsweep.sim.sensor.imu import imu_samples
 
-Progress = Callable[[int, int, int], None]
 """Called after every frame with time done, time in total (µs) and events written so far."""
 # How often a scene's light is looked at before it is drawn.
 _LOOKS = 3
@@ -67,8 +67,8 @@ _IMAGE_BYTES = {"depth_m": 4, "intensity": 1, "flow": 8, "segmentation": 4, "bou
 _PIXEL_BYTES, _SAMPLE_BYTES, _PROCESS_BYTES = 120, 24, 300e6
 
 
-def _nothing(*_: object) -> None:
-    """Shows neither progress nor notices."""
+def _nothing(_line: str) -> None:
+    """Gives no notice."""
 
 
 def simulate(
@@ -82,7 +82,7 @@ def simulate(
     workers: int = 1,
     resume: bool = True,
     commit_s: float = _COMMIT_S,
-    progress: Progress = _nothing,
+    progress: Progress = silent,
     notice: Notice = _nothing,
     drawing: Drawing = MUJOCO,
 ) -> Path:
@@ -108,7 +108,7 @@ def simulate(
         raise InputError(f"seed {seed}: must be 0 or greater")
     if workers < 1:
         raise InputError(f"{workers} workers: must be 1 or greater")
-    check_output(out, force=force, inputs=(config.replay.trajectory, scene.mjcf))
+    check_output(out, force=force)
     asked = rig, config, seed, drawing
     job = make_job(scene, *asked)
     check_disk(job, out)
@@ -207,7 +207,6 @@ def _run(
     Where this process draws them, sensors work while it does; else it asks for the next one only
     when they are done, and so holds one frame less.
     """
-    done = sum(checkpoint.events for checkpoint in folder.finished)
     state = folder.finished[-1].state() if folder.finished else None
     committed_s = time.monotonic()
     with ThreadPoolExecutor(len(job.rig)) as pool:
@@ -215,7 +214,7 @@ def _run(
         blur_px = job.config.sensor.resolved().lens_blur_px
         frame_camera = FrameCamera(job.config.frames, job.duration_us, state, blur_px)
         for frame in frames:
-            done += write_events(folder.writer, cameras.collect())
+            write_events(folder.writer, cameras.collect())
             cameras.take(frame)
             if frame.t_us == job.bounds_us[folder.next_chunk] and state is not None:
                 continue
@@ -225,7 +224,7 @@ def _run(
                         folder.writer.append_photo(k, photo)
             write_truth(folder.writer, frame)
             if frame.t_us == job.bounds_us[frame.chunk + 1]:
-                done += write_events(folder.writer, cameras.collect())
+                write_events(folder.writer, cameras.collect())
                 last = frame.chunk + 1 == job.chunks
                 if last or time.monotonic() - committed_s >= commit_s:
                     counts = cameras.finish() if last else ()
@@ -233,8 +232,8 @@ def _run(
                     folder.commit(state, frame.chunk + 1, counts)
                     committed_s = time.monotonic()
             if drawn_elsewhere:
-                done += write_events(folder.writer, cameras.collect())
-            progress(frame.t_us, job.duration_us, done)
+                write_events(folder.writer, cameras.collect())
+            progress("simulate", frame.t_us, job.duration_us)
             del frame  # or its truth would stay while the next comes
 
 
@@ -256,8 +255,7 @@ def _assemble(
 ) -> None:
     """Streams all checkpoints into the sequence."""
     counts = folder.finished[-1].counts if job.labelled else None
-    recorded = job.config.replay.trajectory
-    read = [job.scene.mjcf] if recorded is None else [job.scene.mjcf, recorded]
+    read = (job.config, files_of(job.scene.mjcf))
     with SequenceWriter(out, **arguments, sensor_counts=counts, force=force, inputs=read) as writer:
         for checkpoint in folder.finished:
             for k in range(len(job.rig)):

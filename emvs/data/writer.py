@@ -43,7 +43,7 @@ class SequenceWriter:
         sensor_counts: per camera, what became of its events: sent by cause, dropped by reason.
         imu: inertial samples, if there is an IMU.
         force: whether an existing sequence is replaced.
-        inputs: files and folders that it is made from, which it never replaces.
+        inputs: what it is made from, and which it never removes: paths, and settings with paths.
 
     Raises:
         InputError: the folder may not be replaced (`emvs.utils.outputs`), or cannot be written.
@@ -65,9 +65,9 @@ class SequenceWriter:
         sensor_counts: Collection[dict[str, int]] | None = None,
         imu: ImuSamples | None = None,
         force: bool = False,
-        inputs: Collection[Path] = (),
+        inputs: Collection[object] = (),
     ) -> None:
-        check_output(Path(path), force=force, inputs=inputs)
+        check_output(Path(path), force=force)
         self._path = Path(path)
         self._output = atomic_dir(self._path, force=force, inputs=inputs)
         self._name, self._rig, self.trajectory = name, rig, trajectory

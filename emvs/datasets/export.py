@@ -19,7 +19,7 @@ from eventsweep.emvs.datasets import dsec, radiance
 from eventsweep.emvs.datasets.posed import EventSource
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import FORMATS, in_time_order, write_events
-from eventsweep.emvs.formats.base import Checker, Progress
+from eventsweep.emvs.formats.base import Checker
 from eventsweep.emvs.formats.blocks import within
 from eventsweep.emvs.formats.calibration_writers import (
     basalt,
@@ -39,7 +39,7 @@ class RecordingExport:
     recording: Recording
     sources: tuple[EventSource, ...]
     shift_us: int
-    on_written: Progress
+    on_written: Callable[[int], None]
 
     @property
     def rig(self) -> Rig:

@@ -18,7 +18,7 @@ from eventsweep.emvs.formats.base import (
     MANY,
     Checker,
     Limits,
-    Progress,
+    OnWritten,
     Streams,
     StreamWriter,
 )
@@ -228,7 +228,7 @@ def write_events(
     width_px: int,
     height_px: int,
     streams: Streams,
-    progress: Progress | None = None,
+    on_written: OnWritten | None = None,
 ) -> int:
     """Writes streams of events into one file; memory holds a packet per stream.
 
@@ -238,7 +238,7 @@ def write_events(
         width_px: sensor width.
         height_px: sensor height.
         streams: packets per stream; with several streams, written in the order of time.
-        progress: called with the number of events written so far, after each packet.
+        on_written: called with the number of events written so far, after each packet.
 
     Returns:
         The number of events written.
@@ -265,8 +265,8 @@ def write_events(
     ):
         for stream, events in in_time_order(streams):
             writer.append(stream, check(stream, events))
-            if progress is not None:
-                progress(check.count)
+            if on_written is not None:
+                on_written(check.count)
     return check.count
 
 

@@ -13,7 +13,7 @@ from eventsweep.emvs.errors import InputError, located
 # Packets of events per stream name, each stream in the order in which it is to be written
 Streams = Mapping[str, Iterable[Events]]
 # Called with the number of events written so far
-Progress = Callable[[int], None]
+OnWritten = Callable[[int], None]
 # Limits of formats that set none: 16-bit pixels, times of 62 bits, streams
 ANY_PX = (1 << 16) - 1
 ANY_US = (1 << 62) - 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.maps.folder import StoredMap
 from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.outputs import atomic_dir
+from eventsweep.emvs.utils.runtime import Progress, silent
 
 FOLDER = "global"
 _PREFERRED = "Alg1/H"
@@ -55,11 +55,11 @@ def fuse_windows(
     stored: StoredMap,
     config: FuseConfig,
     method: str | None = None,
-    progress: Callable[[int, int], None] = lambda _done, _total: None,
+    progress: Progress = silent,
 ) -> tuple[Path, FusedInfo]:
     """Writes `MAP/global/<method>/cloud.ply`, `mesh.ply` on request, and `fuse.json`, anew.
 
-    `progress` is called with the windows done and all.
+    `progress` is called with `fuse`, the windows done and all.
 
     Returns:
         The folder, and what is in it.
@@ -74,7 +74,7 @@ def fuse_windows(
     if config.mesh:
         surface = SurfaceFusion(config.voxel_m, config.mesh_truncation)
     for k, window in enumerate(stored.windows):
-        progress(k, len(stored.windows))
+        progress("fuse", k, len(stored.windows))
         depth_map = window.depth_map(method)
         cloud = back_project_map(depth_map)
         cloud = without_outliers(cloud, mapped.radius_m, mapped.radius_neighbours)
@@ -82,7 +82,7 @@ def fuse_windows(
         voxels.add(cloud)
         if surface is not None:
             _add(surface, depth_map)
-    progress(len(stored.windows), len(stored.windows))
+    progress("fuse", len(stored.windows), len(stored.windows))
     cloud, windows = voxels.cloud(config.min_windows)
     _check_any(stored, len(cloud), window_points, config)
     facts: dict[str, Any] = {

@@ -35,7 +35,7 @@ from eventsweep.emvs.maps.store import MapStore, identity, open_store, read_entr
 from eventsweep.emvs.methods import device_for_methods, methods_by_name
 from eventsweep.emvs.preflight import check_view_fits, check_window_fits
 from eventsweep.emvs.reference_view import reference_view
-from eventsweep.emvs.utils.outputs import atomic_dir, check_output, cure, inputs_of, real
+from eventsweep.emvs.utils.outputs import CURE, atomic_dir, check_output, real
 from eventsweep.emvs.utils.runtime import Progress, silent, versions
 from eventsweep.emvs.windows import Window, WindowPlan, check_poses, choose_window, plan_windows
 
@@ -86,8 +86,8 @@ def map_windows(
             recording, out, config, about, progress, force=force, clouds=clouds, finish=finish
         )
         return read_info(out)
-    inputs = _inputs(out, about)
-    check_output(out, force=force, inputs=inputs)
+    inputs = _inputs(out, about, config)
+    check_output(out, force=force)
     window, hot = one_window(recording, config, out, progress)
     with atomic_dir(out, force=force, inputs=inputs) as folder:
         kept, place = without(recording, hot), folder / _SINGLE
@@ -97,9 +97,9 @@ def map_windows(
     return read_info(out)
 
 
-def _inputs(out: Path, about: RecordingInfo) -> tuple[Path, ...]:
-    """Where the recording lies, whose path `map.json` may give from its own folder."""
-    return inputs_of((real(out) / about.path).resolve())
+def _inputs(out: Path, about: RecordingInfo, config: MapperConfig) -> tuple[object, ...]:
+    """What is read: the recording, whose path `map.json` may give from its own folder, and more."""
+    return (real(out) / about.path).resolve(), config
 
 
 def one_window(
@@ -199,7 +199,7 @@ def _map_sliding(
         complete=False,
     )
     check_settings(recording, config, out)
-    with open_store(out, head, force=force, inputs=_inputs(out, about)) as store:
+    with open_store(out, head, force=force, inputs=_inputs(out, about, config)) as store:
         plan = plan_windows(recording, config, progress)
         hot = find_hot(recording, config, plan.stretch.t0_us, plan.stretch.t1_us, progress)
         lost = zip(recording.rig.camera_names, plan.stretch.left_out, strict=True)
@@ -291,5 +291,5 @@ def _check_entry(path: Path, window: Window, device: Device) -> None:
     if entry.device != device.name:
         raise InputError(
             f"{path}: was mapped on {entry.device}, not {device.name}: choose that device, or "
-            f"{cure(path.parent)}"
+            f"{CURE}"
         )

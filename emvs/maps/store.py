@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -19,12 +20,13 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.maps.folder import MapInfo, WindowInfo, read_info, text_of
 from eventsweep.emvs.utils.files import made_parent, remove_leftovers
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, read_text
-from eventsweep.emvs.utils.output_manifest import named, remove_ours, strangers
+from eventsweep.emvs.utils.output_manifest import strangers
 from eventsweep.emvs.utils.outputs import (
+    CURE,
     atomic_dir,
     check_output,
     claimed,
-    cure,
+    discard,
     files_together,
     real,
     replace_dir,
@@ -38,14 +40,14 @@ _INDEX_EVERY_S, _INDEX_SHARE = 2.0, 0.05
 class MapStore:
     """The folder of one run; with `force`, beside the one that it takes the place of in the end."""
 
-    def __init__(self, path: Path, *, anew: bool = False) -> None:
-        self.path, self._anew = path, anew
+    def __init__(self, path: Path, *, anew: bool = False, work: Path | None = None) -> None:
+        self.path, self._anew, self._work = path, anew, work
         self._next_index_s = 0.0
 
     def begin(self, head: MapInfo) -> None:
         """Writes a first `map.json` where there is none, or instead of another, empty run's."""
         if self._anew:
-            remove_ours(self.path)
+            discard(self.path, self._work)
         if self.path.is_dir():
             remove_leftovers(self.path)
         if not (self.path / _INDEX).exists():
@@ -57,7 +59,7 @@ class MapStore:
 
     def window(self, name: str) -> AbstractContextManager[Path]:
         """A folder to write a window into; it takes its place when it is whole."""
-        return atomic_dir(self.path / name, claim=False, part_of=self.path)
+        return atomic_dir(self.path / name, part_of=self.path)
 
     def write_index(self, head: MapInfo, names: Iterable[str]) -> None:
         """Writes `map.json` anew: `head`, and the entries of these windows, one at a time."""
@@ -85,7 +87,7 @@ class MapStore:
 
 @contextmanager
 def open_store(
-    path: Path, head: MapInfo, *, force: bool = False, inputs: Iterable[Path] = ()
+    path: Path, head: MapInfo, *, force: bool = False, inputs: Iterable[object] = ()
 ) -> Iterator[MapStore]:
     """Opens the folder of a run, new or unfinished, for this process alone; it makes nothing yet.
 
@@ -94,43 +96,38 @@ def open_store(
         head: what the run maps, with what settings; no windows.
         force: whether the folder may hold another run. The new one then grows in `.NAME.next`
             beside it, is taken up from there, and takes its place when the context ends well.
-        inputs: what is mapped, which is never replaced.
+        inputs: what is mapped, and settings that name files: they are never removed.
     """
-    path, inputs = Path(path), tuple(inputs)
+    path = Path(path)
     place = real(path)
-    if place.exists() and not place.is_dir():
+    if place.exists() and not (place.is_dir() or force):
         raise InputError(f"{path}: is a file; choose another output")
-    with claimed(path):
-        if not place.is_dir() or not any(place.iterdir()):
+    with claimed(path) as work:
+        if not place.exists() or (place.is_dir() and not any(place.iterdir())):
             with made_parent(place / _INDEX, make=False):
                 yield MapStore(place)
-        elif force:
-            check_output(path, force=True, inputs=inputs)
+        elif force and work is not None:
+            check_output(path, force=True)
             following = place.with_name(f".{place.name}.next")
             store = MapStore(following, anew=_is_to_be_begun(following, head))
             try:
                 yield store
             except BaseException:
                 if following.is_dir() and not any(following.glob(f"*/{_ENTRY}")):
-                    remove_ours(following)
+                    discard(following)
                 raise
-            replace_dir(following, path, inputs=inputs)
+            replace_dir(following, path, work, inputs=inputs)
         else:
-            yield MapStore(place, anew=_check_same(path, read_info(place), head))
+            yield MapStore(place, anew=_check_same(path, read_info(place), head), work=work)
 
 
 def _is_to_be_begun(path: Path, head: MapInfo) -> bool:
-    """Whether what is left of a run that was to replace another is of other settings."""
-    if path.is_symlink():
-        raise InputError(f"{path}: is a link, but unfinished work is kept there: remove it")
-    if not path.is_dir():
+    """Whether what is left of a run that was to replace another is no beginning of this one."""
+    if not os.path.lexists(path):
         return False
-    foreign = strangers(path)
-    if foreign:
-        raise InputError(
-            f"{path}: is for unfinished work, but contains {named(foreign)}: move it away"
-        )
     try:
+        if path.is_symlink() or strangers(path):
+            return True
         return next(_differences(read_info(path), head), None) is not None
     except InputError:
         return True
@@ -160,7 +157,7 @@ def _check_same(path: Path, stored: MapInfo, asked: MapInfo) -> bool:
         return False
     if not stored.windows and not any(path.glob(f"*/{_ENTRY}")) and not strangers(path):
         return True
-    raise InputError(f"{path}: was begun with {difference}: {cure(path)}")
+    raise InputError(f"{path}: was begun with {difference}: {CURE}")
 
 
 def _differences(stored: MapInfo, asked: MapInfo) -> Iterator[str]:

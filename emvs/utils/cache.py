@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -19,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.files import move_aside
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, inside, parse_json, read_text
 from eventsweep.emvs.utils.output_manifest import digest_of, files_below
 from eventsweep.emvs.utils.outputs import atomic_dir, check_parent, claimed
@@ -90,12 +90,16 @@ class Cache:
             facts: everything that decides the entry, kept beside it.
             fill: makes the entry's files; what it raises passes through, and nothing stays behind.
         """
-        with claimed(self.path_of(key), wait=True):
+        path = self.path_of(key)
+        with claimed(path, wait=True) as work:
             entry = self._read(key)
             if entry is not None:
                 return entry
-            _clear(self.path_of(key))
-            return self._make(key, facts, fill)
+            with suppress(OSError, ValueError, AttributeError):
+                _remove(path)
+            if os.path.lexists(path):  # what is not ours, or not known
+                move_aside(path, path, "is a damaged entry of the cache")
+            return self._make(key, facts, fill, work)
 
     def find(self, key: str) -> CacheEntry | None:
         """The entry called `key`, if it is there and whole."""
@@ -126,9 +130,9 @@ class Cache:
             freed += sizes[path]
         return freed
 
-    def _make(self, key: str, facts: Any, fill: Fill) -> CacheEntry:
+    def _make(self, key: str, facts: Any, fill: Fill, work: Path | None) -> CacheEntry:
         started_s, started_cpu_s = time.monotonic(), time.process_time()
-        with atomic_dir(self.path_of(key), claim=False, manifest=False) as folder:
+        with atomic_dir(self.path_of(key), work=work, manifest=False) as folder:
             data = folder / _DATA
             data.mkdir()
             fill(data)
@@ -198,15 +202,6 @@ def _stored(entry: Path) -> Any:
 
 def _bytes(path: Path) -> int:
     return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
-
-
-def _clear(path: Path) -> None:
-    """Makes room for a damaged entry: what in it is not ours, or not known, is moved aside."""
-    with suppress(OSError, ValueError, AttributeError):
-        _remove(path)
-    with suppress(OSError):
-        if os.path.lexists(path):
-            path.replace(tempfile.mkdtemp(prefix=f"{path.name}.kept-", dir=path.parent))
 
 
 def _remove(path: Path) -> None:

@@ -1,19 +1,20 @@
 """Files that are either complete or absent: made in a hidden folder beside, flushed, renamed.
 
-A hidden work folder is ours because of the mark in it, which is there before anything else, and in
-use as long as a process holds its lock. One that nobody holds was left by a killed process: the
-next one that writes the same output removes it.
+The hidden folder `.NAME.partial` is ours because of the mark in it, which is there before anything
+else, and in use as long as a process holds its lock: no other one writes the same output then. One
+that nobody holds was left by a killed process, and the next that writes the output takes it over.
 """
 
 from __future__ import annotations
 
 import errno
 import fcntl
+import logging
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 
 from eventsweep.emvs.errors import InputError
@@ -21,9 +22,11 @@ from eventsweep.emvs.errors import InputError
 MARK = ".eventsweep-work"
 """An empty file in every hidden work folder; its creation is atomic."""
 REPLACED = "replaced"
-"""What lies in a work folder until the output that takes its place is there; removed last."""
+"""What lies in a work folder until the output that takes its place is there."""
+_ENDING = ".partial"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
+_log = logging.getLogger(__name__)
 
 
 class DiskFull(InputError):
@@ -61,12 +64,12 @@ def free_bytes(path: Path) -> int:
     return shutil.disk_usage(there).free
 
 
-def bytes_text(count: float) -> str:
+def bytes_text(size: float) -> str:
     """A size in the unit that suits it, to three digits: 512 bytes, 3.2 MB, 1.05 GB."""
     power = 0
-    while abs(count) >= 999.5 and power < len(_UNITS) - 1:
-        count, power = count / 1000, power + 1
-    return f"{count:.3g} {_UNITS[power]}"
+    while abs(size) >= 999.5 and power < len(_UNITS) - 1:
+        size, power = size / 1000, power + 1
+    return f"{size:.3g} {_UNITS[power]}"
 
 
 @contextmanager
@@ -80,7 +83,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
     if path.exists() and not path.is_file():
         what = "a folder" if path.is_dir() else "a pipe, device or socket"
         raise InputError(f"{path} is {what}, but the output is a file: choose another output")
-    with made_parent(path), names_full_disk(path), work_folder(path) as work:
+    with made_parent(path), names_full_disk(path), work_folder(path, wait=True) as work:
         yield work / path.name
         flush(work / path.name)
         (work / path.name).replace(path)
@@ -92,55 +95,70 @@ def write_text(path: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
+def move_aside(source: Path, place: Path, why: str) -> Path:
+    """Renames what stands, or stood, at a place to the first free `NAME.kept-1`; says so.
+
+    A link is renamed itself, whatever it leads to.
+
+    Raises:
+        InputError: the system does not allow it.
+    """
+    names = (f"{place.name}.kept-{number}" for number in count(1))
+    kept = next(path for path in map(place.with_name, names) if not os.path.lexists(path))
+    rename_away(source, kept)
+    _log.warning("%s %s: it is kept as %s", place, why, kept)
+    return kept
+
+
+def rename_away(source: Path, to: Path) -> None:
+    """Renames what an output takes the place of; a refusal of the system is one line."""
+    try:
+        source.rename(to)
+    except OSError as error:
+        raise InputError(
+            f"cannot move {source} away ({error.strerror}): choose another output"
+        ) from error
+
+
 @contextmanager
-def work_folder(place: Path, *, resume: bool = False) -> Iterator[Path]:
+def work_folder(place: Path, *, wait: bool = False, resume: bool = False) -> Iterator[Path]:
     """Makes a hidden folder beside a place, for this process alone; removes it at the end.
 
-    What killed processes left of the same place is removed first; with `resume` their folder is
-    yielded instead, if there is one, and is kept after an error.
+    What a killed process left in it is removed first; with `resume` it is kept, also after an
+    error.
+
+    Raises:
+        InputError: another process has it, unless to `wait` for that; or it cannot be made.
     """
     if not os.access(place.parent, os.W_OK):
         raise InputError(f"cannot write to {place.parent}: no permission, choose another output")
-    own = f".{place.name}."
-    left = next(leftovers(place.parent, own), None) if resume else None
-    if not resume:
-        remove_leftovers(place.parent, own)
-    work, lock = left or _new_work_folder(place)
+    work = place.with_name(f".{place.name}{_ENDING}")
+    if os.path.lexists(work) and not is_work_folder(work):
+        move_aside(work, work, "has the name of unfinished work")
+    lock = _locked(work, make=True, wait=wait)
+    if lock is None:
+        raise InputError(f"{place}: another process is writing it: wait, or choose another output")
     try:
+        if not resume:
+            _empty(work)
         yield work
     except BaseException:
         if not resume or [path.name for path in work.iterdir()] == [MARK]:
-            remove_work(work)
+            _remove(work)
         raise
     else:
-        remove_work(work)
+        _remove(work)
     finally:
         os.close(lock)
 
 
-def leftovers(folder: Path, start: str = ".") -> Iterator[tuple[Path, int]]:
-    """Work folders that killed processes left in a folder, locked; the caller closes the lock.
-
-    Names of one output's begin with `.NAME.`.
-    """
-    for work in list(folder.iterdir()):
-        is_named = work.name.startswith(start) and work.name.endswith(".partial")
-        if is_named and is_work_folder(work):
-            with suppress(OSError):
-                lock = os.open(work, os.O_RDONLY | os.O_NOFOLLOW)
-                try:
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except OSError:
-                    os.close(lock)
-                else:
-                    yield work, lock
-
-
-def remove_leftovers(folder: Path, start: str = ".") -> None:
-    """Removes what killed processes left in a folder; arguments as `leftovers`."""
-    for work, lock in leftovers(folder, start):
-        remove_work(work)
-        os.close(lock)
+def remove_leftovers(folder: Path) -> None:
+    """Removes what killed processes left in a folder."""
+    for work in [path for path in folder.glob(f".*{_ENDING}") if is_work_folder(path)]:
+        lock = _locked(work)
+        if lock is not None:
+            _remove(work)
+            os.close(lock)
 
 
 def is_work_folder(path: Path) -> bool:
@@ -151,43 +169,62 @@ def is_work_folder(path: Path) -> bool:
     return False
 
 
-def remove_work(work: Path) -> None:
-    """Removes a work folder, its mark last; not one that holds what a kill kept from its place."""
-    with suppress(OSError):
-        for path in [path for path in work.iterdir() if path.name not in (MARK, REPLACED)]:
-            if path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path, ignore_errors=True)
-            else:
-                path.unlink()
-        if not os.path.lexists(work / REPLACED):
-            (work / MARK).unlink(missing_ok=True)
-            work.rmdir()
-
-
-def _new_work_folder(place: Path) -> tuple[Path, int]:
+def _locked(work: Path, *, make: bool = False, wait: bool = False) -> int | None:
+    """Locks a work folder, after making it if need be; None while another process has it."""
     while True:
-        name = tempfile.mkdtemp(prefix=f".{place.name}.", suffix=".partial", dir=place.parent)
-        # Another process may take it for a leftover before it is locked and marked.
-        with suppress(FileNotFoundError):
-            lock = os.open(name, os.O_RDONLY)
-            with suppress(OSError):
-                # Where the file system has no locks, nothing is ever taken for a leftover either.
-                fcntl.flock(lock, fcntl.LOCK_EX)
-            try:
-                os.close(os.open(Path(name, MARK), os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-            except FileNotFoundError:
+        is_new = False
+        if make:
+            with suppress(FileExistsError):
+                work.mkdir()
+                is_new = True
+        try:
+            lock = os.open(work, os.O_RDONLY | os.O_NOFOLLOW)
+        except FileNotFoundError:
+            if make:
+                continue
+            return None
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except OSError as error:
+            # On a disk without locks one that was there may be in use for all we know.
+            if error.errno == errno.EWOULDBLOCK or not is_new:
                 os.close(lock)
-                raise
-            return Path(name), lock
+                return None
+        with suppress(FileNotFoundError):  # its last holder has removed it meanwhile
+            if os.path.samestat(os.fstat(lock), os.lstat(work)):
+                (work / MARK).touch()
+                return lock
+        os.close(lock)
+
+
+def _empty(work: Path) -> None:
+    """Removes all but the mark; what was being replaced goes back, or beside its successor."""
+    replaced, place = work / REPLACED, work.with_name(work.name[1 : -len(_ENDING)])
+    if os.path.lexists(replaced) and not os.path.lexists(place):
+        replaced.rename(place)
+    elif os.path.lexists(replaced):
+        move_aside(replaced, place, "was being replaced when a process was killed")
+    for path in [path for path in work.iterdir() if path.name not in (MARK, REPLACED)]:
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink()
+
+
+def _remove(work: Path) -> None:
+    with suppress(OSError):
+        _empty(work)
+        (work / MARK).unlink()
+        work.rmdir()
 
 
 def link_new(made: Path, place: Path) -> None:
-    """Gives a file its name, which must be free."""
+    """Gives a file or folder its name, which must be free."""
     try:
         os.link(made, place)
     except FileExistsError:
         raise
-    except OSError:  # a file system without links
+    except OSError:  # a folder, or a file system without links
         if os.path.lexists(place):
             raise FileExistsError(str(place)) from None
         made.rename(place)
@@ -204,22 +241,22 @@ def made_parent(path: Path, *, make: bool = True) -> Iterator[None]:
     missing = [folder for folder in path.parents if not os.path.lexists(folder)]
     try:
         if make:
-            _make_parent(path)
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(
+                    f"cannot make the folder {path.parent}: {error.strerror}"
+                ) from error
+            if not os.access(path.parent, os.W_OK):
+                raise InputError(
+                    f"cannot write to {path.parent}: no permission, choose another output"
+                )
         yield
     except BaseException:
         for folder in missing:
             with suppress(OSError):
                 folder.rmdir()
         raise
-
-
-def _make_parent(path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {path.parent}: {error.strerror}") from error
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"cannot write to {path.parent}: no permission, choose another output")
 
 
 def flush(path: Path) -> None:

@@ -11,8 +11,14 @@ import os
 import stat
 import tomllib
 import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from pydantic import BaseModel
 
 from eventsweep.emvs.errors import InputError, quoted
 
@@ -25,6 +31,79 @@ TABLE_BYTES = 1 << 28
 """More than any list of poses, results or files."""
 NPZ_BYTES = 1 << 30
 """More than the arrays of any depth map or slice take, unpacked."""
+
+
+_OUTPUTS = ("out", "picture", "junit", "markdown")
+"""Arguments and fields that name what is written."""
+_OF_COMMAND: ContextVar[tuple[Path, ...]] = ContextVar("_OF_COMMAND", default=())
+
+
+def inputs_of(*values: object) -> tuple[Path, ...]:
+    """Every file and folder that values name, however deep in groups of settings.
+
+    A text counts if it names a file, also as `NAME=FILE` or `FILE:FUNCTION`. Of a TOML file, and of
+    a recording with a descriptor, all that is named in it counts.
+    """
+    return tuple(dict.fromkeys(_paths(values)))
+
+
+@contextmanager
+def command() -> Iterator[None]:
+    """The extent of a command, for which `also_read` holds; outside of any it does for good."""
+    before = _OF_COMMAND.set(())
+    try:
+        yield
+    finally:
+        _OF_COMMAND.reset(before)
+
+
+def also_read(*values: object) -> None:
+    """Says what is read: no output removes an input that these values name."""
+    _OF_COMMAND.set(tuple(dict.fromkeys((*_OF_COMMAND.get(), *inputs_of(*values)))))
+
+
+def command_inputs() -> tuple[Path, ...]:
+    """What the command that runs reads."""
+    return _OF_COMMAND.get()
+
+
+def _paths(value: object) -> Iterator[Path]:
+    if isinstance(value, Path):
+        yield value
+        yield from _named_in(value)
+    elif isinstance(value, str):
+        texts = {value, value.partition("=")[2], value.rpartition(":")[0]}
+        yield from _paths([Path(text) for text in texts if _is_input(text)])
+    elif isinstance(value, Mapping):
+        yield from _paths([item for name, item in value.items() if name not in _OUTPUTS])
+    elif isinstance(value, list | tuple | set | frozenset):
+        for item in value:
+            yield from _paths(item)
+    elif is_dataclass(value) or isinstance(value, BaseModel):
+        yield from _paths(vars(value))
+
+
+def _is_input(text: str) -> bool:
+    # Unlike those of `Path`, these functions bear a text that is no file name.
+    is_file = os.path.isfile(text)  # noqa: PTH113
+    return is_file or (os.sep in text and os.path.exists(text))  # noqa: PTH110
+
+
+def _named_in(path: Path) -> Iterator[Path]:
+    """What a TOML file names, from its own folder or from the working directory."""
+    with suppress(OSError, ValueError):
+        file = path / "recording.toml" if path.is_dir() else path
+        if file.suffix == ".toml":
+            for text in _texts(parse_toml(read_text(file, SETTINGS_BYTES))):
+                yield from (Path(text), file.parent / text) if text.strip("./") else ()
+
+
+def _texts(content: Any) -> Iterator[str]:
+    if isinstance(content, str) and "\0" not in content:
+        yield content
+    elif isinstance(content, dict | list):
+        for value in content.values() if isinstance(content, dict) else content:
+            yield from _texts(value)
 
 
 def check_file(path: Path, most_bytes: int | None = None) -> None:

@@ -2,7 +2,7 @@
 
 What is listed and unchanged is ours, and may be replaced; everything else belongs to somebody. A
 folder below that has a manifest of its own is a part of the output and says itself what is ours.
-The manifest of a sequence, `manifest.json`, counts as one.
+The manifest of a sequence, `manifest.json`, counts as one for the folder as a whole.
 """
 
 from __future__ import annotations
@@ -13,23 +13,19 @@ import json
 import os
 import stat
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.files import flush, is_work_folder, link_new, write_text
+from eventsweep.emvs.utils.files import is_work_folder, move_aside, write_text
 
 NAME = ".eventsweep.json"
-LOCK = b"eventsweep: a run is writing the output of this name\n"
-"""What a claim's hidden file says: left by a killed process, it is ours."""
 _SEQUENCE = "manifest.json"
 _SEQUENCE_KEYS = {"schema_version", "event_counts", "files"}
 _SCHEMA = 1
-_MOST_NAMED = 3
 _SETTLED_NS = 1_000_000_000
 
 
@@ -51,22 +47,23 @@ class OutputManifest:
         files: by name below the folder.
         coming: files that are being exchanged: until that is done either content is ours.
         parts: folders below that have a manifest of their own.
-        unlisted: files that are manifests themselves.
+        sequence: files of a sequence, each of which goes only with the whole.
+        unlisted: files that are manifests themselves, and go with the whole.
     """
 
     files: Files = field(default_factory=dict)
     coming: Files = field(default_factory=dict)
     parts: frozenset[str] = frozenset()
+    sequence: Files = field(default_factory=dict)
     unlisted: frozenset[str] = frozenset()
 
-    def lists(self, folder: Path, name: str) -> bool:
-        """Whether a file is ours and unchanged."""
-        if name in self.unlisted:
+    def lists(self, folder: Path, name: str, *, whole: bool = False) -> bool:
+        """Whether a file is ours and unchanged; `whole`: where all of the folder goes with it."""
+        if whole and name in self.unlisted:
             return True
-        known = [facts[name] for facts in (self.files, self.coming) if name in facts]
-        size = _plain_size(folder / name)
-        same_size = [facts for facts in known if facts.bytes == size]
-        return bool(same_size) and facts_of(folder / name) in same_size
+        listings = (self.files, self.coming, self.sequence if whole else {})
+        known = [files[name] for files in listings if name in files]
+        return any(_is_unchanged(folder / name, facts) for facts in known)
 
 
 _NOTHING = OutputManifest()
@@ -75,16 +72,16 @@ _NOTHING = OutputManifest()
 def read(folder: Path) -> OutputManifest | None:
     """The manifest of a folder; None without one, or where it is damaged."""
     own, sequence = _json(folder / NAME), _json(folder / _SEQUENCE)
-    try:
+    known = _NOTHING
+    with suppress(TypeError, KeyError, AttributeError, ValueError):
+        if sequence.keys() >= _SEQUENCE_KEYS:
+            files = _parsed(sequence["files"])
+            known = replace(known, sequence=files, unlisted=frozenset({_SEQUENCE}))
         if own.get("written_by") == "eventsweep" and own.get("schema") == _SCHEMA:
             files, coming = _parsed(own["files"]), _parsed(own.get("coming", {}))
-            parts = frozenset(map(str, own.get("parts", ())))
-            return OutputManifest(files, coming, parts, frozenset({NAME}))
-        if sequence.keys() >= _SEQUENCE_KEYS:
-            return OutputManifest(_parsed(sequence["files"]), unlisted=frozenset({_SEQUENCE}))
-    except (TypeError, KeyError, AttributeError, ValueError):
-        pass
-    return None
+            parts, unlisted = frozenset(map(str, own.get("parts", ()))), known.unlisted | {NAME}
+            return OutputManifest(files, coming, parts, known.sequence, unlisted)
+    return known if known.unlisted else None
 
 
 def _parsed(files: dict[str, Any]) -> Files:
@@ -95,16 +92,16 @@ def complete(folder: Path) -> None:
     """Lists every file below a folder, all of them ours, that no manifest lists yet."""
     known = read(folder) or _NOTHING
     files, parts = dict(known.files), set(known.parts)
-    before = len(files), len(parts)
     for parent, below, names in os.walk(folder):
         at = Path(parent).relative_to(folder)
         if at.parts and read(Path(parent)) is not None:
             parts.add(at.as_posix())
             below.clear()
             continue
-        new = {(at / name).as_posix() for name in names} - {*files, *known.unlisted}
+        listed = {*files, *known.sequence, *known.unlisted}
+        new = {(at / name).as_posix() for name in names} - listed
         files |= {name: facts_of(folder / name) for name in new}
-    if (len(files), len(parts)) != before or not known.unlisted:
+    if not known.unlisted or files != known.files or parts != known.parts:
         _write(folder, replace(known, files=files, parts=frozenset(parts)))
 
 
@@ -116,75 +113,55 @@ def add_part(folder: Path, name: str) -> None:
 
 
 @contextmanager
-def listing(folder: Path, files: Files) -> Iterator[None]:
-    """Lists files that the caller puts into a folder within the context, whenever it is killed."""
+def listing(folder: Path, files: Files) -> Iterator[OutputManifest]:
+    """Lists files that the caller puts into a folder within the context, whenever it is killed.
+
+    Yields what was ours there before.
+    """
     with _updating(folder) as before:
         _write(folder, replace(before, coming={**before.coming, **files}))
-        yield
+        yield before
         _write(folder, replace(before, files={**before.files, **files}))
 
 
-def check_ours(folder: Path, names: Iterable[str]) -> None:
-    """Refuses files and folders in a folder that are not ours; absent ones pass."""
-    theirs = strangers(folder, names)
-    if theirs:
-        raise InputError(
-            f"{folder} holds {named(theirs)}, which eventsweep did not write, or which was changed "
-            f"since: choose another output, or move {'it' if len(theirs) == 1 else 'them'} away"
-        )
+def is_ours(path: Path) -> bool:
+    """Whether the manifest of its folder lists a file by itself, unchanged."""
+    manifest = read(path.parent)
+    return manifest is not None and manifest.lists(path.parent, path.name)
 
 
-def exchange(staged: Path, folder: Path, names: Iterable[str], index: str = "") -> None:
-    """Puts staged files of these names into a folder, and lists them there.
+def strangers(folder: Path) -> list[str]:
+    """Names of what a folder holds that is not ours."""
+    return sorted(name for name, ours in survey(folder) if not ours)
 
-    `index`, the one that says which others to read, is absent while they are exchanged.
+
+def survey(folder: Path) -> Iterator[tuple[str, bool]]:
+    """Every file below a folder, and whether it is ours.
+
+    Links, devices and mounted file systems never are; a folder that cannot be looked into stands
+    for what it holds, with a slash. Empty folders hold nothing.
     """
-    ordered = sorted(names, key=lambda name: name == index)
-    for name in ordered:
-        flush(staged / name)
-    check_ours(folder, ordered)
-    with listing(folder, {name: facts_of(staged / name) for name in ordered}):
-        if index:
-            (folder / index).unlink(missing_ok=True)
-        for name in ordered:
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            put = Path.replace if os.path.lexists(folder / name) else link_new
-            put(staged / name, folder / name)
+    return _look(folder, "", read(folder) or _NOTHING)
 
 
-def strangers(folder: Path, names: Iterable[str] | None = None) -> list[str]:
-    """What a folder holds, or these names in it, that is not ours; folders with a slash.
-
-    Links, devices and mounted file systems are never ours. Empty folders hold nothing.
-    """
-    manifest = read(folder)
-    if names is not None:
-        every = (_look_below(folder, name, manifest or _NOTHING) for name in names)
-        return sorted({name for entries in every for name, ours in entries if not ours})
-    if manifest is None and os.access(folder, os.R_OK):  # all of it is somebody's: named briefly
-        theirs = [path for path in folder.iterdir() if not _is_leftover(path)]
-        return sorted(f"{path.name}{'/' * _is_folder(path)}" for path in theirs)
-    return sorted(name for name, ours in _survey(folder) if not ours)
-
-
-def remove_ours(folder: Path) -> list[str]:
-    """Removes what is ours in a folder, and the folder if that was all; returns what is left."""
-    entries = list(_survey(folder))
-    # Manifests last: after a kill they still say what is ours.
-    ours = [name for name, is_ours in entries if is_ours]
-    for name in sorted(ours, key=lambda name: (name.endswith((NAME, _SEQUENCE)), -name.count("/"))):
-        (folder / name).unlink(missing_ok=True)
-    for parent, _, _ in os.walk(folder, topdown=False):
-        with suppress(OSError):  # somebody's file is in it
-            Path(parent).rmdir()
-    return sorted(name for name, is_ours in entries if not is_ours)
-
-
-def named(names: list[str]) -> str:
-    """The first few names, as an error shows them."""
-    shown = [name if name.isprintable() else ascii(name) for name in names[:_MOST_NAMED]]
-    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-    return ", ".join(shown) + more
+def _look(folder: Path, at: str, manifest: OutputManifest) -> Iterator[tuple[str, bool]]:
+    try:
+        names = [f"{at}{path.name}" for path in sorted((folder / at).iterdir())]
+    except OSError:
+        yield at or "./", False
+        return
+    for name in names:
+        path = folder / name
+        if path.is_symlink() or not path.is_dir():
+            yield name, manifest.lists(folder, name, whole=True)
+        elif path.is_mount():
+            yield f"{name}/", False
+        elif name in manifest.parts:
+            yield from ((f"{name}/{inner}", ours) for inner, ours in survey(path))
+        elif is_work_folder(path):
+            yield from ((f"{name}/{inner}", True) for inner in _files_below(path))
+        else:
+            yield from _look(folder, f"{name}/", manifest)
 
 
 def facts_of(path: Path) -> FileFacts:
@@ -201,10 +178,18 @@ def _settled_facts(path: Path, _stamp: tuple[int, ...]) -> FileFacts:
     return hashed(path)
 
 
+def _is_unchanged(path: Path, facts: FileFacts) -> bool:
+    return facts.bytes == _plain_size(path) and facts_of(path) == facts
+
+
 def files_below(folder: Path) -> dict[str, FileFacts]:
     """Size and hash of every file below a folder, by its name there."""
+    return {name: facts_of(folder / name) for name in _files_below(folder)}
+
+
+def _files_below(folder: Path) -> list[str]:
     paths = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {path.relative_to(folder).as_posix(): facts_of(path) for path in paths}
+    return [path.relative_to(folder).as_posix() for path in paths]
 
 
 def digest_of(hashes: Mapping[str, str]) -> str:
@@ -220,70 +205,6 @@ def hashed(path: Path) -> FileFacts:
         return FileFacts(file.tell(), digest)
 
 
-def _survey(folder: Path) -> Iterator[tuple[str, bool]]:
-    """Every file below a folder, and whether it is ours."""
-    names = _entries(folder)
-    if names is None:
-        yield "./", False
-        return
-    manifest = read(folder) or _NOTHING
-    for name in names:
-        yield from _look(folder, name, manifest)
-
-
-def _look_below(folder: Path, name: str, manifest: OutputManifest) -> Iterator[tuple[str, bool]]:
-    """As `_look`; a file or link where a folder above it should be is reported instead."""
-    for parent in [above.as_posix() for above in list(Path(name).parents)[-2::-1]]:
-        if os.path.lexists(folder / parent) and not _is_folder(folder / parent):
-            yield parent, False
-            return
-    yield from _look(folder, name, manifest)
-
-
-def _look(folder: Path, name: str, manifest: OutputManifest) -> Iterator[tuple[str, bool]]:
-    path = folder / name
-    if not _is_folder(path):
-        if os.path.lexists(path):
-            yield name, manifest.lists(folder, name) or _is_claim(path)
-    elif os.path.ismount(path) or _entries(path) is None:
-        yield f"{name}/", False
-    elif name in manifest.parts:
-        yield from ((f"{name}/{inner}", ours) for inner, ours in _survey(path))
-    elif is_work_folder(path):
-        yield from ((f"{name}/{inner}", True) for inner in _files_below(path))
-    else:
-        for inner in _entries(path) or ():
-            yield from _look(folder, f"{name}/{inner}", manifest)
-
-
-def _entries(folder: Path) -> list[str] | None:
-    """The names in a folder; None if it cannot be looked into."""
-    try:
-        return sorted(path.name for path in folder.iterdir())
-    except OSError:
-        return None
-
-
-def _files_below(folder: Path) -> list[str]:
-    paths = (Path(parent, name) for parent, _, names in os.walk(folder) for name in names)
-    return [path.relative_to(folder).as_posix() for path in paths]
-
-
-def _is_folder(path: Path) -> bool:
-    return path.is_dir() and not path.is_symlink()
-
-
-def _is_leftover(path: Path) -> bool:
-    """Whether a killed process left this before it wrote a manifest."""
-    is_work = path.name.startswith(".") and path.name.endswith(".partial") and is_work_folder(path)
-    return is_work or _is_claim(path)
-
-
-def _is_claim(path: Path) -> bool:
-    """Whether a file is a claim that a killed process left."""
-    return _plain_size(path) == len(LOCK) and path.read_bytes() == LOCK
-
-
 @contextmanager
 def _updating(folder: Path) -> Iterator[OutputManifest]:
     """The manifest of a folder, which no other process changes meanwhile."""
@@ -291,15 +212,12 @@ def _updating(folder: Path) -> Iterator[OutputManifest]:
     try:
         with suppress(OSError):  # a file system without locks
             fcntl.flock(lock, fcntl.LOCK_EX)
-        manifest = read(folder) or _NOTHING
-        if NAME not in manifest.unlisted and os.path.lexists(folder / NAME):
-            raise InputError(
-                f"{folder / NAME}: is damaged or of an older version: move it away, or choose "
-                "another output"
-            )
-        arrived = {n: facts for n, facts in manifest.coming.items() if manifest.lists(folder, n)}
-        beside = {n: facts_of(folder / n) for n in manifest.unlisted - {NAME}}
-        yield replace(manifest, files={**manifest.files, **arrived, **beside}, coming={})
+        known = read(folder) or _NOTHING
+        if NAME not in known.unlisted and os.path.lexists(folder / NAME):
+            move_aside(folder / NAME, folder / NAME, "is damaged, or of another version")
+        coming = known.coming.items()
+        arrived = {name: facts for name, facts in coming if _is_unchanged(folder / name, facts)}
+        yield replace(known, files={**known.files, **arrived}, coming={})
     finally:
         os.close(lock)
 

@@ -18,8 +18,8 @@ from numba.core import event
 from eventsweep.emvs.errors import InputError, heed_interrupt
 from eventsweep.emvs.utils.kernel_cache import use_kernel_cache
 
-# progress(stage, done, total)
 Progress = Callable[[str, int, int], None]
+"""Called with the name of a stage, how much of it is done, and how much there is."""
 # What the numbers of a result depend on -> the distribution that carries it.
 _LIBRARIES = {
     name: name

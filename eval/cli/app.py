@@ -17,7 +17,6 @@ from pydantic import BaseModel
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.outputs import check_output
 from eventsweep.emvs.utils.plugins import DEVICES, TRACKERS, points
 from eventsweep.eval.cli import names
 from eventsweep.eval.cli.help import HELP_FLAGS, RARE, Program, readable
@@ -57,7 +56,7 @@ Force = Annotated[
     Parameter(
         group=COMMON_GROUP,
         negative=(),
-        help="Replace an existing output, if everything in it was written by eventsweep.",
+        help="Replace an existing output; what is not ours, or is read, is kept beside it.",
     ),
 ]
 
@@ -112,12 +111,6 @@ class Configured(Common):
         for line in unread(self.config, tuple(flags)) if not self.quiet else ():
             sys.stderr.write(f"{line}\n")
         return wanted
-
-    def check(self, out: Path, *inputs: Path | None, force: bool) -> None:
-        """Refuses, before anything is read, an output that --force would not replace."""
-        read = tuple(path for path in (self.config, *inputs) if path is not None)
-        if force:
-            check_output(out, force=True, inputs=read)
 
 
 QUIET, COMMON, CONFIGURED = Quiet(), Common(), Configured()

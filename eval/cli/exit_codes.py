@@ -49,7 +49,6 @@ _FLAGS = {
     "set offset_s": "add --offset-s",
     "set max_difference_s": "set --max-difference-s",
     "set associate to": "say --associate",
-    "or associate to": "or say --associate",
     "set align to": "say --align",
     "with calibration and poses": "with --calibration and --poses",
 }
@@ -100,7 +99,7 @@ def _ending(error: BaseException) -> int | None:
     if _came or isinstance(error, KeyboardInterrupt):  # half-imported libraries end in anything
         return _say(_INTERRUPTED, INTERRUPTED)
     if isinstance(error, InputError):
-        return _say(with_flags(str(error)), BAD_INPUT)
+        return _say(with_flags(error), BAD_INPUT)
     if isinstance(error, BrokenPipeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
@@ -127,8 +126,11 @@ def incomplete(maps: Iterable[MapInfo], *, allowed: bool) -> int:
     return _say(with_flags(words), INCOMPLETE)
 
 
-def with_flags(words: str) -> str:
+def with_flags(said: str | InputError) -> str:
     """A library's message with the command line's flags in place of parameters."""
+    words, parameter = str(said), said.parameter if isinstance(said, InputError) else ""
+    if parameter and words.startswith(f"{parameter} "):
+        words = f"--{parameter.replace('_', '-')}{words.removeprefix(parameter)}"
     for parameter, flag in _FLAGS.items():
         words = words.replace(parameter, flag)
     return _SIM_SETTING.sub(_sim_flag, words)

@@ -17,6 +17,8 @@ from cyclopts import App, Parameter
 from cyclopts.argument import Argument, ArgumentCollection
 from cyclopts.exceptions import CycloptsError, UnknownOptionError
 
+from eventsweep.emvs.utils import inputs
+
 Shown = Literal["as declared", "nothing", "short", "all"]
 
 ALL = "--help-all"
@@ -52,8 +54,15 @@ class Program(App):
         flags = words[: words.index("--")] if "--" in words else words
         # Nothing is parsed where help is asked for, and a verb's flags take a third of a second.
         needed: Shown = "nothing" if set(flags) & set(HELP_FLAGS) else "as declared"
-        with _set(_asked, "all" if ALL in flags else "short"), _set(_shown, needed):
+        asked: Shown = "all" if ALL in flags else "short"
+        with inputs.command(), _set(_asked, asked), _set(_shown, needed):
             return super().__call__(words, **options)
+
+    def parse_args(self, *tokens: Any, **options: Any) -> Any:
+        """What is called with what; its outputs remove no file that any of it names."""
+        command, bound, ignored = super().parse_args(*tokens, **options)
+        inputs.also_read(bound.arguments)
+        return command, bound, ignored
 
     def help_print(
         self,

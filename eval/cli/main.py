@@ -17,7 +17,7 @@ from typing import Annotated
 from cyclopts import App, CycloptsError, Parameter
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.parameters import explain
+from eventsweep.emvs.parameters import fault
 from eventsweep.emvs.utils.plugins import VERBS, loaded, points
 from eventsweep.eval import config
 from eventsweep.eval.cli.app import app
@@ -68,19 +68,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
             returned = app(arguments, exit_on_error=False, print_error=False)
             code.value = returned if isinstance(returned, int) else code.value
         except CycloptsError as error:
-            raise InputError(_one_line(error)) from error
+            raise _refusal(error) from error
     if arguments is None:
         sys.exit(code.value)
     return code.value
 
 
-def _one_line(error: CycloptsError) -> str:
+def _refusal(error: CycloptsError) -> InputError:
     from pydantic import ValidationError
 
     cause = error.__cause__
     if isinstance(cause, ValidationError):
-        return explain(cause, config.Settings)
-    return refusal(error, app.name[0])
+        group = error.argument.name.strip("-*") if error.argument else ""
+        return fault(cause, config.Settings, above=f"{group}." if group else "")
+    return InputError(refusal(error, app.name[0]))
 
 
 if __name__ == "__main__":

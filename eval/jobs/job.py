@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache as once
 from pathlib import Path
 from types import ModuleType
@@ -34,11 +34,13 @@ class Runtime:
         renderers: processes that draw.
         all_threads: whether the mapper uses as many threads as its settings say, or one.
         display: shows how far it is.
+        unfinished: a folder for what an interrupted stage can go on from, if it makes one.
     """
 
     renderers: int = 1
     all_threads: bool = False
     display: Display = SILENT
+    unfinished: Path | None = None
 
     def threads(self) -> dict[str, int]:
         """The mapper's setting."""
@@ -144,9 +146,10 @@ def entry(job: Job, cache: Cache, runtime: Runtime = ONE_OF_MANY) -> CacheEntry:
     inputs = [entry(need, cache, runtime) for need in job.needs]
     facts, stage = _facts(job, [made.digest for made in inputs]), _stage(job)
     paths = [*(made.path for made in inputs), *map(Path, job.sources)]
-    return cache.get(
-        key_of(facts), facts, lambda out: stage.run(job.parameters, paths, out, runtime)
-    )
+    key = key_of(facts)
+    place = cache.path_of(key)
+    own = replace(runtime, unfinished=place.with_name(f"{key}.unfinished"))
+    return cache.get(key, facts, lambda out: stage.run(job.parameters, paths, out, own))
 
 
 def _facts(job: Job, inputs: Sequence[str]) -> dict[str, Any]:

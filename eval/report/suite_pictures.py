@@ -16,8 +16,7 @@ from PIL import Image
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.utils.cache import Cache
-from eventsweep.emvs.utils.output_manifest import remove_ours
-from eventsweep.emvs.utils.outputs import atomic_dir, check_files
+from eventsweep.emvs.utils.outputs import atomic_dir, check_files, discard
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.figures.colormaps import depth_scale, error_scale
 from eventsweep.eval.figures.images import (
@@ -68,8 +67,7 @@ def write_pictures(
     pictures = {f"{case}.png": png for case, png in _pictures(views, result)}
     pictures |= method_pictures(views, result)
     if not pictures:
-        if place.is_dir():
-            remove_ours(place)
+        discard(place)
         return
     inputs = [one.path for one in predictions]
     with atomic_dir(place, force=True, inputs=inputs, part_of=folder) as made:

@@ -99,7 +99,7 @@ def write_scores(
     true = read_truth(truth, config)
     sources = [read_estimate(one, config) for one in estimates]
     inputs = (truth, *(one.path for one in sources))
-    check_output(out, force=force, inputs=inputs)
+    check_output(out, force=force)
     scored, name = score_sources(sources, true, config), case or true.name
     files = {one.name: one.path.name for one in sources}
     results = results_of(name, scored, {"truth": truth.name, "estimates": files})

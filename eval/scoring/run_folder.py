@@ -26,8 +26,7 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.maps.folder import StoredMap, StoredWindow, read_map
 from eventsweep.emvs.maps.store import read_entry
 from eventsweep.emvs.utils import output_manifest
-from eventsweep.emvs.utils.output_manifest import remove_ours
-from eventsweep.emvs.utils.outputs import atomic_dir, real
+from eventsweep.emvs.utils.outputs import atomic_dir, discard, real
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.found_poses import found_poses
 from eventsweep.eval.scoring.pairing import Estimate, Truth
@@ -214,7 +213,7 @@ def kept_predictions(folder: Path, predictions: Sequence[Path]) -> Iterator[Path
         return
     yield place
     if output_manifest.read(place) is not None:
-        remove_ours(place)
+        discard(place)
 
 
 def keep(folder: Path, case: str, t_us: int, estimates: Mapping[str, Estimate]) -> None:

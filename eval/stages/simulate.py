@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -79,10 +79,19 @@ def run(
             f"{drawn_by()}: set MUJOCO_GL=osmesa everywhere, or use machines with the same renderer"
         )
     config = SimConfig.model_validate(parameters["sim"])
-    simulate_scene(
-        parameters["scene"], out / SEQUENCE, config, parameters["rig"], parameters["seed"],
-        change=parameters.get("change", {}), workers=runtime.renderers, progress=runtime.display,
-    )  # fmt: skip
+    # Beside the entry, where a kill leaves what is drawn so far for the next attempt.
+    place = runtime.unfinished or out
+    place.mkdir(exist_ok=True)
+    try:
+        simulate_scene(
+            parameters["scene"], place / SEQUENCE, config, parameters["rig"], parameters["seed"],
+            change=parameters.get("change", {}), force=True, workers=runtime.renderers,
+            progress=runtime.display,
+        )  # fmt: skip
+        (place / SEQUENCE).rename(out / SEQUENCE)
+    finally:
+        with suppress(OSError):  # unfinished work is in it
+            place.rmdir()
 
 
 def simulate_scene(
@@ -99,10 +108,11 @@ def simulate_scene(
         _collection_paused() as resume_collection,
     ):
 
-        def show(done_us: int, total_us: int, events: int) -> None:
+        def show(_stage: str, done_us: int, total_us: int) -> None:
             resume_collection()  # the first picture is there: nothing is imported any more
-            update(done_us / total_us, f"{done_us / 1e3:.0f} ms, {events:,} events")
+            update(done_us / total_us, f"{done_us / 1e3:.0f} ms")
 
+        from eventsweep.emvs.data.sequence import Sequence as EventSequence
         from eventsweep.sim.simulate import simulate
 
         prepared = scenes.prepared(scene, rig, config, seed, progress.say)
@@ -111,6 +121,9 @@ def simulate_scene(
             made, cameras, prepared.config, seed, out, force=force, workers=workers,
             resume=not fresh, notice=progress.say, progress=show,
         )  # fmt: skip
+        whole = EventSequence.open(out).manifest
+        span_ms = (whole.span_us[1] - whole.span_us[0]) / 1e3
+        update(1.0, f"{span_ms:.0f} ms, {sum(whole.event_counts):,} events")
 
 
 @contextmanager

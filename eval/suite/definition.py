@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from eventsweep.emvs.errors import InputError, quoted, shown
-from eventsweep.emvs.parameters import FrozenModel, explain, refuse_code
+from eventsweep.emvs.parameters import FrozenModel, fault, refuse_code
 from eventsweep.eval.config import Settings, read_toml
 from eventsweep.eval.found_poses import TRACK
 from eventsweep.eval.perturbations import amounts
@@ -235,7 +235,7 @@ def read(path: Path) -> Suite:
     try:
         return Suite.model_validate(read_toml(path))
     except ValidationError as error:
-        raise InputError(explain(error, Settings, f"{path}: ")) from error
+        raise fault(error, Settings, f"{path}: ") from error
 
 
 def _refuse_unknown(where: str, names: tuple[str, ...], known: Mapping[str, Any]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,13 +27,13 @@ _CSV_COLUMNS = ("case", "seed", "window", "method", "metric", "value", "unit", "
 
 
 @contextmanager
-def prepare_folder(out: Path, *, force: bool, inputs: Iterable[Path] = ()) -> Iterator[Path]:
+def prepare_folder(out: Path, *, force: bool) -> Iterator[Path]:
     """Claims a folder for results before the work begins; `write` makes it.
 
-    `force` replaces the result of another run; `inputs` are read, and no result replaces them.
+    `force` replaces the result of another run.
     """
     names = (SUITE_NAME, SUITE_CSV, PICTURES_FOLDER)
-    with output_folder(out, names, force=force, inputs=inputs) as folder:
+    with output_folder(out, names, force=force) as folder:
         yield folder
 
 

@@ -26,7 +26,7 @@ from eventsweep.emvs.depth.point_cloud import (
 )
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.files import made_parent, work_folder
-from eventsweep.emvs.utils.outputs import atomic_dir, check_output, inputs_of, real
+from eventsweep.emvs.utils.outputs import atomic_dir, check_output, real
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.jobs.code_version import code_version
 from eventsweep.eval.progress import Display
@@ -53,8 +53,8 @@ def track_recording(
     While it works, its state is kept in a hidden folder beside `out`: after a kill the same call
     goes on from there, and ends with the same bytes.
     """
-    voxels, inputs = VoxelCloud(_VOXEL_M), inputs_of(path)
-    check_output(out, force=force, inputs=inputs)
+    voxels, inputs = VoxelCloud(_VOXEL_M), (path, config)
+    check_output(out, force=force)
 
     @cache
     def identity() -> str:

@@ -48,7 +48,7 @@ def track(
     from eventsweep.plugins.track.folder import facts_of, track_recording
     from eventsweep.plugins.track.odometry.pose import Status
 
-    check_output(out, force=force, inputs=(recording, first_map, start))
+    check_output(out, force=force)
     console = common.console()
     tracked = track_recording(
         open_recording(recording), recording, out, config, console.progress,

@@ -9,8 +9,6 @@ from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.plugins.video.record import RecordedVideo, View, record
 from eventsweep.sim.config import PixelConfig, VideoConfig
 
-_SHARES = 1000  # of a video
-
 
 def video_to_events(
     source: str | Path,
@@ -60,5 +58,5 @@ def video_to_events(
     return record(
         Path(source), Path(out), pixels, video,
         seed=seed, view=view, to=to, force=force,
-        progress=lambda share, _events: progress("events", round(_SHARES * share), _SHARES),
+        progress=progress,
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,12 +19,12 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.outputs import check_output, output_file
+from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.plugins.video.film import TOO_FAST, Film
 from eventsweep.plugins.video.frames import open_frames
 from eventsweep.sim.config import PixelConfig, VideoConfig
 
-Progress = Callable[[float, int], None]
-"""Called with the share of the video that is done, 0 to 1, and the events so far."""
+_PARTS = 1000  # of a video
 SEQUENCE = "sequence"
 UNCALIBRATED = "uncalibrated"
 """Name of a rig whose focal length is a guess."""
@@ -114,12 +114,12 @@ def record(
     view: View | None = None,
     to: str | None = None,
     force: bool = False,
-    progress: Progress = lambda _share, _events: None,
+    progress: Progress = silent,
 ) -> RecordedVideo:
     """Turns a folder of images or a video file into events; see `eventsweep.video_to_events`.
 
-    With `view`, calibration and poses, a sequence can be mapped. `progress` is called with the
-    share done and the number of events.
+    With `view`, calibration and poses, a sequence can be mapped. `progress` is called with
+    `events`, and how many of 1000 parts of the video are done.
 
     Raises:
         InputError: what cannot be read, does not fit together, or may not be written.
@@ -128,8 +128,8 @@ def record(
     kind = format_of(out, to)
     if kind != SEQUENCE and view.calibration is not None:
         raise InputError(f"{out}: an event file cannot hold calibration or poses; leave them out")
-    inputs = tuple(p for p in (source, view.calibration, view.poses, video.stamps) if p is not None)
-    check_output(out, force=force, inputs=inputs, folder=kind == SEQUENCE)
+    inputs = (source, view, video, pixels)
+    check_output(out, force=force)
     film = Film(open_frames(source, video), pixels, video, seed)
     if kind == SEQUENCE:
         notes = _to_sequence(film, out, view, progress, force=force, inputs=inputs)
@@ -139,7 +139,7 @@ def record(
             write_events(
                 file, kind, film.width_px, film.height_px,
                 {"cam0": (labelled.events for labelled in packets)},
-                lambda count: progress(film.frames.share, count),
+                lambda _count: progress(*_done(film)),
             )  # fmt: skip
     return RecordedVideo(
         out, kind, film.width_px, film.height_px, film.count, film.events, film.span_us,
@@ -149,7 +149,7 @@ def record(
 
 
 def _to_sequence(
-    film: Film, out: Path, view: View, progress: Progress, *, force: bool, inputs: Sequence[Path]
+    film: Film, out: Path, view: View, progress: Progress, *, force: bool, inputs: Sequence[object]
 ) -> list[str]:
     """Writes a sequence; returns what is to be said of its poses."""
     poses = None if view.poses is None else read_poses(view.poses)
@@ -166,10 +166,14 @@ def _to_sequence(
     ):  # fmt: skip
         for labelled in packets:
             writer.append_events(0, labelled.events, None if ideal else labelled.label)
-            progress(film.frames.share, film.events)
+            progress(*_done(film))
         writer.span_us = film.span_us
         writer.sensor_counts = None if ideal else [film.sensor.counts]
         return _pose_notes(view, poses, film.span_us)
+
+
+def _done(film: Film) -> tuple[str, int, int]:
+    return "events", round(_PARTS * film.frames.share), _PARTS
 
 
 def _configuration(film: Film) -> dict[str, Any]:

@@ -48,7 +48,6 @@ def events(
     """
     from eventsweep.plugins.video.record import View, record
 
-    common.check(out, source, calibration, poses, video.stamps, force=force)
     wanted = common.settings(sim=sim).sim
     console = common.console()
     with console.progress.stage("events", 1.0) as update:
@@ -61,8 +60,9 @@ def events(
             view=View(calibration, camera, poses),
             to=to,
             force=force,
-            progress=lambda share, count: update(share, f"{count:,} events"),
+            progress=lambda _stage, done, total: update(done / total, ""),
         )
+        update(1.0, f"{recorded.events:,} events")
     _show(console, recorded)
 
 

@@ -31,11 +31,11 @@ from eventsweep.emvs.data.image_stores import (
     TruthReader,
     TruthWriter,
 )
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, quoted
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.emvs.utils.files import made_parent, remove_leftovers, write_text
+from eventsweep.emvs.utils.files import made_parent, work_folder, write_text
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
-from eventsweep.emvs.utils.output_manifest import hashed, named
+from eventsweep.emvs.utils.output_manifest import hashed
 from eventsweep.emvs.utils.outputs import real
 
 Notice = Callable[[str], None]
@@ -141,7 +141,8 @@ class CheckpointFolder:
         # What a killed process left of a checkpoint, or of putting the sequence together.
         for folder in self.path.glob("*.partial"):
             shutil.rmtree(folder, ignore_errors=True)
-        remove_leftovers(self.path.parent, f".{real(self._out).name}.")
+        with work_folder(real(self._out)):
+            pass
         job = self.path / _KEY
         made_of = {"format": _FORMAT, "key": self._key}
         if self._resume and job.exists():
@@ -188,7 +189,7 @@ def _refuse_foreign(path: Path) -> None:
     )
     if foreign:
         raise InputError(
-            f"{path}: is for unfinished work, but contains {named(foreign)}: move it away"
+            f"{path}: is for unfinished work, but contains {quoted(*foreign)}: move it away"
         )
 
 

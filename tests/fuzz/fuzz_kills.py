@@ -3,7 +3,7 @@
 Each command runs in a process, with files of somebody beside its places, and is killed at a moment
 that its number draws from the time that the command takes; alone, or with its workers. Half of
 the time a file of somebody then appears in what is there of the output. Called again, the command
-ends with 0, or says in one line what it needs: `--force`, or that the file goes. Then everything is
+ends with 0, or says in one line that it needs `--force`, which keeps the file. Then everything is
 what two runs that nobody killed have made, byte by byte but for the seconds that jobs took: nothing
 of ours is left over, and nothing of somebody is lost.
 """
@@ -260,7 +260,8 @@ def again(world, last, said, intruder):
     put = intruder.exists()
     for words in (last, last, f"{last} --force"):
         over = ended(command(world, words, said), said)
-        if put and intruder.read_text() != "of somebody":
+        kept = [path.read_text() for path in world.glob(f"out*/{intruder.name}")]
+        if put and kept != ["of somebody"]:
             return f"the file of somebody is changed: {over}"
         if over.code == 0:
             break
@@ -271,6 +272,8 @@ def again(world, last, said, intruder):
         intruder.unlink(missing_ok=True)
         put = False
     intruder.unlink(missing_ok=True)
+    for path in world.glob("out.kept-*"):  # what was not ours, or stood there when it was killed
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
     return "" if over.code == 0 else f"never ends with 0: {over.said}"
 
 

@@ -128,7 +128,7 @@ def test_what_cannot_be_recorded_is_refused(rover_model, tmp_path):
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "r").mkdir()
     (tmp_path / "r" / "thesis.tex").write_text("mine")
-    refused("did not write", EventCamera, rover_model, "left", record=tmp_path / "r")
+    refused("exists", EventCamera, rover_model, "left", record=tmp_path / "r")
 
 
 def test_nothing_is_seen_before_the_first_call_and_each_call_goes_on(rover_model):

@@ -39,8 +39,9 @@ def fuse(
     stored = read_map(folder)
     with console.progress.stage("fuse", len(stored.windows)) as update:
         where, info = fuse_windows(
-            stored, config, method, lambda done, total: update(done, f"{done} of {total} windows")
-        )
+            stored, config, method,
+            lambda _stage, done, total: update(done, f"{done} of {total} windows"),
+        )  # fmt: skip
     mesh = "" if info.triangles is None else f", a mesh of {info.triangles:,} triangles"
     line = (
         f"{info.method}: {info.window_points:,} points of {info.windows} windows, "

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.output_manifest import strangers
+from eventsweep.emvs.utils.output_manifest import is_ours
 from eventsweep.emvs.utils.outputs import check_output, output_file
 from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, SuiteName, app
 from eventsweep.eval.cli.help import RARE
@@ -101,27 +101,15 @@ class GateFlags:
         if self.tolerance is not None and not 0 <= self.tolerance < 1:
             raise InputError(f"--tolerance {self.tolerance:g}: needs a fraction, from 0 to below 1")
 
-    def read(self) -> tuple[Path, ...]:
-        """The files that are read, and must not be written as well."""
-        result = self.result
-        inside = () if result is None else (result / "suite.json", result / "results.json", result)
-        files = (self.baseline, Path(self.suite or ""), *inside)
-        return tuple(path for path in files if path.is_file())
-
-    def check_files(self, *, force: bool) -> None:
-        """Refuses to replace anything that is not the gate's, or is read.
-
-        Raises:
-            InputError: says which file.
-        """
+    def check_files(self) -> None:
+        """Refuses, without --force, files that are there and not the gate's own."""
         named = [path for path in (self.junit, self.markdown) if path is not None]
         if len({path.resolve() for path in named}) < len(named):
             raise InputError(f"--junit and --markdown are both {self.junit}: name two files")
         for path in named:
-            ours = force or not strangers(path.parent, [path.name])
-            check_output(path, force=ours, inputs=self.read(), folder=False)
-        if self.update and self.baseline.exists():
-            check_output(self.baseline, force=True, folder=False)
+            check_output(path, force=self.force or is_ours(path))
+        if self.update:
+            check_output(self.baseline, force=True)
 
     def choice(self) -> Choice:
         """The part that is compared, and the metrics that decide."""
@@ -149,7 +137,7 @@ def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = 
     from eventsweep.eval.gate.compare import compare, is_red
 
     flags.check(job_flags)
-    flags.check_files(force=flags.force)
+    flags.check_files()
     first = flags.update and not flags.baseline.exists()
     before = None if first else read_baseline(flags.baseline)
     if before is not None:
@@ -182,7 +170,7 @@ def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured
 
     if flags.out is None:
         return measured_of(run())
-    with output.prepare_folder(flags.out, force=flags.force, inputs=flags.read()) as folder:
+    with output.prepare_folder(flags.out, force=flags.force) as folder:
         result = run()
         output.write(folder, result, force=flags.force)
     return measured_of(result)
@@ -195,13 +183,13 @@ def _report(
     from eventsweep.eval.gate.report import write_junit
 
     # Checked before; what came meanwhile is checked again.
-    flags.check_files(force=flags.force)
+    flags.check_files()
     if flags.junit is not None:
-        with output_file(flags.junit, force=True, listed=True) as path:
+        with output_file(flags.junit, force=True) as path:
             write_junit(path, verdicts)
     text = report.markdown(verdicts, f"eventsweep gate, {measured.name}")
     if flags.markdown is not None:
-        with output_file(flags.markdown, force=True, listed=True) as path:
+        with output_file(flags.markdown, force=True) as path:
             path.write_text(text, encoding="utf-8")
     if os.environ.get(_SUMMARY):
         with Path(os.environ[_SUMMARY]).open("a", encoding="utf-8") as stream:

@@ -34,9 +34,8 @@ def info(
 
     if force and picture is None:
         raise InputError("--force without --picture has no effect: add --picture, or leave it out")
-    read = (path,)
     if picture is not None:
-        check_output(picture, force=force, inputs=read, folder=False)
+        check_output(picture, force=force)
     console = common.console()
     readable, counts = inspect(path, console.progress, column_map(columns, time_unit))
     description = facts(readable, counts)
@@ -46,6 +45,6 @@ def info(
 
         names = [name for name, _ in readable.streams]
         title = f"{readable.path.resolve().name}: {readable.what}"
-        with output_file(picture, force=force, inputs=read) as place:
+        with output_file(picture, force=force, inputs=(path,)) as place:
             draw_counts(place, title, names, counts)
         console.wrote(picture)

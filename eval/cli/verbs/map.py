@@ -68,7 +68,6 @@ def map(  # noqa: A001 - the verb's name
     flags = with_values(map, methods=method or None, device=device)
     wanted = common.settings(map=flags)
     check_skipping(wanted.map, allowed=allow_skipped)
-    common.check(out, recording, force=force)
     console = common.console()
     finish = report_stage(console.progress)
     stored = map_recording(

@@ -82,7 +82,6 @@ def run(
     )
     job_flags.check()
     check_skipping(wanted.map, allowed=allow_skipped)
-    common.check(out, force=force)
     console = common.console()
     results = run_cases(
         case,

@@ -67,7 +67,6 @@ def simulate(
     given = mount is not None or motion is not None
     model = with_values(sim.model, mount=mount, motion=motion) if given else None
     wanted = common.settings(sim=with_values(sim, duration_s=seconds, replay=replay, model=model))
-    common.check(out, trajectory, *([Path(scene)] if Path(scene).is_file() else []), force=force)
     console = common.console()
     simulate_scene(
         scene,

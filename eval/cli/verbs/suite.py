@@ -73,7 +73,7 @@ def suite(
         raise InputError("suite without --out: name a folder to write, or add --list-cases")
     return _run(
         parts, out, job_flags, common,
-        name=name, prediction=prediction, speed=speed, cost=cost, force=force,
+        prediction=prediction, speed=speed, cost=cost, force=force,
     )  # fmt: skip
 
 
@@ -101,7 +101,6 @@ def _run(
     job_flags: JobFlags,
     common: Common,
     *,
-    name: str,
     prediction: tuple[str, ...],
     speed: bool,
     cost: bool,
@@ -118,8 +117,7 @@ def _run(
     suite, cache, console = parts.suite, job_flags.cache_folder(), common.console()
     entered = [NamedFolder.of(one) for one in prediction]
     given, stated = open_packages(entered, parts.wanted(), Cache(cache))
-    inputs = (Path(name), *(one.path for one in entered))
-    with output.prepare_folder(out, force=force, inputs=inputs) as folder:
+    with output.prepare_folder(out, force=force) as folder:
         result = run_with_flags(
             suite, parts.subset, job_flags, console.progress, seeds=parts.seeds,
             cases=parts.cases, speed=speed, predictions=given, archive=parts.archive,

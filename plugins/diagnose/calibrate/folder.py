@@ -68,10 +68,10 @@ def calibrate(
             a recording, or an output that exists.
     """
     readable = opened(recording)
-    inputs = (recording,) if isinstance(recording, str | Path) else ()
+    inputs = (Path(recording),) if isinstance(recording, str | Path) else ()
     if out is not None:
         check_path("out", out)
-        check_output(Path(out), force=force, inputs=inputs)
+        check_output(Path(out), force=force)
     refinement = refine(readable, config, progress)
     if out is not None:
         with atomic_dir(Path(out), force=force, inputs=inputs) as folder:

@@ -52,7 +52,7 @@ def calibrate(
     from eventsweep.plugins.diagnose.calibrate.refine import RefineConfig
     from eventsweep.plugins.diagnose.calibration import calibrate_recording, facts_of
 
-    check_output(out, force=force, inputs=(recording,))
+    check_output(out, force=force)
     names = tuple(name.strip() for name in refine.split(",") if name.strip())
     config = RefineConfig(names, windows, window_s, events, min_depth_m, max_depth_m, threads)
     console = common.console()

@@ -40,7 +40,7 @@ def check(
             other axes.
     """
     from eventsweep.emvs.errors import InputError
-    from eventsweep.emvs.utils.outputs import atomic_dir
+    from eventsweep.emvs.utils.outputs import atomic_dir, check_output
     from eventsweep.eval.progress import checking
     from eventsweep.plugins.diagnose.check import recording as checks
     from eventsweep.plugins.diagnose.check_page import write_check_page
@@ -49,7 +49,7 @@ def check(
         raise InputError("--force without --out has no effect: add --out, or leave it out")
     settings = common.settings(map=map)
     if out is not None:
-        common.check(out, recording, force=force)
+        check_output(out, force=force)
     console = common.console()
     with console.progress.stage("check", 1.0) as update:
         report = checks.check(recording, settings.map, mapping=mapping, progress=checking(update))

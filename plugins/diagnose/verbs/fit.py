@@ -54,7 +54,7 @@ def fit(
         write_fit,
     )
 
-    check_output(out, force=force, inputs=(recording,))
+    check_output(out, force=force)
     console = common.console()
     readable = open_readable(recording, column_map(columns, time_unit))
     opened = readable.recording

@@ -39,7 +39,7 @@ def realism(
     from eventsweep.plugins.diagnose.sensing.folder import write_realism
     from eventsweep.plugins.diagnose.sensing.realism import compare_realism
 
-    check_output(out, force=force, inputs=(real, simulated))
+    check_output(out, force=force)
     console = common.console()
     compared = compare_realism(open_recording(real), open_recording(simulated), camera)
     with atomic_dir(out, force=force, inputs=(real, simulated)) as folder:

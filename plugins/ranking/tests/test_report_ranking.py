@@ -27,7 +27,7 @@ from eventsweep.plugins.ranking.pages.page import HTML_NAME, ranking_page, write
 from eventsweep.plugins.ranking.submission import SubmissionFacts
 from killed import killed_at_every_step
 from ranking_entries import CASES, entry
-from refusals import command_refused, line_of, untouched
+from refusals import command_refused, line_of
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -274,13 +274,13 @@ def test_what_cannot_be_ranked_is_one_line(tmp_path, entries, words):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_of_somebody_is_left_alone(tmp_path, capsys):
+def test_a_page_of_somebody_is_kept(tmp_path):
     stored(tmp_path / "in", entry("a", ERRORS))
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / HTML_NAME).write_text("mine")
-    with untouched(tmp_path):
-        said = command_refused(capsys, "ranking", tmp_path / "in", "--out", tmp_path / "out")
-    assert "which eventsweep did not write" in said
+    words = ["ranking", str(tmp_path / "in"), "--out", str(tmp_path / "out"), "--quiet"]
+    assert main(words) == 0
+    assert (tmp_path / "out" / f"{HTML_NAME}.kept-1").read_text() == "mine"
 
 
 def test_the_summary_for_a_script(tmp_path, capsys):

@@ -233,14 +233,17 @@ def test_an_output_is_replaced_only_when_told(tmp_path, folder):
         made(folder, out)
         refused("exists", made, folder, out)
         made(folder, out, NOISY, force=True)
-    refused("input", made, folder, folder, force=True)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.h5", "in", "seq"]
+    images = {path.name: path.read_bytes() for path in folder.iterdir()}
+    made(folder, folder, force=True)
+    kept = tmp_path / f"{folder.name}.kept-1"
+    assert {path.name: path.read_bytes() for path in kept.iterdir()} == images
+    assert {path.name for path in tmp_path.glob("[!.]*")} == {"a.h5", "in", kept.name, "seq"}
 
 
 @pytest.mark.parametrize("out", ["seq", "a.h5"])
 def test_an_interrupt_leaves_nothing(tmp_path, folder, out):
-    def interrupt(share, events):
-        if share > 0.4:
+    def interrupt(_stage, done, total):
+        if done > 0.4 * total:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -250,10 +253,10 @@ def test_an_interrupt_leaves_nothing(tmp_path, folder, out):
 
 def test_progress_rises_to_the_end(tmp_path, folder):
     told = []
-    made(folder, tmp_path / "seq", progress=lambda share, events: told.append((share, events)))
+    made(folder, tmp_path / "seq", progress=lambda *step: told.append(step))
     assert len(told) == 9
     assert told == sorted(told)
-    assert told[-1][0] == 1
+    assert told[-1] == ("events", 1000, 1000)
 
 
 # `ru_maxrss` would begin with what the process that runs the tests held when it forked.

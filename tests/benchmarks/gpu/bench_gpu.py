@@ -335,7 +335,7 @@ def _run(asked: argparse.Namespace) -> int:
 
 def _written(asked: argparse.Namespace) -> Part:
     choose_device(asked.device)
-    check_output(asked.out, force=asked.force, folder=False)
+    check_output(asked.out, force=asked.force)
     report: Part = {}
     for report in measured(QUICK if asked.quick else Plan(), asked.device):
         with atomic_path(asked.out) as partial:

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 from unittest import mock
 
 from eventsweep import scenes
+from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim import simulate
 from eventsweep.sim.compensation import fine_frame, interval
@@ -150,20 +151,20 @@ class Measured:
 
 def measured(case: Case) -> Measured:
     """Simulates once, from the first frame on; what comes before is not counted."""
-    calls: list[tuple[int, int, int]] = []
+    calls: list[tuple[str, int, int]] = []
     clock = Stopwatch()
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         stack.enter_context(mock.patch.object(simulate, "ThreadPoolExecutor", AtOnce))
         for stage in STAGES:
             stack.enter_context(clock.watched(*stage))
         stack.enter_context(mock.patch.object(simulate, "_run", _begun(clock)))
-        simulate.simulate(
+        out = simulate.simulate(
             case.scene, case.rig, case.config, 0, Path(folder) / "s",
             progress=lambda *call: calls.append(call),
         )  # fmt: skip
         clock._turn(REST)
-    seconds = 1e-6 * calls[-1][1]
-    return Measured(dict(clock.spent_s), len(calls), calls[-1][2], seconds)
+        events = sum(Sequence.open(out).manifest.event_counts)
+    return Measured(dict(clock.spent_s), len(calls), events, 1e-6 * calls[-1][2])
 
 
 def _begun(clock: Stopwatch) -> Callable[..., Any]:

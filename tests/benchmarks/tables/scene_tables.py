@@ -101,7 +101,7 @@ def measure(name: str, seconds: float) -> Figures:
     with tempfile.TemporaryDirectory() as folder:
         out = simulate(
             scene, seen, config, 0, Path(folder) / "s",
-            progress=lambda t_us, _total_us, _events: times_us.append(t_us),
+            progress=lambda _stage, t_us, _total_us: times_us.append(t_us),
         )  # fmt: skip
         sequence = Sequence.open(out)
         stored = [(k, int(t)) for k in range(len(seen)) for t in sequence.truth_times_us(k)]

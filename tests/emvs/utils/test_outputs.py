@@ -1,4 +1,4 @@
-"""Outputs: nothing that was there is lost, and nothing is left of what was refused."""
+"""Outputs: what is ours is replaced, everything else is kept beside, and nothing is lost."""
 
 import hashlib
 import json
@@ -8,6 +8,7 @@ import shutil
 import tempfile
 import threading
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
@@ -16,44 +17,48 @@ from hypothesis import event, example, given, settings
 from hypothesis import strategies as st
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils import output_manifest, outputs
+from eventsweep.emvs.utils import files, outputs
 from eventsweep.emvs.utils.files import MARK, DiskFull, atomic_path, bytes_text, free_bytes
-from eventsweep.emvs.utils.output_manifest import NAME, complete, remove_ours, strangers
+from eventsweep.emvs.utils.inputs import also_read, command
+from eventsweep.emvs.utils.output_manifest import NAME, complete, is_ours, strangers
 from eventsweep.emvs.utils.outputs import (
     atomic_dir,
     check_files,
     check_output,
     claimed,
+    discard,
     files_together,
-    inputs_of,
     output_file,
     output_folder,
     replace_dir,
 )
 from killed import killed_at_every_step
+from refusals import contents as bytes_below
 from refusals import refused
 from tiers import often
 
+MEMORY = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
 
-def put(folder, **files):
+
+def put(folder, **texts):
     """Writes files, whose names have `__` for slashes and `_0` for dots."""
-    for name, text in files.items():
+    for name, text in texts.items():
         path = folder / name.replace("__", "/").replace("_0", ".")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
 
 
-def write_sequence(folder):
-    """A sequence lists its files in a manifest of its own."""
-    files = {"cam0/events.h5": "events", "poses.txt": "poses"}
-    put(folder, cam0__events_0h5="events", poses_0txt="poses")
-    facts = {n: {"sha256": sha256(text), "bytes": len(text)} for n, text in files.items()}
-    manifest = {"schema_version": 1, "event_counts": [1], "files": facts}
-    put(folder, manifest_0json=json.dumps(manifest))
-
-
 def sha256(text):
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def write_sequence(folder):
+    """A sequence lists its files in a manifest of its own."""
+    texts = {"cam0/events.h5": "events", "poses.txt": "poses"}
+    put(folder, cam0__events_0h5="events", poses_0txt="poses")
+    facts = {n: {"sha256": sha256(text), "bytes": len(text)} for n, text in texts.items()}
+    manifest = {"schema_version": 1, "event_counts": [1], "files": facts}
+    put(folder, manifest_0json=json.dumps(manifest))
 
 
 def write_map(folder):
@@ -75,105 +80,372 @@ WRITERS = {"sequence": write_sequence, "map": write_map, "run": write_run}
 
 def contents(folder):
     """Bytes of every file below a folder, and where links lead."""
-    found = {}
-    for parent, folders, files in os.walk(folder):
-        for name in (*folders, *files):
-            path = Path(parent, name)
+    content = {}
+    for parent, folders, names in os.walk(folder):
+        for path in (Path(parent, name) for name in (*folders, *names)):
             if path.is_symlink():
-                found[path] = str(path.readlink())
-            elif path.is_file():
-                found[path] = path.read_bytes()
+                content[path] = str(path.readlink())
             else:
-                found[path] = "folder"
-    return found
+                content[path] = path.read_bytes() if path.is_file() else "folder"
+    return content
+
+
+def names(folder):
+    return {path.name for path in folder.iterdir()}
+
+
+def made_anew(out, inputs=()):
+    with atomic_dir(out, force=True, inputs=inputs) as folder:
+        put(folder, new="new")
+
+
+def written_new(folder, name):
+    with files_together(folder, [name]) as staged:
+        put(staged, **{name.replace("/", "__"): "new"})
 
 
 @pytest.mark.parametrize("verb", WRITERS)
-def test_what_each_verb_writes_is_known_and_replaced(tmp_path, verb):
+def test_what_each_verb_writes_is_known_and_replaced(tmp_path, caplog, verb):
     out = tmp_path / "out"
     WRITERS[verb](out)
     assert strangers(out) == []
-    with pytest.raises(InputError, match=r"exists: .* set force=True"), atomic_dir(out):
-        pass
-    with atomic_dir(out, force=True) as folder:
-        (folder / "new").write_text("new")
+    refused(r"exists: .* set force=True", atomic_dir(out).__enter__)
+    made_anew(out)
     assert contents(tmp_path).keys() == {out, out / "new", out / NAME}
-    assert (out / "new").read_text() == "new"
+    assert caplog.messages == []
+    discard(out)
+    assert names(tmp_path) == set()
 
 
-def written(folder):
-    """Every file of an output but its manifests."""
-    files = (path for path in folder.rglob("*") if path.is_file())
-    return sorted(path for path in files if path.name not in (NAME, "manifest.json"))
+def test_manifests_of_earlier_versions_say_what_is_ours(tmp_path):
+    facts = {"bytes": 1, "sha256": sha256("a")}
+    old = {"written_by": "eventsweep", "schema": 1, "files": {"a": facts}, "parts": ["b"]}
+    put(tmp_path / "out", a="a", **{f"_0{NAME[1:]}": json.dumps(old)})
+    write_map(tmp_path / "out" / "b")
+    assert strangers(tmp_path / "out") == []
+    put(tmp_path / "out", a="b")
+    assert strangers(tmp_path / "out") == ["a"]
 
 
-@pytest.mark.parametrize("verb", WRITERS)
-def test_a_file_that_somebody_edited_is_no_longer_ours(tmp_path, verb):
-    WRITERS[verb](tmp_path / "out")
-    for path in written(tmp_path / "out"):
-        text = path.read_text()
-        path.write_text("x" * max(len(text), 1))  # of the same size, where there is any
-        said = refused("did not write", check_output, tmp_path / "out", force=True)
-        assert path.relative_to(tmp_path / "out").as_posix() in said
-        path.write_text(text)
-    check_output(tmp_path / "out", force=True)
+# --- what stands there and is not ours, or is read: kept beside, with a line
 
 
-@pytest.mark.parametrize("verb", WRITERS)
-def test_a_copy_or_a_move_within_an_output_is_somebodys(tmp_path, verb):
-    out = tmp_path / "out"
-    WRITERS[verb](out)
-    shutil.copytree(out, tmp_path / "copy")
-    shutil.move(tmp_path / "copy", out / "copy")
-    refused("copy/", check_output, out, force=True)
-    shutil.rmtree(out / "copy")
-    first = written(out)[0]
-    first.rename(first.with_name("renamed"))
-    refused("renamed", check_output, out, force=True)
+def edited(out):
+    path = next(out.rglob("*s.txt"), out / "map.json")
+    path.write_text("x" * len(path.read_text()))
 
 
-@pytest.mark.parametrize(
-    "text", ["", "[]", '{"written_by": "eventsweep", "files": {"a": 1}}', '{"schema": 1}']
-)
-def test_without_a_manifest_that_can_be_read_nothing_is_ours(tmp_path, text):
-    put(tmp_path / "out", a="a", **{f"_0{NAME[1:]}": text})
-    refused("a, which eventsweep did not write", check_output, tmp_path / "out", force=True)
-    refused("older version", written_new, tmp_path / "out", "b")
-    assert (tmp_path / "out" / NAME).read_text() == text
+def copied(out):
+    shutil.copytree(out, out.parent / "copy")
+    shutil.move(out.parent / "copy", out / "copy")
+
+
+def renamed(out):
+    path = next(path for path in out.rglob("*.txt"))
+    path.rename(path.with_name("renamed"))
+
+
+def linked(out):
+    (out / "link").symlink_to(out.parent)
+
+
+def as_a_link(out):
+    out.rename(out.with_name("target"))
+    out.symlink_to("target")
+
+
+def as_a_broken_link(out):
+    as_a_link(out)
+    out.with_name("target").rename(out.with_name("gone"))
+
+
+def as_a_file(out):
+    shutil.rmtree(out)
+    out.write_text("precious")
+
+
+def without_manifests(out):
+    for path in [*out.rglob(NAME), *out.rglob("manifest.json")]:
+        path.unlink()
 
 
 FOREIGN = [
     "thesis.tex", "figs/a.svg", "w000/notes.txt", "w000/mine/depth.npz", "tables/mine.csv",
     "desk/map/w000/mine.txt", "cam0/events.h5.bak", ".out.abcdefgh.partial/thesis.tex",
-    ".thesis.download.partial", ".a.lock",
+    ".thesis.download.partial", ".a.lock", ".a.partial/thesis.tex",
 ]  # fmt: skip
+CHANGES = {
+    "edited": (edited, "poses.txt"), "copied": (copied, "copy/"), "renamed": (renamed, "renamed"),
+    "linked": (linked, "link"), "a link": (as_a_link, "is a link"),
+    "a broken link": (as_a_broken_link, "is a link"), "a file": (as_a_file, "was not written by"),
+    "no manifests": (without_manifests, "did not write"),
+    **{name: (lambda out, name=name: put(out, **{name.replace("/", "__").replace(".", "_0"): "x"}),
+              name) for name in FOREIGN},
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("verb", WRITERS)
-@pytest.mark.parametrize("name", FOREIGN)
-def test_what_others_put_into_an_output_is_named_and_kept(tmp_path, verb, name):
+def kept(caplog, out, number=1):
+    """Where the one line says that something is kept."""
+    (line,) = caplog.messages
+    caplog.clear()
+    assert line.startswith(f"{out} ")
+    assert line.endswith(f": it is kept as {out}.kept-{number}")
+    assert len(line.splitlines()) == 1
+    return line
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_is_not_ours_is_kept_beside_and_a_line_says_where(tmp_path, caplog, change):
     out = tmp_path / "out"
-    WRITERS[verb](out)
-    path = out / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("precious")
-    before = contents(tmp_path)
-    with pytest.raises(InputError, match="did not write") as caught, atomic_dir(out, force=True):
-        pass
-    assert name in str(caught.value)
-    assert "force" not in str(caught.value)
-    assert "\n" not in str(caught.value)
-    assert contents(tmp_path) == before
+    write_run(out)
+    alter, words = CHANGES[change]
+    alter(out)
+    before = {str(path): what for path, what in contents(tmp_path).items()}
+    for number in (1, 2):
+        made_anew(out)
+        if number == 1:
+            assert words in kept(caplog, out)
+            after = {
+                str(path).replace(".kept-1", ""): what
+                for path, what in contents(tmp_path).items()
+                if not path.is_relative_to(out)
+            }
+            assert after == before
+        assert contents(out).keys() == {out / "new", out / NAME}
+        put(out, mine="x")
+    assert "holds mine, which eventsweep did not write" in kept(caplog, out, 2)
 
 
-def test_a_link_into_an_output_is_never_ours(tmp_path):
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"written_by": "eventsweep", "files": {"a": 1}}', '{"schema": 1}']
+)
+def test_without_a_manifest_that_can_be_read_nothing_is_ours(tmp_path, caplog, text):
+    put(tmp_path / "out", a="a", **{f"_0{NAME[1:]}": text})
+    written_new(tmp_path / "out", "b")
+    assert "damaged" in kept(caplog, tmp_path / "out" / NAME)
+    assert (tmp_path / "out" / f"{NAME}.kept-1").read_text() == text
+    made_anew(tmp_path / "out")
+    assert "did not write" in kept(caplog, tmp_path / "out")
+    assert (tmp_path / "out.kept-1" / "a").read_text() == "a"
+
+
+@dataclass(frozen=True)
+class Group:
+    """Settings, as those of a command are: in groups."""
+
+    weights: Path | str
+    out: Path | None = None
+
+
+READ = {
+    "a path": lambda path: (path,),
+    "in settings": lambda path: ({"map": [Group(path)]},),
+    "as a text": lambda path: (f"NAME={path / 'poses.txt' if path.name == 'rec' else path}",),
+}
+
+
+@pytest.mark.parametrize("of_command", [False, True])
+@pytest.mark.parametrize("how", READ)
+@pytest.mark.parametrize(("out", "source", "words"), [
+    ("rec", "rec", "is or holds the input"), ("rec", "link", "is or holds the input"),
+    ("parent", "parent/rec/poses.txt", "is or holds the input"),
+    ("parent", "parent/rec", "is or holds the input"), ("rec/map", "rec", "is part of the input"),
+])  # fmt: skip
+def test_an_input_is_never_removed(tmp_path, caplog, how, of_command, out, source, words):
+    """However it is named, and though all of it is ours."""
+    write_sequence(tmp_path / "rec")
+    write_sequence(tmp_path / "parent" / "rec")
+    complete(tmp_path / "parent")
+    write_map(tmp_path / "rec" / "map")
+    (tmp_path / "link").symlink_to("rec")
+    if how == "as a text" and out == "rec/map":
+        pytest.skip("a file of the recording does not say that the map lies in an input")
+    before = {str(path): what for path, what in contents(tmp_path).items()}
+    given_values = READ[how](tmp_path / source)
+    with command():
+        if of_command:
+            also_read({"given": given_values, "out": tmp_path / out})
+        made_anew(tmp_path / out, () if of_command else given_values)
+    assert words in kept(caplog, tmp_path / out)
+    after = {(str(path).replace(".kept-1", ""), what) for path, what in contents(tmp_path).items()}
+    assert before.items() <= after
+
+
+@pytest.mark.parametrize("named", ["weights.npz", "sub/weights.npz"])
+def test_what_a_file_of_settings_names_is_an_input(tmp_path, monkeypatch, caplog, named):
+    monkeypatch.chdir(tmp_path)
+    for path in (tmp_path / "out" / "sub" / "weights.npz", tmp_path / "out" / "weights.npz"):
+        put(path.parent, weights_0npz="w")
+    complete(tmp_path / "out")
+    put(tmp_path, recording_0toml=f'[map]\nweights = ["out/{named}"]')
+    made_anew(Path("out"), [Path("recording.toml")])
+    assert f"the input out/{named}" in caplog.text
+    assert (tmp_path / "out.kept-1" / named).read_text() == "w"
+    caplog.clear()
+    made_anew(Path("out"), [Group("out", out=tmp_path / "out")])
+    assert caplog.messages == []
+
+
+def test_a_file_is_replaced_where_it_is_listed_and_else_kept(tmp_path, caplog):
+    out = tmp_path / "a.npz"
+
+    def make(inputs=()):
+        with output_file(out, force=True, inputs=inputs) as place:
+            assert place.name == "a.npz"
+            place.write_text("new")
+
+    for before in ("nothing", "ours", "mine", "a folder", "a sequence's", "an input"):
+        if before == "mine":
+            out.write_text("mine")
+        if before == "a folder":
+            out.unlink()
+            put(out, thesis="mine")
+        if before == "a sequence's":
+            write_sequence(tmp_path / "rec")
+            out = tmp_path / "rec" / "poses.txt"
+            with output_file(out, force=True) as place:
+                place.write_text("new")
+            assert "was not written" in kept(caplog, out)
+            assert out.with_name("poses.txt.kept-1").read_text() == "poses"
+            out = tmp_path / "a.npz"
+        make([out] if before == "an input" else ())
+        assert out.read_text() == "new"
+        assert is_ours(out)
+        if before in ("mine", "a folder", "an input"):
+            kept(caplog, out, ["mine", "a folder", "an input"].index(before) + 1)
+        assert caplog.messages == []
+    assert (tmp_path / "a.npz.kept-1").read_text() == "mine"
+    assert (tmp_path / "a.npz.kept-2" / "thesis").read_text() == "mine"
+    refused("exists", output_file(out).__enter__)
+
+
+@pytest.mark.parametrize(("before", "words"), [
+    ("mine", "was not written"), ("link", "was not written"), ("tables link", "in the way"),
+    ("tables file", "in the way"), ("input", "is or holds the input"), ("ours", ""),
+])  # fmt: skip
+def test_files_in_a_folder_are_replaced_where_they_are_ours(tmp_path, caplog, before, words):
+    put(tmp_path, theirs__a="precious")
     out = tmp_path / "out"
-    write_map(out)
-    (out / "w000" / "events.npz").rename(tmp_path / "precious")
-    (out / "w000" / "events.npz").symlink_to(tmp_path / "precious")
-    refused(r"w000/events\.npz", check_output, out, force=True)
-    assert remove_ours(out) == ["w000/events.npz"]
-    assert (tmp_path / "precious").read_text() == "n"
+    if before in ("ours", "input"):
+        written_new(out, "tables/a")
+    elif before == "tables file":
+        put(out, tables="mine")
+    elif before == "tables link":
+        out.mkdir()
+        (out / "tables").symlink_to(tmp_path / "theirs")
+    else:
+        put(out, tables__a="mine")
+    if before == "link":
+        (out / "tables" / "a").unlink()
+        (out / "tables" / "a").symlink_to(tmp_path / "theirs" / "a")
+    with command():
+        if before == "input":
+            also_read(out / "tables" / "a")
+        check_files(out, ["tables/a"], force=True)
+        written_new(out, "tables/a")
+    assert (out / "tables" / "a").read_text() == "new"
+    assert strangers(out) == ([] if before in ("ours",) else [
+        "tables.kept-1" if "tables" in before else "tables/a.kept-1"
+    ])  # fmt: skip
+    if words:
+        at = out / "tables" if "tables" in before else out / "tables" / "a"
+        assert words in kept(caplog, at)
+    assert bytes_below(tmp_path / "theirs") == {tmp_path / "theirs" / "a": b"precious"}
+    refused("exists", check_files, out, ["tables/a"])
+
+
+def test_nothing_is_written_through_a_hard_or_symbolic_link(tmp_path):
+    put(tmp_path, theirs__a="precious")
+    with atomic_path(tmp_path / "hard") as path:
+        path.write_text("old")
+    os.link(tmp_path / "hard", tmp_path / "theirs" / "linked")
+    (tmp_path / "soft").symlink_to(tmp_path / "theirs" / "a")
+    for path in (tmp_path / "hard", tmp_path / "soft"):
+        with atomic_path(path) as place:
+            place.write_text("new")
+    assert {path.name: path.read_text() for path in (tmp_path / "theirs").iterdir()} == {
+        "a": "precious", "linked": "old"
+    }  # fmt: skip
+
+
+def test_a_part_belongs_to_the_output_that_made_it(tmp_path):
+    write_map(tmp_path / "out")
+    for listed in (False, True):
+        with atomic_dir(
+            tmp_path / "out" / f"part{listed}", part_of=tmp_path / "out" if listed else None
+        ) as folder:
+            put(folder, a="a")
+    assert strangers(tmp_path / "out") == [f"partFalse/{NAME}", "partFalse/a"]
+
+
+# --- what is refused, and leaves everything as it was
+
+
+@pytest.fixture
+def places(tmp_path, monkeypatch):
+    """Places that no output may have."""
+    put(tmp_path, file="f", home__a="mine")
+    write_map(tmp_path / "map")
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "circle").symlink_to("circle")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path / "map" / "w000")
+    return tmp_path
+
+
+@pytest.mark.parametrize(("name", "words"), [
+    ("pipe", "is a pipe, device or socket"), ("file/below", "cannot make the folder"),
+    ("a\0b", "not a valid file name"), ("circle/a", "not a valid file name"),
+    ("map/w000", "is or holds the working directory"), ("map", "is or holds the working directory"),
+    ("home", "is or holds the home folder"), ("map/w000/..", "the working directory"),
+])  # fmt: skip
+@pytest.mark.parametrize("make", [atomic_dir, output_file])
+def test_what_no_output_may_replace(places, make, name, words):
+    before = {path: what for path, what in contents(places).items() if path.name != "pipe"} if (
+        name != "pipe") else None  # fmt: skip
+    for force in (True, False):
+        said = refused(words, make(places / name, force=force).__enter__)
+        assert "force" not in said
+    if before is not None:
+        pipe = places / "pipe"
+        pipe.unlink()
+        assert contents(places) == before
+
+
+def test_the_working_directory_by_its_own_name(places):
+    refused(r"^\. is or holds the working directory", atomic_dir(Path(), force=True).__enter__)
+
+
+@pytest.mark.parametrize("make", [atomic_dir, output_file, output_folder])
+def test_a_refused_output_leaves_no_folders(tmp_path, make):
+    with pytest.raises(InputError, match="no"), make(tmp_path / "a" / "b" / "out"):
+        raise InputError("no")
+    assert names(tmp_path) == set()
+
+
+def test_a_folder_that_cannot_be_moved_is_left_and_the_work_is_kept(tmp_path, monkeypatch):
+    """Such as one on a layer of a container below: no name of it may change."""
+    write_map(tmp_path / "out")
+    before = contents(tmp_path / "out")
+    rename = Path.rename
+
+    def across(path, to):
+        if path == tmp_path / "out":
+            raise OSError(18, "Invalid cross-device link")
+        return rename(path, to)
+
+    monkeypatch.setattr(Path, "rename", across)
+    words = rf"cannot move {tmp_path}/out away \(Invalid cross-device link\): .*out\.finished"
+    refused(words, made_anew, tmp_path / "out")
+    assert contents(tmp_path / "out") == before
+    assert (tmp_path / "out.finished" / "new").read_text() == "new"
+
+
+def test_a_place_without_permission_says_so(tmp_path, monkeypatch):
+    write_map(tmp_path / "out")
+    monkeypatch.setattr(os, "access", lambda path, _mode: Path(path) != tmp_path)
+    refused("no permission", check_output, tmp_path / "out", force=True)
+    refused("no permission", check_output, tmp_path / "other", force=True)
 
 
 def test_a_pipe_is_not_replaced_by_a_file(tmp_path):
@@ -184,159 +456,64 @@ def test_a_pipe_is_not_replaced_by_a_file(tmp_path):
     assert (tmp_path / "pipe").is_fifo()
 
 
-def written_new(folder, name):
-    with files_together(folder, [name]) as staged:
-        put(staged, **{name.replace("/", "__"): "new"})
+def test_an_error_about_a_file_names_it_and_not_where_it_is_made(tmp_path):
+    path = tmp_path / "out.npz"
+    with pytest.raises(InputError) as caught, output_file(path) as place:
+        raise InputError(f"{place}: too large")
+    assert str(caught.value) == f"{path}: too large"
 
 
-def test_nothing_is_written_through_a_link(tmp_path):
-    """Neither a hard nor a symbolic one, of a file or of a folder on the way to it."""
-    put(tmp_path, theirs__a="precious")
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "tables").symlink_to(tmp_path / "theirs")
-    for name in ("tables/a", "tables/b"):
-        refused("tables", written_new, tmp_path / "out", name)
-    with atomic_path(tmp_path / "out" / "hard") as path:
-        path.write_text("old")
-    os.link(tmp_path / "out" / "hard", tmp_path / "theirs" / "linked")
-    (tmp_path / "soft").symlink_to(tmp_path / "theirs" / "a")
-    for path in (tmp_path / "out" / "hard", tmp_path / "soft"):
-        with atomic_path(path) as place:
-            place.write_text("new")
-    assert {path.name: path.read_text() for path in (tmp_path / "theirs").iterdir()} == {
-        "a": "precious", "linked": "old"
-    }  # fmt: skip
+# --- races
 
 
-@pytest.mark.parametrize(("out", "given", "words"), [
-    ("rec", "rec", "is the input itself"), ("rec", "link", "is the input itself"),
-    ("parent", "parent/rec", "holds the input"),
-    ("parent", "parent/rec/poses.txt", "holds the input"),
-    ("rec/map", "rec", "is part of the input"),
-])  # fmt: skip
-def test_an_input_is_never_replaced(tmp_path, out, given, words):
-    write_sequence(tmp_path / "rec")
-    write_run(tmp_path / "parent")
-    write_map(tmp_path / "rec" / "map")
-    put(tmp_path / "parent" / "rec", poses_0txt="p")
-    (tmp_path / "link").symlink_to("rec")
-    before = contents(tmp_path)
-    for force in (True, False):
-        said = refused(words, check_output, tmp_path / out, force=force, inputs=[tmp_path / given])
-        assert "force" not in said
-    assert contents(tmp_path) == before
-
-
-def test_files_that_a_descriptor_names_are_inputs(tmp_path):
-    text = '[calibration]\nfile = "rig.json"\n[[events]]\nfile = "a.h5"\n'
-    put(tmp_path, recording_0toml=text, rig_0json="{}", a_0h5="a")
-    for source in (tmp_path / "recording.toml", tmp_path):
-        assert {tmp_path / "rig.json", tmp_path / "a.h5"} <= set(inputs_of(source))
-        with pytest.raises(InputError, match="input"):
-            check_output(tmp_path / "a.h5", force=True, inputs=inputs_of(source), folder=False)
-
-
-def test_where_one_works_or_lives_is_never_replaced(tmp_path, monkeypatch):
-    out = tmp_path / "out"
-    write_map(out)
-    (out / "w000").chmod(0o755)
-    monkeypatch.chdir(out / "w000")
-    for path in (out, out / "w000", Path(), Path(".."), Path("/")):
-        refused("the working directory: choose another output", check_output, path, force=True)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("HOME", str(out / "w000"))
-    refused("holds the home folder", check_output, out, force=True)
-    monkeypatch.undo()
-    monkeypatch.setattr(outputs, "_mounts", lambda: [out / "w000"])
-    refused("mounted file system", check_output, out, force=True)
-
-
-def test_the_name_of_the_working_directory_leaves_nothing(tmp_path, monkeypatch):
-    write_sequence(tmp_path / "out")
-    monkeypatch.chdir(tmp_path / "out")
-    before = contents(tmp_path)
-    refused(r"^\. is the working directory", atomic_dir(Path(), force=True).__enter__)
-    assert contents(tmp_path) == before
-
-
-@pytest.mark.parametrize(("name", "folder", "words"), [
-    ("file", True, "is a file, the output is a folder"),
-    ("map", False, "is a folder, the output is a file"), ("pipe", False, "is not a regular file"),
-    ("gone", True, "is a broken link"), ("file/below", True, "cannot make the folder"),
-    ("a\0b", True, "not a valid file name"),
-])  # fmt: skip
-def test_files_and_folders_never_take_each_others_place(tmp_path, name, folder, words):
-    put(tmp_path, file="f")
-    write_map(tmp_path / "map")
-    (tmp_path / "gone").symlink_to("nowhere")
-    os.mkfifo(tmp_path / "pipe")
-    before = contents(tmp_path)
-    refused(words, check_output, tmp_path / name, force=True, folder=folder)
-    assert contents(tmp_path) == before
-
-
-def test_a_link_to_an_output_stays_a_link(tmp_path):
-    write_map(tmp_path / "disk" / "map")
-    (tmp_path / "out").symlink_to("disk/map")
-    with atomic_dir(tmp_path / "out", force=True) as folder:
-        put(folder, new="n")
-    made = tmp_path / "disk" / "map"
-    assert contents(tmp_path / "disk").keys() == {made, made / "new", made / NAME}
-    assert (tmp_path / "out").readlink() == Path("disk/map")
-
-
-# Races
-
-
-@pytest.mark.parametrize(("before", "words"), [
-    (False, r"finished output is in .*out\.finished"),
-    (True, r"holds precious, .*: .*out\.finished"),
-])  # fmt: skip
-def test_what_appears_meanwhile_is_kept_and_so_is_the_work(tmp_path, before, words):
-    out = tmp_path / "out"
-    if before:
-        write_map(out)
+@pytest.mark.parametrize("make", [atomic_dir, output_file])
+def test_what_appears_meanwhile_is_kept_and_so_is_the_work(tmp_path, make):
+    out = tmp_path / "out.npz"
 
     def work():
-        with atomic_dir(out, force=before) as folder:
-            put(folder, new="n")
-            put(out, precious="p")
+        with make(out) as place:
+            put(place, new="n") if make is atomic_dir else place.write_text("n")
+            put(tmp_path, out_0npz="precious")
 
-    refused(words, work)
-    assert (out / "precious").read_text() == "p"
-    assert (out / "map.json").exists() is before
-    assert (tmp_path / "out.finished" / "new").read_text() == "n"
-    assert {path.name for path in tmp_path.iterdir()} == {"out", "out.finished"}
+    refused(r"exists.*finished output is in .*out\.finished\.npz", work)
+    assert out.read_text() == "precious"
+    finished = tmp_path / "out.finished.npz"
+    assert (finished / "new" if make is atomic_dir else finished).read_text() == "n"
+    assert names(tmp_path) <= {out.name, finished.name, NAME}
 
 
-def test_what_comes_between_the_last_check_and_the_swap_is_kept(tmp_path, monkeypatch):
+@pytest.mark.parametrize("late", ["before", "while surveyed"])
+def test_what_comes_while_an_output_is_replaced_is_kept(tmp_path, monkeypatch, caplog, late):
     out = tmp_path / "out"
     write_map(out)
-    swap = outputs._swap
+    survey = outputs.survey
 
-    def late(made, place, replaced):
-        put(place, notes="p")
-        swap(made, place, replaced)
+    def slow(folder):
+        put(folder, notes="p") if late == "before" else None
+        yield from survey(folder)
+        put(folder, notes="p")
 
-    monkeypatch.setattr(outputs, "_swap", late)
-    with pytest.raises(InputError, match=r"now contains .*notes"), atomic_dir(out, force=True):
-        pass
-    assert (out / "notes").read_text() == "p"
-    assert (out / "map.json").exists()
+    monkeypatch.setattr(outputs, "survey", slow)
+    made_anew(out)
+    kept(caplog, out)
+    assert (tmp_path / "out.kept-1" / "notes").read_text() == "p"
+    assert names(tmp_path) == {"out", "out.kept-1"}
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])
-def test_an_interrupt_in_the_swap_loses_neither_old_nor_new(tmp_path, monkeypatch, error):
+@pytest.mark.parametrize("mine", [False, True])
+def test_an_interrupt_in_the_swap_loses_neither_old_nor_new(tmp_path, monkeypatch, error, mine):
     out = tmp_path / "out"
     write_map(out)
+    put(out, mine="m") if mine else None
     before = contents(tmp_path)
 
     def stopped(made, place):
         raise error("stopped")
 
-    monkeypatch.setattr(outputs, "_rename", stopped)
-    with pytest.raises(error), atomic_dir(out, force=True):
-        pass
+    monkeypatch.setattr(outputs, "link_new", stopped)
+    with pytest.raises(error):
+        made_anew(out)
     assert contents(tmp_path) == before
 
 
@@ -348,23 +525,7 @@ def test_two_runs_into_one_output(tmp_path, kind):
         put(place, a="a") if kind == "folder" else place.write_text("a")
         for second in (atomic_dir, output_file, output_folder):
             refused("another process is writing it", second(out).__enter__)
-    assert {path.name for path in tmp_path.iterdir()} == {"out"}
-
-
-def test_a_killed_run_leaves_no_claim(tmp_path):
-    put(tmp_path, **{"_0out_0lock": outputs.LOCK.decode()})
-    with atomic_dir(tmp_path / "out"):
-        pass
-    assert {path.name for path in tmp_path.iterdir()} == {"out"}
-
-
-def test_somebodys_file_of_the_claims_name_is_kept(tmp_path):
-    for text in ("", "mine"):
-        put(tmp_path, **{"_0out_0lock": text})
-        with atomic_dir(tmp_path / "out", force=True):
-            pass
-        assert (tmp_path / ".out.lock").read_text() == text
-        shutil.rmtree(tmp_path / "out")
+    assert names(tmp_path) - {NAME} == {"out"}
 
 
 def test_many_at_once_and_one_wins(tmp_path):
@@ -386,43 +547,44 @@ def test_many_at_once_and_one_wins(tmp_path):
     for thread in threads:
         thread.join()
     assert [(out / "who").read_text()] == list(map(str, won))
-    assert {path.name for path in out.parent.iterdir()} == {"out"}
+    assert names(out.parent) == {"out"}
 
 
-# Nothing is left of what was refused
+def test_those_who_write_one_file_at_once_wait_for_each_other(tmp_path):
+    def work(k):
+        files.write_text(tmp_path / "a", str(k))
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (tmp_path / "a").read_text() in map(str, range(8))
+    assert names(tmp_path) == {"a"}
 
 
-@pytest.mark.parametrize("make", [atomic_dir, output_file, output_folder])
-def test_a_refused_output_leaves_no_folders(tmp_path, make):
-    with pytest.raises(InputError, match="no"), make(tmp_path / "a" / "b" / "out"):
-        raise InputError("no")
-    assert list(tmp_path.iterdir()) == []
+def test_somebodys_folder_of_a_hidden_name_is_kept(tmp_path, caplog):
+    put(tmp_path, _0out_0partial__thesis="mine")
+    made_anew(tmp_path / "out")
+    kept(caplog, tmp_path / ".out.partial")
+    assert (tmp_path / ".out.partial.kept-1" / "thesis").read_text() == "mine"
 
 
-def test_a_file_that_appears_meanwhile_is_kept(tmp_path):
-    def work():
-        with output_file(tmp_path / "out.npz") as place:
-            assert place.name == "out.npz"
-            place.write_text("new")
-            put(tmp_path, out_0npz="precious")
+def test_a_disk_without_locks_takes_nothing_for_a_leftover(tmp_path, monkeypatch):
+    def lockless(_file, _kind):
+        raise OSError(37, "No locks available")
 
-    refused(r"finished output is in .*out\.finished\.npz", work)
-    assert (tmp_path / "out.npz").read_text() == "precious"
-    assert (tmp_path / "out.finished.npz").read_text() == "new"
-
-
-def test_an_error_about_a_file_names_it_and_not_where_it_is_made(tmp_path):
-    path = tmp_path / "out.npz"
-    with pytest.raises(InputError) as caught, output_file(path) as place:
-        raise InputError(f"{place}: too large")
-    assert str(caught.value) == f"{path}: too large"
+    monkeypatch.setattr(files.fcntl, "flock", lockless)
+    made_anew(tmp_path / "out")
+    put(tmp_path, **{"_0out_0partial__" + MARK.replace(".", "_0"): ""})
+    refused("another process is writing it", atomic_dir(tmp_path / "out", force=True).__enter__)
+    assert names(tmp_path) == {"out", ".out.partial"}
 
 
-# Anything at all
+# --- anything at all
 
-MEMORY = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
 ENTRY = st.sampled_from(
-    ["thesis.tex", "w000/depth.npz", "map.json", "tables/a.csv", ".in.abcdefgh.partial/a", NAME]
+    ["thesis.tex", "w000/depth.npz", "map.json", "tables/a.csv", ".in.partial/a", NAME]
 )
 SPOT = st.sampled_from(["out", "out/in", "parent", "other", "out/w000", "link", "parent/out"])
 
@@ -434,10 +596,9 @@ def plant(root, kinds, foreign, link):
     ours = set(contents(root))
     for place, name in foreign:
         path = root / place / name
-        if any(one.is_file() for one in (path, *path.parents)) or path.exists():
-            continue
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(f"precious {place}/{name}")
+        if not any(above.is_file() for above in (path, *path.parents)) and not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(f"precious {place}/{name}")
     if link is not None and not os.path.lexists(root / "link"):
         (root / "link").symlink_to(root / link)
     return {path: what for path, what in contents(root).items() if path not in ours}
@@ -472,32 +633,34 @@ def test_in_thousands_of_cases_nothing_of_others_is_lost(**drawn):
 
 
 def check_nothing_is_lost(kinds, foreign, link, out, given_inputs, verb, working):
+    """What was there and is not ours, and what is read, has its bytes, there or under `kept`."""
     kinds.pop("link", None)
     foreign = [(place, name) for place, name in foreign if place != "link"]
     root = Path(tempfile.mkdtemp(dir=MEMORY))
     home, fsync = Path.cwd(), os.fsync
     os.fsync = lambda _file: None  # a real disk takes most of the time
     try:
-        theirs = plant(root, kinds, foreign, link)
-        inputs = [root / one for one in given_inputs]
-        read = {
-            path: what for one in inputs for path, what in contents(os.path.realpath(one)).items()
-        }
-        if verb == "together":  # may add to what it reads, and lists that in a manifest of ours
-            read.pop(Path(os.path.realpath(root / out)) / NAME, None)
+        precious = plant(root, kinds, foreign, link)
+        inputs = [root / name for name in given_inputs if verb != "together"]
+        for source in inputs:
+            precious |= contents(os.path.realpath(source))
+        # Lists what is added beside the output, or to it.
+        precious.pop(Path(os.path.realpath((root / out).parent)) / NAME, None)
+        precious.pop(Path(os.path.realpath(root / out)) / NAME, None)
         before = contents(root)
         if (root / working).is_dir():
             os.chdir(root / working)
-        event(f"{verb} {'existing' if (root / out).exists() else 'new'}")
-        refused = not attempt(root / out, verb, inputs)
+        is_made = attempt(root / out, verb, inputs)
+        event(f"{verb} {'made' if is_made else 'refused'}")
         after = contents(root)
-        for path, what in {**theirs, **read}.items():
-            assert after.get(path) == what, (path, "is lost")
-        event("refused" if refused else "made")
-        if refused:
+        if is_made:
+            there = {(re.sub(r"\.kept-\d+", "", str(path)), what) for path, what in after.items()}
+            lost = {(str(path), what) for path, what in precious.items()} - there
+            assert not {(path, what) for path, what in lost if what != "folder"}
+        else:
             assert after == before
-        new = after.keys() - theirs.keys()
-        assert not [path for path in new if path.name.endswith((".lock", ".partial", MARK))]
+        new = {re.sub(r"\.kept-\d+", "", str(path)) for path in after} - set(map(str, before))
+        assert not {name for name in new if name.endswith((".partial", MARK))}
     finally:
         os.fsync = fsync
         os.chdir(home)
@@ -511,10 +674,10 @@ def attempt(out, verb, inputs):
             with output_file(out, force=True, inputs=inputs) as place:
                 place.write_text("new")
         elif verb == "together":
-            names = ["map.json", "tables/a.csv"]
+            together = ["map.json", "tables/a.csv"]
             with (
-                output_folder(out, names, force=True, inputs=inputs),
-                files_together(out, names) as staged,
+                output_folder(out, together, force=True),
+                files_together(out, together) as staged,
             ):
                 put(staged, map_0json="new", tables__a_0csv="new")
         else:
@@ -525,7 +688,7 @@ def attempt(out, verb, inputs):
     return True
 
 
-# Kills
+# --- kills
 
 
 def replaced_whole(out):
@@ -542,22 +705,22 @@ def exchanged(out):
 def taken_up(out):
     """A folder that grows beside its place, and takes it in the end."""
     following = out.with_name(".out.next")
-    with claimed(out):
+    with claimed(out) as work:
         if (out / "part0").exists():
             return
         with output_folder(following):
             following.mkdir(exist_ok=True)
             for part in (following / "part0", following / "part1"):
                 if not part.exists():
-                    with atomic_dir(part, claim=False, part_of=following) as folder:
+                    with atomic_dir(part, part_of=following) as folder:
                         put(folder, a="new")
             with files_together(following, ["index"]) as staged:
                 put(staged, index="new")
-        replace_dir(following, out)
+        replace_dir(following, out, work)
 
 
 def one_file(out):
-    with output_file(out / "a.xml", force=True, listed=True) as place:
+    with output_file(out / "a.xml", force=True) as place:
         place.write_text("new")
 
 
@@ -576,12 +739,14 @@ def memory():
 OFTEN = [("exchanged", "beside somebody's"), ("file", "beside somebody's")]
 SELDOM = [
     *product(("exchanged", "file", "whole", "grown"), ("ours",)),
+    *product(("whole",), ("beside somebody's",)),
     *product(KILLED, ("nothing",)),
 ]
 
 
 @pytest.mark.parametrize(("call", "before"), often(OFTEN, [*OFTEN, *SELDOM]))
 def test_killed_at_any_step_it_ends_with_the_same_bytes(memory, call, before):
+    """At every moment the old output is there, or both; the same call then ends the same."""
     out, make = memory / "out", KILLED[call]
 
     def start():
@@ -595,76 +760,44 @@ def test_killed_at_any_step_it_ends_with_the_same_bytes(memory, call, before):
         if call == "file":
             out.mkdir(exist_ok=True)
 
+    def state():
+        return {
+            path: what
+            for path, what in contents(memory).items()
+            if call == "exchanged" or ".kept-" not in str(path)
+        }
+
     def check(step):
-        assert strangers(out) in ([], ["mine.txt"]) if (out / NAME).exists() else True
+        if before == "beside somebody's":
+            assert [path.read_bytes() for path in memory.rglob("mine.txt")] == [b"mine"], step
         make(out)
-        assert contents(memory) == expected, step
+        assert state() == expected, step
         start()
 
     start()
     make(out)
-    expected = contents(memory)
+    expected = state()
     start()
     assert killed_at_every_step(lambda: make(out), check) > 5
-    assert contents(memory) == expected
+    assert state() == expected
 
 
-def test_a_kill_between_old_and_new_gives_the_old_one_back(tmp_path):
-    out, hidden = tmp_path / "out", tmp_path / ".out.abcdefgh.partial"
+@pytest.mark.parametrize("done", [False, True])
+def test_a_kill_between_old_and_new_leaves_both_or_the_old_one(tmp_path, caplog, done):
+    out, hidden = tmp_path / "out", tmp_path / ".out.partial"
     write_map(hidden / "replaced")
-    before = contents(hidden / "replaced").keys()
     (hidden / MARK).touch()
-    with pytest.raises(InputError, match="exists"), atomic_dir(out):
-        pass
-    assert {path.relative_to(out) for path in contents(out)} == {
-        path.relative_to(hidden / "replaced") for path in before
-    }
+    if done:
+        written_new(out, "new")
+        made_anew(out)
+    else:
+        refused("exists", atomic_dir(out).__enter__)
+    write_map(tmp_path / "same")
+    before = {path.relative_to(tmp_path / "same") for path in contents(tmp_path / "same")}
+    old = tmp_path / "out.kept-1" if done else out
+    assert {path.relative_to(old) for path in contents(old)} == before
+    assert kept(caplog, out) if done else not caplog.messages
     assert not hidden.exists()
-
-
-def test_what_somebody_put_into_an_output_that_was_replaced_stays(tmp_path):
-    hidden = tmp_path / ".out.abcdefgh.partial"
-    write_map(hidden / "replaced")
-    put(hidden, replaced__thesis="mine")
-    (hidden / MARK).touch()
-    write_map(tmp_path / "out")
-    for _ in range(2):
-        with atomic_dir(tmp_path / "out", force=True):
-            pass
-        assert (hidden / "replaced" / "thesis").read_text() == "mine"
-
-
-# Files beside others
-
-
-def test_a_file_of_the_same_name_is_not_ours_for_that(tmp_path):
-    put(tmp_path, b="somebody's")
-    refused(r"holds b, which eventsweep did not write", check_files, tmp_path, ["b"], force=True)
-    refused("did not write", written_new, tmp_path, "b")
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("b", "somebody's")]
-
-
-def test_what_is_listed_and_unchanged_is_written_anew(tmp_path):
-    for text in ("one", "two"):
-        with files_together(tmp_path, ["a/b"]) as staged:
-            (staged / "a" / "b").write_text(text)
-        assert (tmp_path / "a" / "b").read_text() == text
-    facts = output_manifest.read(tmp_path).files["a/b"]
-    assert facts == (3, sha256("two"))
-    assert strangers(tmp_path) == []
-    (tmp_path / "a" / "b").write_text("own")
-    refused("a/b", written_new, tmp_path, "a/b")
-    assert (tmp_path / "a" / "b").read_text() == "own"
-
-
-def test_a_part_belongs_to_the_output_that_made_it(tmp_path):
-    write_map(tmp_path / "out")
-    for listed in (False, True):
-        with atomic_dir(
-            tmp_path / "out" / f"part{listed}", part_of=tmp_path / "out" if listed else None
-        ) as folder:
-            put(folder, a="a")
-    assert strangers(tmp_path / "out") == [f"partFalse/{NAME}", "partFalse/a"]
 
 
 # --- a full disk
@@ -696,18 +829,15 @@ def test_a_full_disk_names_the_output_and_what_is_free(tmp_path, way):
     words = rf"{re.escape(str(out))}: no space left on device, [\d.]+ {free} are free: free some"
     assert re.match(words, str(caught.value))
     assert "\n" not in str(caught.value)
-    assert list(tmp_path.iterdir()) == []
+    assert names(tmp_path) == set()
 
 
 def test_other_faults_of_the_system_stay_what_they_are(tmp_path):
     with pytest.raises(IsADirectoryError), atomic_dir(tmp_path / "out") as folder:
         folder.write_text("x")
-
-
-def test_hdf5s_word_for_a_full_disk_is_understood(tmp_path):
     words = "Can't write data (file write failed: errno = 28, 'No space left on device')"
     with pytest.raises(DiskFull, match="out: no space left"), atomic_dir(tmp_path / "out"):
-        raise OSError(words)
+        raise OSError(words)  # HDF5's
 
 
 @pytest.mark.parametrize(

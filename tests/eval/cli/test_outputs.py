@@ -1,21 +1,22 @@
 """Every verb: what it refuses it leaves as it was, and what it replaces was its own."""
 
 import json
-import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.utils.inputs import also_read, command, command_inputs
 from eventsweep.emvs.utils.output_manifest import strangers
-from eventsweep.emvs.utils.outputs import output_file
+from eventsweep.eval.cli.app import Common, app
 from eventsweep.eval.cli.main import main
-from eventsweep.eval.cli.verbs.gate import GateFlags
+from eventsweep.eval.cli.verbs import gate
 from eventsweep.eval.results.results import Results, write_results
 from eventsweep.sim.parallel.checkpoint import CheckpointFolder, checkpoint_path
 from places import ROOT
@@ -39,43 +40,99 @@ def rec(made, tmp_path):
 
 
 SLIDING = ("--map.window-s", "0.02", "--map.planes", "5", "--method", "Alg1/H")
+SHORT = ("--rig", "oblique", "--seconds", "0.005")
 VERBS = {
-    "simulate": ("simulate", "planes"), "run": ("run", "planes"), "map": ("map", "../rec"),
+    "simulate": ("simulate", "planes", *SHORT), "run": ("run", "planes"), "map": ("map", "../rec"),
     "sliding": ("map", "../rec", *SLIDING),
     "convert": ("convert", "../rec", "{out}", "--to", "dsec"),
     "convert a file": ("convert", "../rec", "{out}", "--to", "tum"),
+    "info": ("info", "../rec", "--picture", "{out}"),
 }  # fmt: skip
 
 
 def asked(verb, out):
     """The words of a verb that writes to `out`."""
     words = [word.format(out=out) for word in VERBS[verb]]
-    return [*words, "--quiet"] if "convert" in verb else [*words, "--out", out, "--quiet"]
+    return [*words, *(() if out in words else ("--out", out)), "--quiet"]
 
 
-@pytest.mark.parametrize("place", ["../p", "."], ids=["a folder", "the working directory"])
 @pytest.mark.parametrize("verb", VERBS)
-def test_a_thesis_survives_every_verb(tmp_path, monkeypatch, capsys, rec, verb, place):
+def test_a_thesis_survives_every_verb(tmp_path, monkeypatch, capsys, caplog, rec, verb):
     for name in ("p", "here"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "thesis.tex").write_text("x")
     monkeypatch.chdir(tmp_path / "here")
-    for force in ([], ["--force"]):
-        with untouched(tmp_path):
-            said = command_refused(capsys, *asked(verb, place), *force)
-        assert place == "." or "--force" not in said
-        assert "sliding" in verb or place == "." or re.search(r"thesis\.tex|is a folder", said)
+    with untouched(tmp_path):
+        said = command_refused(capsys, *asked(verb, "../p"))
+        assert "--force" in said or verb == "sliding"
+        for force in ([], ["--force"]):
+            said = command_refused(capsys, *asked(verb, "."), *force)
+            assert "working directory" in said or verb == "sliding"
+    if verb != "run":
+        assert main([*asked(verb, "../p"), "--force"]) == 0
+        assert (tmp_path / "p.kept-1" / "thesis.tex").read_text() == "x"
+        (line,) = (line for line in caplog.messages if "kept" in line)
+        assert line.endswith("p.kept-1")
 
 
 @pytest.mark.parametrize("flags", [(), SLIDING], ids=["one", "sliding"])
-def test_a_recording_survives_its_map(tmp_path, capsys, rec, flags):
-    parent = tmp_path / "parent"
-    parent.mkdir()
-    rec = rec.rename(parent / "rec")
-    with untouched(tmp_path):
-        for out, words in ((rec, "input itself"), (parent, "holds the input")):
-            assert words in command_refused(capsys, "map", rec, "--out", out, "--force", *flags)
-    Sequence.open(rec).verify()
+@pytest.mark.parametrize("out", ["parent", "parent/rec"])
+def test_a_recording_survives_its_map(tmp_path, caplog, rec, flags, out):
+    (tmp_path / "parent").mkdir()
+    rec = rec.rename(tmp_path / "parent" / "rec")
+    place, rest = tmp_path / out, rec.relative_to(tmp_path / out)
+    assert main([*map(str, ("map", rec, "--out", place, "--force", *flags)), "--quiet"]) == 0
+    Sequence.open(place.with_name(f"{place.name}.kept-1") / rest).verify()
+    assert "is or holds the input" in caplog.text
+    assert (place / "map.json").is_file()
+
+
+# The words of a command, in which `IN` is what it must not remove, and OUT what it writes.
+READING = {
+    "simulate": "simulate planes --out OUT --sim.replay.trajectory IN",
+    "simulate a model": "simulate IN --out OUT --sim.replay.imu-cam IN --motion IN --rig IN",
+    "simulate a sensor": "simulate planes --out OUT --sim.sensor.preset PRESET",
+    "simulate as a file says": "simulate planes --out OUT --config IN",
+    "run": "run planes --out OUT --sim.replay.hand-eye IN --map.learned.weights IN",
+    "map": "map IN --out OUT --config IN --map.derd.weights IN",
+    "convert": "convert IN OUT --to tum", "info": "info IN --picture OUT",
+    "score": "score NAME=IN --truth IN --out OUT --config IN",
+    "score maps": "score IN --prediction NAME=IN",
+    "suite": "suite IN --out OUT --prediction NAME=IN --archive IN",
+    "gate": "gate --baseline IN --suite IN --out OUT --junit OUT --markdown OUT",
+    "compare": "compare IN IN --out OUT", "track": "track IN --out OUT --first-map IN --start IN",
+    "events": "events IN --out OUT --poses IN --calibration IN --stamps IN",
+    "check": "check IN --out OUT", "calibrate": "calibrate IN --refine delay --out OUT",
+    "fit": "fit IN --out OUT", "realism": "realism IN IN --out OUT",
+    "archive": "archive unpack IN --out OUT", "ranking": "ranking NAME=IN --out OUT",
+    "submission": "submission make IN --suite IN --out OUT --archive IN",
+    "train": "train --out OUT --published IN",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("verb", READING)
+def test_a_command_removes_nothing_that_its_words_name(tmp_path, verb):
+    """Nor what a file of settings names: the outputs' tests say what becomes of it."""
+    (tmp_path / "weights.npz").touch()
+    words, inputs = [], {tmp_path / "weights.npz"}
+    for number, word in enumerate(READING[verb].split()):
+        if word.endswith("IN"):
+            path = tmp_path / f"in{number}{'.toml' if number == 2 else '.txt'}"
+            path.write_text('weights = "weights.npz"\n')
+            inputs.add(path)
+            word = word.replace("IN", str(path))
+        if word == "PRESET":
+            word = str(tmp_path / "sensor.toml")
+            Path(word).write_text("contrast_threshold_pos = 0.3\n")
+            inputs.add(Path(word))
+        words.append(str(tmp_path / "out") if word == "OUT" else word)
+    if not any(path.name == "in2.toml" for path in inputs):
+        inputs.remove(tmp_path / "weights.npz")
+    with command():
+        app.parse_args(words, exit_on_error=False, print_error=False)
+        named = set(command_inputs())
+    assert inputs <= named
+    assert tmp_path / "out" not in named
 
 
 WRONG = {
@@ -115,10 +172,10 @@ def test_a_refused_map_does_not_block_the_right_one(tmp_path, capsys, rec):
     assert json.loads((out / "map.json").read_text())["config"]["median_px"] == 3
     assert strangers(out) == []
     assert {path.name for path in tmp_path.iterdir()} == {"rec", "map"}
-    # A file of the user's in it ends that, and the advice with it.
     (out / "w000" / "notes.txt").write_text("x")
-    assert "--force" not in command_refused(capsys, *asked)
-    assert "w000/notes.txt" in command_refused(capsys, *asked, "--force")
+    assert "--force" in command_refused(capsys, *asked)
+    assert mapped(rec, out, "--no-check", "--force") == 0
+    assert (tmp_path / "map.kept-1" / "w000" / "notes.txt").read_text() == "x"
 
 
 def test_the_old_map_stays_until_the_new_one_is_done(tmp_path, capsys, rec):
@@ -128,7 +185,9 @@ def test_the_old_map_stays_until_the_new_one_is_done(tmp_path, capsys, rec):
         bad = ("--map.min-events", "99999999", "--no-check")
         assert "none of" in command_refused(capsys, *asked, *bad)
     (tmp_path / ".map.next").symlink_to(tmp_path / "rec")
-    assert "is a link" in command_refused(capsys, *asked)
+    assert main([*map(str, asked), "--no-check"]) == 0
+    assert (tmp_path / ".map.next.kept-1").readlink() == tmp_path / "rec"
+    Sequence.open(rec).verify()
 
 
 def test_a_map_that_was_to_replace_another_and_was_killed_is_taken_up(tmp_path, rec):
@@ -138,10 +197,10 @@ def test_a_map_that_was_to_replace_another_and_was_killed_is_taken_up(tmp_path, 
     expected = {path: what for path, what in contents(tmp_path).items() if path.name != ".lock"}
     following = shutil.copytree(out, tmp_path / ".map.next")
     shutil.rmtree(following / names[-1])
-    left = following / f".{names[-1]}.abcdefgh.partial"
+    left = following / f".{names[-1]}.partial"
     (left / "new").mkdir(parents=True)
     (left / ".eventsweep-work").touch()
-    (following / f".{names[0]}.abcdefgh.partial").mkdir()
+    (following / f".{names[0]}.partial").mkdir()
     stamp = (following / names[0] / "window.json").stat().st_ino
     assert mapped(rec, out, "--no-check", "--force") == 0
     assert contents(tmp_path) == expected
@@ -157,35 +216,43 @@ def test_everything_that_a_map_folder_gets_is_known(tmp_path, rec):
         assert strangers(out) == []
 
 
-def test_own_files_in_a_folder_are_written_anew_and_others_are_not(tmp_path, capsys):
+def test_own_files_in_a_folder_are_written_anew_and_others_are_kept(tmp_path):
     rows = (score_row("c", "all", "Alg1/H", "mean_error", 1.0, "m", "lower"),)
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         write_results(tmp_path / name, Results(rows))
-    words = ["compare", *(str(tmp_path / name) for name in "ab"), "--out", str(tmp_path / "out")]
+    out = tmp_path / "out"
+    words = ["compare", *(str(tmp_path / name) for name in "ab"), "--out", str(out)]
     for _ in range(2):
         assert main([*words, "--quiet"]) == 0
-    (tmp_path / "out" / "compare.html").write_text("mine")
-    with untouched(tmp_path):
-        assert "compare.html" in command_refused(capsys, *words, "--quiet")
+        assert strangers(out) == []
+    (out / "compare.html").write_text("mine")
+    assert main([*words, "--quiet"]) == 0
+    assert (out / "compare.html.kept-1").read_text() == "mine"
+    assert strangers(out) == ["compare.html.kept-1"]
 
 
-def test_the_gate_writes_over_nothing_but_its_own(tmp_path, capsys):
-    baseline = Path("reports/baseline.json")
-    for flag, name in (("--junit", "thesis.xml"), ("--markdown", "notes.md")):
-        (mine := tmp_path / name).write_text("mine")
-        words = ("gate", "--baseline", baseline, "--result", baseline, "--quiet", flag)
-        with untouched(tmp_path):
-            assert "exists" in command_refused(capsys, *words, mine)
-            assert "the input itself" in command_refused(capsys, *words, baseline, "--force")
-            assert "is a folder" in command_refused(capsys, *words, tmp_path, "--force")
-    own = tmp_path / "own.md"
-    flags = GateFlags(baseline=baseline, markdown=own)
-    with output_file(own, listed=True) as path:
-        path.write_text("### eventsweep gate")
-    flags.check_files(force=False)
-    own.write_text("### eventsweep gate: corrected")
-    assert "exists" in line_of(flags.check_files, force=False)
+def test_the_gate_keeps_what_is_not_its_own(tmp_path):
+    baseline = tmp_path / "baseline.json"
+    baseline.write_text("numbers")
+
+    def report(**files):
+        flags = gate.GateFlags(baseline=baseline, **files)
+        with command():
+            also_read({"flags": flags})
+            gate._report([], SimpleNamespace(name="a"), flags, Common(quiet=True))
+
+    for kind in ("junit", "markdown"):
+        (mine := tmp_path / kind).write_text("mine")
+        for path in (mine, tmp_path):
+            assert "exists" in line_of(report, **{kind: path})
+        report(**{kind: mine}, force=True)
+        assert mine.with_name(f"{kind}.kept-1").read_text() == "mine"
+        report(**{kind: mine})  # its own, unchanged
+        mine.write_text(f"{mine.read_text()} corrected")
+        assert "exists" in line_of(report, **{kind: mine})
+    report(junit=baseline, force=True)
+    assert (tmp_path / "baseline.json.kept-1").read_text() == "numbers"
 
 
 @pytest.mark.slow

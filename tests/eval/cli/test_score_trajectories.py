@@ -98,9 +98,7 @@ def test_poses_of_a_recording_are_a_truth(files):
     ("good.txt --truth tracked --out out", "not recognised as a recording"),
     ("good.txt --truth gt.txt --out out --prediction x", "--prediction is for maps"),
     ("good.txt --truth gt.txt --out out --score.border-px 3", "--score. is for maps"),
-    ("good.txt --truth gt.txt --out gt.txt --force", "is a file"),
-    ("good.txt --truth gt.txt --out tracked --force", "eventsweep did not write"),
-    ("good.txt --truth gt.txt --out out --max-difference-s -1", "max_difference_s is '-1'"),
+    ("good.txt --truth gt.txt --out out --max-difference-s -1", "--max-difference-s is '-1'"),
     ("good.txt --truth gt.txt --out out --associate evo", "one-to-one"),
 ])  # fmt: skip
 def test_what_cannot_be_scored_is_refused_in_one_line_and_leaves_nothing(

@@ -139,7 +139,7 @@ def test_a_failed_entry_leaves_nothing_and_what_a_kill_left_goes_with_the_next(t
     assert cache.size_bytes() == 0
     cache = Cache(tmp_path)
     place = cache.path_of(key_of("k1"))
-    left, looks_like_it = (place.with_name(f".{place.name}.{word}.partial") for word in "ab")
+    left, looks_like_it = (place.with_name(f".{place.name}{word}.partial") for word in ("", ".b"))
     for folder, name in ((left, MARK), (looks_like_it, "thesis")):
         folder.mkdir(parents=True)
         (folder / name).touch()

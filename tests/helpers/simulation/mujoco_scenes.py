@@ -102,7 +102,7 @@ class Killed(BaseException):
 
 
 def stop_at(t_us):
-    def progress(done_us, _total_us, _events):
+    def progress(_stage, done_us, _total_us):
         if done_us >= t_us:
             raise Killed
 
