@@ -47,7 +47,7 @@ def mapped(sequence, tmp_path_factory) -> tuple[Path, str, str]:
     ("run desk --out o --rig kinect", "unknown rig 'kinect'"),
     ("run desk --out o --method Alg9/Z", "unknown method 'Alg9/Z'"),
     ("run desk --out o --fast", "--fast"),
-    ("simulate desk --out o --seconds -1", "--sim.duration-s"),
+    ("simulate desk --out o --seconds -1", "--sim.duration-s is"),
     ("simulate desk --out o --seed -1", "seed -1"),
     ("simulate desk --out o --sim.log-eps 0", "--sim.log-eps is"),
     ("simulate desk --out o --sim.threshold 1", "--sim.threshold"),
