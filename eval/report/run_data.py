@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -195,8 +195,8 @@ def _case(
     film = []
     if for_page and stored.windows:
         names = [method.name for window in windows for method in window.methods]
-        best = best_method(_rows_of(results, name, POOLED), config.ranking_metric, names)
-        film = [read(one, (best,), causes=False) for one in _filmed(stored.windows)]
+        best = best_first(_rows_of(results, name, POOLED), config.ranking_metric, names)[0]
+        film = [read(one, (best,), causes=False) for one in _evenly(stored.windows, _MOST_FILMED)]
     known = recording is not None and recording.name in scenes.names()
     return CaseData(
         name=name,
@@ -214,14 +214,14 @@ def _rows_of(results: Results, case: str, window: str) -> pd.DataFrame:
     return rows[(rows["case"] == case) & (rows["window"] == window)]
 
 
-def best_method(rows: pd.DataFrame, metric: str, names: Sequence[str]) -> str:
-    """The one of rank 1; without scores the harmonic mean, as in Algorithm 1, or the first."""
-    wished = [*ranked_methods(rows, metric), REFERENCE]
-    return next((name for name in wished if name in names), names[0])
+def best_first(rows: pd.DataFrame, metric: str, names: Iterable[str]) -> list[str]:
+    """Ranked ones in order of their rank, then the harmonic mean, as in Algorithm 1, then others.
 
-
-def _filmed(windows: tuple[StoredWindow, ...]) -> tuple[StoredWindow, ...]:
-    return _evenly(windows, _MOST_FILMED)
+    The rows are of one case and window; the first is what a page shows first.
+    """
+    names = list(names)
+    wished = dict.fromkeys([*ranked_methods(rows, metric), REFERENCE, *names])
+    return [name for name in wished if name in names]
 
 
 def _shown(windows: tuple[StoredWindow, ...]) -> tuple[StoredWindow, ...]:

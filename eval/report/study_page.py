@@ -11,29 +11,37 @@ from pydantic import BaseModel, ConfigDict
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, inside, parse_json, read_text
 from eventsweep.emvs.utils.outputs import check_files
-from eventsweep.eval.figures.colormaps import INK, line_style
+from eventsweep.eval.figures.colormaps import INK
 from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
-    INK_STYLE,
     REPORT_NAME,
+    Block,
     Grid,
     GridCell,
     Head,
     Page,
+    Plot,
     Section,
+    Sentences,
+    Text,
     files_in,
     page_text,
     plural,
+    provenance,
+    tables,
     versions_grid,
     write_page,
 )
-from eventsweep.eval.report.ranking import column, definition
+from eventsweep.eval.report.ranking import column, definition, named_cell
 from eventsweep.eval.scoring.results import Value, read_json
 from eventsweep.eval.studies.curves import BREAKS_AT, METRICS
 
-# The first patch is the ground of a study's figure.
-_GROUND = f"<style>#patch_1 path {{ fill: none !important }}</style>{INK_STYLE}"
+# A page's style does not reach into an image; the first patch is the ground of a study's figure.
+_STYLE = (
+    "<style>#patch_1 path { fill: none !important } svg { color: #1d2328 } "
+    "@media (prefers-color-scheme: dark) { svg { color: #e4e7e9 } }</style>"
+)
 
 
 class StudyCurve(BaseModel):
@@ -110,15 +118,12 @@ def write_study_report(folder: Path) -> Path:
 def study_page(studies: list[StoredStudy], figures: list[str], files: tuple[str, ...]) -> Page:
     """What the page shows."""
     names = [study.study for study in studies]
+    versions = versions_grid(names, [study.versions for study in studies])
     return Page(
         title=names[0] if len(names) == 1 else f"{len(names)} studies",
         subtitle="One property is perturbed by growing amounts: how each method's error grows.",
-        sections=tuple(
-            _section(*shown, k) for k, shown in enumerate(zip(studies, figures, strict=True))
-        ),
-        provenance=versions_grid(names, [study.versions for study in studies]),
-        overview=_overview(studies),
-        findings=tuple(_findings(studies)),
+        blocks=(Sentences(tuple(_findings(studies))), _overview(studies)),
+        sections=(*map(_section, studies, figures, range(len(studies))), provenance(versions)),
         version=studies[0].versions.get("eventsweep", ""),
         files=files,
     )
@@ -164,7 +169,7 @@ def as_page(drawing: str) -> str:
         return drawing
     head, tag, rest = drawing.partition("<svg")
     opening, rest = rest.split(">", 1)
-    return f"{head}{tag}{opening}>{_GROUND}{rest.replace(INK, 'currentColor')}"
+    return f"{head}{tag}{opening}>{_STYLE}{rest.replace(INK, 'currentColor')}"
 
 
 def _overview(studies: list[StoredStudy]) -> Grid:
@@ -191,18 +196,18 @@ def _breaking(study: StoredStudy, method: str) -> GridCell:
 
 def _section(study: StoredStudy, figure: str, position: int) -> Section:
     metrics = list(dict.fromkeys(curve.metric for curve in study.curves))
-    seeds = plural(len(study.seeds), "seed")
-    return Section(
-        id=f"study{position}",
-        title=study.study,
-        names=tuple(column(metric).title for metric in metrics),
-        tables=tuple(_grid(study, metric) for metric in metrics),
-        text=f"{study.axis[:1].upper()}{study.axis[1:]}, in {study.unit}. Means over "
-        f"{', '.join(study.cases)} and {seeds}; ± is half of the 95 % band, which needs several "
-        "seeds.",
-        figure=figure,
-        failures=tuple(study.failures.items()),
+    about = (
+        f"{study.axis[:1].upper()}{study.axis[1:]}, in {study.unit}. Means over "
+        f"{', '.join(study.cases)} and {plural(len(study.seeds), 'seed')}; ± is half of the 95 % "
+        "band, which needs several seeds."
     )
+    failures = tuple(f"{job}: {why}" for job, why in study.failures.items())
+    blocks: list[Block] = [Text(about), Sentences(failures, "failures")]
+    if figure:
+        blocks.append(Plot(figure, f"{study.study}: curves per method"))
+    name, titles = f"study{position}", [column(metric).title for metric in metrics]
+    grids = tables(name, titles, [_grid(study, metric) for metric in metrics])
+    return Section(name, study.study, (*blocks, *grids))
 
 
 def _grid(study: StoredStudy, metric: str) -> Grid:
@@ -214,7 +219,7 @@ def _grid(study: StoredStudy, metric: str) -> Grid:
 
 
 def _line(curve: StudyCurve) -> tuple[GridCell, ...]:
-    cells = [GridCell(curve.method, colour=line_style(curve.method).css)]
+    cells = [named_cell(curve.method)]
     for mean, low, high in zip(curve.mean, curve.low, curve.high, strict=True):
         half = (high - low) / 2
         band = "" if math.isnan(mean + half) else f" ± {displayed(half, curve.unit)}"

@@ -8,13 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.utils.runtime import versions
-from eventsweep.eval.figures.colormaps import depth_scale
-from eventsweep.eval.figures.images import depth_image, point_size_px
+from eventsweep.eval.figures.colormaps import Scale, depth_scale
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import (
     ESTIMATE_COLOUR,
@@ -24,16 +21,26 @@ from eventsweep.eval.figures.plots import (
 )
 from eventsweep.eval.numbers import shown_zero_us
 from eventsweep.eval.report.html import (
+    Block,
+    Columns,
     Grid,
     GridCell,
     Head,
-    command_grid,
+    Layer,
+    Page,
+    Picture,
+    Pictures,
+    Plot,
+    Section,
+    Sentences,
+    Text,
     files_in,
+    made_here,
+    page_text,
     plural,
-    render,
-    versions_grid,
 )
 from eventsweep.eval.report.run_data import slice_of
+from eventsweep.eval.report.window_page import depth_uri
 from eventsweep.plugins.diagnose.calibrate.before_after import MappedWith
 from eventsweep.plugins.diagnose.calibrate.refine import Estimate, Refinement
 
@@ -46,31 +53,72 @@ def summary(refinement: Refinement) -> str:
     return f"{len(refinement.estimates) - refused} refined, {refused} refused"
 
 
-def page_text(
+def calibration_page(
     recording: Recording, refinement: Refinement, sides: Sequence[MappedWith], notes: Sequence[str],
     command: str, folder: Path,
 ) -> str:  # fmt: skip
     """The page as HTML."""
-    scale = depth_scale(_depth_range_m(sides[0]))
-    libraries = versions()
     files = [file.name for file in sorted(folder.iterdir()) if file.suffix != ".html"]
-    return render(
-        "calibrate.html.j2", "tables", "sides", package="eventsweep.plugins.diagnose",
-        title=f"calibration of {recording.name}", sentences=sentences(refinement, sides),
-        estimates=estimates_grid(refinement.estimates), notes=notes, scale=scale,
-        sides=[_shown(side, scale) for side in sides],
-        curves=Markup(svg(_curves, refinement)) if refinement.curves else "",
-        residuals=Markup(svg(_residuals, sides)) if len(sides[0].residuals_px) else "",
-        windows=windows_grid(refinement),
-        provenance=command_grid(command),
-        versions=versions_grid(["this page"], [libraries]), version=libraries["eventsweep"],
+    rho = sides[0].mapped.view.rho
+    scale = depth_scale((1 / float(rho.max()), 1 / float(rho.min())))
+    sections = {
+        "window": (
+            "Before and after",
+            "The window that gains most, mapped with both calibrations: depth, and a row of the "
+            "DSI seen from above.",
+            (Columns(tuple(_side(side, scale) for side in sides)),),
+        ),
+        "estimates": (
+            "Corrections",
+            "A correction is what was added to the calibration as given. The uncertainty is that "
+            "of 95 %, from how flat the top of the sharpness is and how windows differ. What is "
+            "refused keeps its value.",
+            (estimates_grid(refinement.estimates), Sentences(tuple(notes), "note")),
+        ),
+    }
+    if refinement.curves:
+        sections["curves"] = (
+            "Sharpness over each parameter",
+            "All other parameters at their best. The band is the uncertainty; the dotted line is "
+            "the calibration as given.",
+            (
+                Plot(svg(_curves, refinement), "sharpness per parameter"),
+                windows_grid(refinement),
+            ),
+        )
+    if len(sides[0].residuals_px):
+        sections["epipolar"] = (
+            "Epipolar residuals",
+            "A measure that refinement does not use: patches of camera 0's events, matched in "
+            "camera 1's rectified view.",
+            (Plot(svg(_residuals, sides), "histogram of the residuals"),),
+        )
+    page = Page(
+        title=f"Calibration of {recording.name}",
+        subtitle="",
+        blocks=(Sentences(tuple(sentences(refinement, sides))),),
+        sections=(
+            *(
+                Section(name, title, (Text(about), *blocks))
+                for name, (title, about, blocks) in sections.items()
+            ),
+            made_here(command),
+        ),
         files=files_in(folder, files),
-    )  # fmt: skip
+    )
+    return page_text(page)
 
 
-def _depth_range_m(side: MappedWith) -> tuple[float, float]:
-    rho = side.mapped.view.rho
-    return 1 / float(rho.max()), 1 / float(rho.min())
+def _side(side: MappedWith, scale: Scale) -> tuple[Block, ...]:
+    depth = side.mapped.depth_maps[side.method]
+    about = f"{int(depth.mask.sum()):,} points, {side.method}"
+    picture = Picture("Depth [m]", (Layer(depth_uri(depth, scale), about),), scale)
+    drawn = svg(slice_figure, slice_of(depth, side.mapped.slices))
+    return (
+        Text(side.name, "heading"),
+        Pictures((picture,), columns=1),
+        Plot(drawn, f"slice of the DSI, {side.name}"),
+    )
 
 
 def sentences(refinement: Refinement, sides: Sequence[MappedWith]) -> list[str]:
@@ -134,17 +182,6 @@ def windows_grid(refinement: Refinement) -> Grid:
                  GridCell(f"{after:.2f}", after), GridCell(f"{gain:+.1f}", gain))  # fmt: skip
         lines.append(cells)
     return Grid(heads, tuple(lines))
-
-
-def _shown(side: MappedWith, scale: Any) -> dict[str, Any]:
-    depth = side.mapped.depth_maps[side.method]
-    point_px = point_size_px(depth.depth_m.shape[1])
-    return {
-        "name": side.name,
-        "points": f"{int(depth.mask.sum()):,} points, {side.method}",
-        "depth": depth_image(depth.depth_m, depth.mask, scale, point_px).data_uri(),
-        "slice": Markup(svg(slice_figure, slice_of(depth, side.mapped.slices))),
-    }
 
 
 def _curves(refinement: Refinement) -> Figure:

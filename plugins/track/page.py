@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eventsweep.emvs.depth.point_cloud import PointCloud
-from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg
 from eventsweep.eval.report.html import (
@@ -20,11 +19,12 @@ from eventsweep.eval.report.html import (
     Head,
     Moving,
     Page,
+    Plot,
     Section,
+    Text,
+    made_here,
     page_text,
     plural,
-    svg_uri,
-    versions_grid,
 )
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Tracked
@@ -43,32 +43,29 @@ _COLOURS = {
 
 def track_page(name: str, tracked: Tracked, cloud: PointCloud) -> str:
     """The page as HTML."""
-    installed = versions()
     lost = sum(change.status is Status.LOST for change in tracked.changes)
     first_us, last_us = tracked.span_us
     figure = _overview(tracked, cloud)
-    path = Section(
-        "path", "Path", ("Changes of status",), (_changes(tracked),),
-        text="Axes are those of the first pose's world: for a body that looks ahead x points "
-        "right, y down, z forward. Grey: points of the maps. Colours below: status. Move the "
-        "slider, or play.",
-        figure=svg_uri(svg(lambda: figure)),
-        figure_about="path and map from above and from the side; position and status over time",
-        moving=_moving(tracked, figure),
-    )  # fmt: skip
-    status = Section("status", "Status", ("Poses",), (_counts(tracked),))
-    return page_text(
-        Page(
-            title=f"{name}, tracked",
-            subtitle=f"{len(tracked.trajectory):,} poses over {(last_us - first_us) / 1e6:.2f} s, "
-            f"{100 * tracked.covered:.1f} % of the time covered, {plural(tracked.maps, 'map')}, "
-            + (f"lost {plural(lost, 'time')}" if lost else "never lost"),
-            sections=(path, status),
-            provenance=versions_grid(["this page"], [installed]),
-            version=installed["eventsweep"],
-            files=("trajectory.txt", "track.json", "cloud.ply"),
-        )
+    text = Text(
+        "Axes are those of the first pose's world: for a body that looks ahead x points right, y "
+        "down, z forward. Grey: points of the maps. Colours below: status. Move the slider, or "
+        "play."
     )
+    about = "path and map from above and from the side; position and status over time"
+    plot = Plot(svg(lambda: figure), about, _moving(tracked, figure))
+    page = Page(
+        title=f"{name}, tracked",
+        subtitle=f"{len(tracked.trajectory):,} poses over {(last_us - first_us) / 1e6:.2f} s, "
+        f"{100 * tracked.covered:.1f} % of the time covered, {plural(tracked.maps, 'map')}, "
+        + (f"lost {plural(lost, 'time')}" if lost else "never lost"),
+        sections=(
+            Section("path", "Path", (text, plot, _changes(tracked))),
+            Section("status", "Status", (_counts(tracked),)),
+            made_here(),
+        ),
+        files=("trajectory.txt", "track.json", "cloud.ply"),
+    )
+    return page_text(page)
 
 
 def _changes(tracked: Tracked) -> Grid:
@@ -81,7 +78,10 @@ def _changes(tracked: Tracked) -> Grid:
         )
         for change in tracked.changes
     )
-    return Grid((Head("time", "s"), Head("status", text=True), Head("reason", text=True)), lines)
+    return Grid(
+        (Head("time", "s"), Head("status", text=True), Head("reason", text=True)),
+        lines,
+    )
 
 
 def _counts(tracked: Tracked) -> Grid:

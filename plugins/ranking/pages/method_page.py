@@ -6,7 +6,18 @@ import re
 from collections.abc import Iterator, Sequence
 from zlib import crc32
 
-from eventsweep.eval.report.html import Grid, GridCell, Head, Page, Section, plural
+from eventsweep.eval.report.html import (
+    Grid,
+    GridCell,
+    Head,
+    Page,
+    Pictures,
+    Section,
+    Text,
+    plural,
+    provenance,
+    text_grid,
+)
 from eventsweep.eval.report.ranking import column, value_cell
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.plugins.ranking import summary
@@ -40,15 +51,22 @@ def method_page(page: RankingPage, method: str, links: Sequence[tuple[str, str]]
     equal.remove(method)
     shared = f", equal with {', '.join(equal)}" if equal else ""
     error = summary.geometric(joined, method, "abs_rel", joined.cases)
+    said = f"{shared}: relative error {error:.2f} %."
     return Page(
         title=method,
         subtitle=f"{joined.base.suite}: {plural(len(joined.cases), 'case')}, "
         f"{plural(len(joined.base.seeds), 'seed')} each; sequences: {data(entry)}.",
-        lead=f"Rank {standing.rank} of {len(page.methods)}{shared}: relative error {error:.2f} %.",
-        pictures=page.pictures.get(method, ()),
-        sections=(_conditions(page, method), _cases(page, method), *_causes(page, method)),
-        overview=_ranks(page, method),
-        provenance=_provenance(entry, method),
+        blocks=(
+            Text(f"Rank {standing.rank} of {len(page.methods)}{said}", "lead"),
+            Pictures(page.pictures.get(method, ())),
+            _ranks(page, method),
+        ),
+        sections=(
+            _conditions(page, method),
+            _cases(page, method),
+            *_causes(page, method),
+            provenance(_facts(entry, method)),
+        ),
         version=joined.base.versions.get("eventsweep", ""),
         links=tuple(links),
     )
@@ -102,7 +120,7 @@ def _conditions(page: RankingPage, method: str) -> Section:
             *(value_cell(value, "%", float("nan")) for value in values),
         ))  # fmt: skip
     text = "What makes a case hard; a case may have several conditions. Place 1 is best."
-    return Section("conditions", "Conditions", ("all",), (Grid(heads, tuple(lines)),), text)
+    return Section("conditions", "Conditions", (Text(text), Grid(heads, tuple(lines))))
 
 
 def _cases(page: RankingPage, method: str) -> Section:
@@ -125,7 +143,7 @@ def _cases(page: RankingPage, method: str) -> Section:
         )
         for case in joined.cases
     )  # fmt: skip
-    return Section("cases", "Cases", ("all",), (Grid(heads, lines),), "Means over the seeds.")
+    return Section("cases", "Cases", (Text("Means over the seeds."), Grid(heads, lines)))
 
 
 def _causes(page: RankingPage, method: str) -> Iterator[Section]:
@@ -133,17 +151,21 @@ def _causes(page: RankingPage, method: str) -> Iterator[Section]:
     if found is None:
         return
     share, parts = found
-    heads = Head("cause", text=True), Head("of its outliers", "%"), Head("meaning", text=True)
+    heads = (
+        Head("cause", text=True),
+        Head("of its outliers", "%"),
+        Head("meaning", text=True),
+    )
     lines = tuple(
         (GridCell(name.replace("_", " ")), value_cell(parts[name], "%", float("nan")),
          GridCell(CAUSES[name]))
         for name in CAUSES
     )  # fmt: skip
     text = f"{share:.2f} % of its points are off by more than a tenth of the true depth."
-    yield Section("causes", "Why points are wrong", ("all",), (Grid(heads, lines),), text)
+    yield Section("causes", "Why points are wrong", (Text(text), Grid(heads, lines)))
 
 
-def _provenance(entry: RankingEntry, method: str) -> Grid:
+def _facts(entry: RankingEntry, method: str) -> Grid:
     """Who made it, with which settings, and what identifies it."""
     stated, cost = entry.stated.get(method), entry.cost.get(method)
     settings = entry.settings.get(method)
@@ -166,5 +188,4 @@ def _provenance(entry: RankingEntry, method: str) -> Grid:
             f"{entry.platform or 'an unnamed machine'}"
         )
     facts["eventsweep"] = entry.versions.get("eventsweep", "not recorded")
-    lines = tuple((GridCell(name), GridCell(text)) for name, text in facts.items())
-    return Grid((Head("what", text=True), Head("this method", text=True)), lines)
+    return text_grid(("what", "this method"), list(facts.items()))

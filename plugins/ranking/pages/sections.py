@@ -8,19 +8,21 @@ from dataclasses import dataclass, field, replace
 
 from eventsweep.emvs.methods import named
 from eventsweep.emvs.methods.method import Method
-from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.figures.plots import causes_figure, svg
 from eventsweep.eval.report.html import (
     Grid,
     GridCell,
     Head,
     Picture,
+    Pictures,
+    Plot,
     Section,
+    Text,
     plural,
-    svg_uri,
+    tables,
     versions_grid,
 )
-from eventsweep.eval.report.ranking import column, definition, value_cell
+from eventsweep.eval.report.ranking import column, definition, named_cell, value_cell
 from eventsweep.eval.scoring.direction import Direction, best
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.plugins.ranking import summary
@@ -62,10 +64,6 @@ class RankingPage:
         return [one.method for one in self.public.standings]
 
 
-def _name(method: str) -> GridCell:
-    return GridCell(method, colour=line_style(method).css)
-
-
 def _rank(one: Standing | None) -> tuple[GridCell, GridCell]:
     if one is None:
         return GridCell("–"), GridCell("–")
@@ -94,14 +92,18 @@ def overview(page: RankingPage) -> Grid:
     ]  # fmt: skip
     if hidden:
         heads += [Head("rank, hidden part"), Head("error, hidden part", "%", arrow=True)]
-    heads += [Head("time", "s per window"), Head("memory", "MB"), Head("note", text=True)]
+    heads += [
+        Head("time", "s per window"),
+        Head("memory", "MB"),
+        Head("note", text=True),
+    ]
     errors = [summary.geometric(joined, m, "abs_rel", joined.cases) for m in page.methods]
     best_error = best(errors, "lower")
     lines = []
     for one, error in zip(page.public.standings, errors, strict=True):
         coverage = summary.arithmetic(joined, one.method, "completeness", joined.cases)
         outliers = summary.arithmetic(joined, one.method, "outlier_share", joined.cases)
-        named = replace(_name(one.method), link=page.pages.get(one.method, ""))
+        named = replace(named_cell(one.method), link=page.pages.get(one.method, ""))
         cells = [
             named, *_rank(one), _number(one.place, 2),
             _number(error, is_best=error == best_error), _number(coverage),
@@ -168,7 +170,7 @@ def _standing_grid(ranked: Ranked, about: str) -> Grid:
     best_mean = best(means.values(), head.direction)
     lines = tuple(
         (
-            _name(one.method), *_rank(one), _number(one.place),
+            named_cell(one.method), *_rank(one), _number(one.place),
             value_cell(means[one.method], unit, best_mean),
         )
         for one in ranked.standings
@@ -189,19 +191,16 @@ def hidden(page: RankingPage) -> Iterator[Section]:
         f"{base.archive.secret_sha256}."
     )
     grid = _standing_grid(page.hidden, definition(MAIN))
-    yield Section("hidden", "Hidden part", (column(MAIN).title,), (grid,), text)
+    yield Section("hidden", "Hidden part", (Text(text), grid))
 
 
 def ranks(page: RankingPage) -> Section:
     """Ranks by each metric."""
     known = [metric for metric in OTHERS if metric in page.joined.base.units]
     ranked = [summary.ranked(page.joined, metric) for metric in known]
-    return Section(
-        "ranks",
-        "Ranks by other metrics",
-        tuple(column(metric).title for metric in known),
-        tuple(_standing_grid(one, definition(one.metric)) for one in ranked),
-    )
+    titles = [column(metric).title for metric in known]
+    grids = [_standing_grid(one, definition(one.metric)) for one in ranked]
+    return Section("ranks", "Ranks by other metrics", tables("ranks", titles, grids))
 
 
 def coverage(page: RankingPage) -> Section:
@@ -221,19 +220,15 @@ def coverage(page: RankingPage) -> Section:
         known = dict(curve[:-1])
         last = curve[-1] if curve else (math.nan, math.nan)
         cells = (_number(known.get(float(share), math.nan)) for share in shown)
-        lines.append((_name(method), _number(last[0]), _number(last[1]), *cells))
-    return Section(
-        "coverage",
-        "Error over coverage",
-        ("error",),
-        (Grid(heads, tuple(lines)),),
+        lines.append((named_cell(method), _number(last[0]), _number(last[1]), *cells))
+    text = Text(
         "A method that reports few pixels can choose easy ones. Each curve shows the error over "
         "the most confident pixels, as a share of all true pixels, relative in each case to the "
         "median method's error on all its pixels; a point is drawn where half of the cases have "
-        "that many. Methods without a confidence have one point.",
-        svg_uri(svg(coverage_figure, curves)),
-        "error over coverage, a curve per method",
+        "that many. Methods without a confidence have one point."
     )
+    plot = Plot(svg(coverage_figure, curves), "error over coverage, a curve per method")
+    return Section("coverage", "Error over coverage", (text, plot, Grid(heads, tuple(lines))))
 
 
 def conditions(page: RankingPage) -> Section:
@@ -245,7 +240,7 @@ def conditions(page: RankingPage) -> Section:
     groups = {name: found for name, found in groups.items() if found}
     heads = [Head("method", text=True)]
     heads += [Head(name, plural(len(found), "case")) for name, found in groups.items()]
-    tables = {
+    values = {
         "mean place": {
             name: summary.mean_places(joined, page.methods, found) for name, found in groups.items()
         },
@@ -258,19 +253,23 @@ def conditions(page: RankingPage) -> Section:
             for name, found in groups.items()
         },
     }
-    about = "; ".join(f"{name}: {', '.join(found)}" for name, found in groups.items())
-    grids = tuple(_by_column(page, heads, found, title) for title, found in tables.items())
-    return Section("conditions", "Conditions", tuple(tables), grids, f"{about}.", choice="Shows")
+    about = Text("; ".join(f"{name}: {', '.join(found)}" for name, found in groups.items()) + ".")
+    grids = [_by_column(page, heads, columns, title) for title, columns in values.items()]
+    choice = tables("conditions", list(values), grids, "Shows")
+    return Section("conditions", "Conditions", (about, *choice))
 
 
 def _by_column(
-    page: RankingPage, heads: Sequence[Head], columns: Mapping[str, Mapping[str, float]], title: str
+    page: RankingPage,
+    heads: Sequence[Head],
+    columns: Mapping[str, Mapping[str, float]],
+    title: str,
 ) -> Grid:
     direction: Direction = "higher" if title.startswith("coverage") else "lower"
     tops = {name: best(found.values(), direction) for name, found in columns.items()}
     lines = tuple(
         (
-            _name(method),
+            named_cell(method),
             *(_number(found[method], is_best=found[method] == tops[name])
               for name, found in columns.items()),
         )
@@ -289,13 +288,9 @@ def scenes(page: RankingPage) -> Section:
     ]
     others = [m for m in joined.owner if m not in page.methods]
     grids = tuple(_scene_grid(joined, [*page.methods, *others], cases, m) for m in metrics)
-    return Section(
-        "scenes",
-        "Scenes",
-        tuple(column(metric).title for metric in metrics),
-        grids,
-        "Means over the seeds; the best of each case is marked.",
-    )
+    titles = [column(metric).title for metric in metrics]
+    text = Text("Means over the seeds; the best of each case is marked.")
+    return Section("scenes", "Scenes", (text, *tables("scenes", titles, grids)))
 
 
 def _scene_grid(joined: Merged, methods: Sequence[str], cases: Sequence[str], metric: str) -> Grid:
@@ -311,7 +306,9 @@ def _scene_grid(joined: Merged, methods: Sequence[str], cases: Sequence[str], me
     for method in methods:
         found = [(values[method, case], tops[case]) for case in cases]
         if any(math.isfinite(value) for value, _ in found):
-            lines.append((_name(method), *(value_cell(value, unit, top) for value, top in found)))
+            lines.append(
+                (named_cell(method), *(value_cell(value, unit, top) for value, top in found))
+            )
     return Grid(heads, tuple(lines), definition(metric))
 
 
@@ -324,7 +321,8 @@ def poses(page: RankingPage) -> Iterator[Section]:
     heads = (Head("case", text=True), *(column(m).head(column(m).title) for m in metrics))
     grids = [Grid(heads, _pose_lines(base, found, metrics)) for found in base.poses.values()]
     text = "Means over the seeds; where one had no poses, only the time covered has one."
-    yield Section("poses", "Poses from events", tuple(base.poses), tuple(grids), text)
+    choice = tables("poses", list(base.poses), grids)
+    yield Section("poses", "Poses from events", (Text(text), *choice))
 
 
 def _pose_lines(
@@ -360,7 +358,7 @@ def cost(page: RankingPage) -> Section:
         theirs_mb = stated.cost.peak_memory_mb if stated else math.nan
         ours_s = ours.cpu_seconds if ours else math.nan
         lines.append((
-            _name(method), _number(ours_s, 3),
+            named_cell(method), _number(ours_s, 3),
             _number(ours.peak_memory_mb if ours else math.nan, 0), _number(theirs_s, 3),
             _number(theirs_mb, 0), GridCell(stated.cost.hardware if stated else ""),
             _number(error),
@@ -370,16 +368,13 @@ def cost(page: RankingPage) -> Section:
             points[method] = seconds, error, math.isnan(ours_s)
     cases = {c.case for m in page.methods for c in [joined.owner[m].cost.get(m)] if c}
     where = f" of {', '.join(sorted(cases))}, on {joined.base.platform}" if cases else ""
-    return Section(
-        "cost",
-        "Accuracy against cost",
-        ("cost",),
-        (Grid(heads, tuple(lines)),),
+    text = Text(
         f"Measured: the first window{where}, each method alone in one thread, the whole "
-        "process's memory. Stated: as reported by submitters, not checked.",
-        svg_uri(svg(cost_figure, points)) if points else "",
-        "relative error against time for a window",
+        "process's memory. Stated: as reported by submitters, not checked."
     )
+    about = "relative error against time for a window"
+    plots = (Plot(svg(cost_figure, points), about),) if points else ()
+    return Section("cost", "Accuracy against cost", (text, *plots, Grid(heads, tuple(lines))))
 
 
 def causes(page: RankingPage) -> Iterator[Section]:
@@ -393,35 +388,28 @@ def causes(page: RankingPage) -> Iterator[Section]:
         *(Head(cause.replace("_", " "), "% of these") for cause in CAUSES),
     )  # fmt: skip
     lines = tuple(
-        (_name(m), _number(share), *(_number(parts[cause], 1) for cause in CAUSES))
+        (named_cell(m), _number(share), *(_number(parts[cause], 1) for cause in CAUSES))
         for m, (share, parts) in shares.items()
     )
-    yield Section(
-        "causes",
-        "Why points are wrong",
-        ("causes",),
-        (Grid(heads, lines),),
+    text = Text(
         "Points whose error is above a tenth of the true depth, by their most likely cause; all "
-        "points of all cases together.",
-        svg_uri(svg(causes_figure, shares)),
-        "outliers by cause",
+        "points of all cases together."
     )
+    plot = Plot(svg(causes_figure, shares), "outliers by cause")
+    yield Section("causes", "Why points are wrong", (text, plot, Grid(heads, lines)))
 
 
 def gallery(page: RankingPage) -> Iterator[Section]:
     """Best and worst case of each method; nothing where no picture is there."""
     pictures = [picture for method in page.methods for picture in page.pictures.get(method, ())]
     if pictures:
-        yield Section(
-            "pictures",
-            "Best and worst case of each method",
-            (),
-            (),
+        text = Text(
             "Depth, true depth and error, blue (none) to orange (the stated value or more), in "
             "the first window of the first seed: the case with the smallest relative error, and "
-            "that with the largest.",
-            pictures=tuple(pictures),
+            "that with the largest."
         )
+        blocks = text, Pictures(tuple(pictures))
+        yield Section("pictures", "Best and worst case of each method", blocks)
 
 
 def history(page: RankingPage) -> Iterator[Section]:
@@ -430,22 +418,17 @@ def history(page: RankingPage) -> Iterator[Section]:
     found = summary.history(public, page.joined)
     if not found.lines:
         return
-    heads = (Head("method", text=True), *(Head(label, "%", arrow=True) for label in found.labels))
-    lines = tuple(
-        (_name(method), *(_number(value) for value in line)) for method, line in found.lines.items()
+    heads = (
+        Head("method", text=True),
+        *(Head(label, "%", arrow=True) for label in found.labels),
     )
-    yield Section(
-        "history",
-        "History",
-        ("relative error",),
-        (Grid(heads, lines),),
-        "Relative error with each version of the code, on the same sequences, oldest first.",
-        svg_uri(svg(history_figure, found.labels, found.lines)),
-        "relative error over versions",
-    )
+    lines = tuple((named_cell(method), *map(_number, line)) for method, line in found.lines.items())
+    text = "Relative error with each version of the code, on the same sequences, oldest first."
+    plot = Plot(svg(history_figure, found.labels, found.lines), "relative error over versions")
+    yield Section("history", "History", (Text(text), plot, Grid(heads, lines)))
 
 
-def provenance(page: RankingPage) -> Grid:
+def made(page: RankingPage) -> Grid:
     """What made each result."""
     entries = page.entries
     grid = versions_grid([one.label for one in entries], [one.versions for one in entries])
