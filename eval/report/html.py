@@ -19,7 +19,6 @@ from eventsweep.emvs.utils.runtime import versions as installed_versions
 from eventsweep.eval.figures.colormaps import Scale
 
 Kind = Literal["", "better", "worse", "other", "best"]
-Verdict = Literal["", "good", "doubtful", "wrong"]
 REPORT_NAME = "report.html"
 _PACKAGE, _FOLDER = "eventsweep.eval.report", "templates"
 
@@ -237,12 +236,12 @@ Block = (
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of a page."""
+    """A part of a page; with a verdict, such as good, doubtful or wrong, a card of its colour."""
 
     id: str
     title: str
     blocks: tuple[Block, ...]
-    verdict: Verdict = ""
+    verdict: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,7 +262,7 @@ class Page:
     version: str = field(default_factory=lambda: installed_versions()["eventsweep"])
     files: tuple[str, ...] = ()
     links: tuple[tuple[str, str], ...] = ()
-    verdict: Verdict = ""
+    verdict: str = ""
 
 
 def page_text(page: Page) -> str:

@@ -10,7 +10,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.image_stores import Photo
-from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.dsi.method import OWN_UNIT, VOTES
 from eventsweep.emvs.methods import named
 from eventsweep.eval.figures.colormaps import (
@@ -274,7 +273,7 @@ def truth_uri(window: WindowData, scale: Scale) -> str | None:
     return image_uri(depth_image(window.truth.depth_m, window.truth.scored, scale))
 
 
-def depth_uri(method: MethodData | DepthMap, scale: Scale) -> str:
+def depth_uri(method: MethodData, scale: Scale) -> str:
     """A method's depth."""
     return image_uri(depth_image(method.depth_m, method.mask, scale, _point_px(method)))
 
@@ -286,7 +285,7 @@ def error_uri(method: MethodData, truth: Truth, scale: Scale) -> str:
     return image_uri(image)
 
 
-def _point_px(method: MethodData | DepthMap) -> int:
+def _point_px(method: MethodData) -> int:
     return point_size_px(method.depth_m.shape[1])
 
 

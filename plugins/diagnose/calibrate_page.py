@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.eval.figures.colormaps import Scale, depth_scale
+from eventsweep.eval.figures.images import depth_image, point_size_px
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import (
     ESTIMATE_COLOUR,
@@ -40,7 +41,6 @@ from eventsweep.eval.report.html import (
     plural,
 )
 from eventsweep.eval.report.run_data import slice_of
-from eventsweep.eval.report.window_page import depth_uri
 from eventsweep.plugins.diagnose.calibrate.before_after import MappedWith
 from eventsweep.plugins.diagnose.calibrate.refine import Estimate, Refinement
 
@@ -59,60 +59,57 @@ def calibration_page(
 ) -> str:  # fmt: skip
     """The page as HTML."""
     files = [file.name for file in sorted(folder.iterdir()) if file.suffix != ".html"]
-    rho = sides[0].mapped.view.rho
-    scale = depth_scale((1 / float(rho.max()), 1 / float(rho.min())))
-    sections = {
-        "window": (
-            "Before and after",
-            "The window that gains most, mapped with both calibrations: depth, and a row of the "
-            "DSI seen from above.",
-            (Columns(tuple(_side(side, scale) for side in sides)),),
-        ),
-        "estimates": (
-            "Corrections",
-            "A correction is what was added to the calibration as given. The uncertainty is that "
-            "of 95 %, from how flat the top of the sharpness is and how windows differ. What is "
-            "refused keeps its value.",
-            (estimates_grid(refinement.estimates), Sentences(tuple(notes), "note")),
-        ),
-    }
-    if refinement.curves:
-        sections["curves"] = (
-            "Sharpness over each parameter",
-            "All other parameters at their best. The band is the uncertainty; the dotted line is "
-            "the calibration as given.",
-            (
-                Plot(svg(_curves, refinement), "sharpness per parameter"),
-                windows_grid(refinement),
-            ),
-        )
-    if len(sides[0].residuals_px):
-        sections["epipolar"] = (
-            "Epipolar residuals",
-            "A measure that refinement does not use: patches of camera 0's events, matched in "
-            "camera 1's rectified view.",
-            (Plot(svg(_residuals, sides), "histogram of the residuals"),),
-        )
     page = Page(
         title=f"Calibration of {recording.name}",
         subtitle="",
         blocks=(Sentences(tuple(sentences(refinement, sides))),),
-        sections=(
-            *(
-                Section(name, title, (Text(about), *blocks))
-                for name, (title, about, blocks) in sections.items()
-            ),
-            made_here(command),
-        ),
+        sections=(*_sections(refinement, sides, notes), made_here(command)),
         files=files_in(folder, files),
     )
     return page_text(page)
 
 
+def _sections(
+    refinement: Refinement, sides: Sequence[MappedWith], notes: Sequence[str]
+) -> Iterator[Section]:
+    rho = sides[0].mapped.view.rho
+    scale = depth_scale((1 / float(rho.max()), 1 / float(rho.min())))
+    text = Text(
+        "The window that gains most, mapped with both calibrations: depth, and a row of the DSI "
+        "seen from above."
+    )
+    shown = Columns(tuple(_side(side, scale) for side in sides))
+    yield Section("window", "Before and after", (text, shown))
+    text = Text(
+        "A correction is what was added to the calibration as given. The uncertainty is that of "
+        "95 %, from how flat the top of the sharpness is and how windows differ. What is refused "
+        "keeps its value."
+    )
+    said = Sentences(tuple(notes), "note")
+    yield Section("estimates", "Corrections", (text, estimates_grid(refinement.estimates), said))
+    if refinement.curves:
+        text = Text(
+            "All other parameters at their best. The band is the uncertainty; the dotted line is "
+            "the calibration as given."
+        )
+        plot = Plot(svg(_curves, refinement), "sharpness per parameter")
+        blocks = text, plot, windows_grid(refinement)
+        yield Section("curves", "Sharpness over each parameter", blocks)
+    if len(sides[0].residuals_px):
+        text = Text(
+            "A measure that refinement does not use: patches of camera 0's events, matched in "
+            "camera 1's rectified view."
+        )
+        plot = Plot(svg(_residuals, sides), "histogram of the residuals")
+        yield Section("epipolar", "Epipolar residuals", (text, plot))
+
+
 def _side(side: MappedWith, scale: Scale) -> tuple[Block, ...]:
     depth = side.mapped.depth_maps[side.method]
     about = f"{int(depth.mask.sum()):,} points, {side.method}"
-    picture = Picture("Depth [m]", (Layer(depth_uri(depth, scale), about),), scale)
+    point_px = point_size_px(depth.depth_m.shape[1])
+    image = depth_image(depth.depth_m, depth.mask, scale, point_px)
+    picture = Picture("Depth [m]", (Layer(image.data_uri(), about),), scale)
     drawn = svg(slice_figure, slice_of(depth, side.mapped.slices))
     return (
         Text(side.name, "heading"),
