@@ -63,11 +63,11 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A paragraph that begins with `head` in bold, or a heading within a section."""
+    """A paragraph that begins with `head` in bold, a heading within a section, or a file."""
 
     kind: ClassVar[str] = "text"
     text: str
-    style: Literal["", "lead", "note", "caption", "heading"] = ""
+    style: Literal["", "lead", "note", "caption", "heading", "file"] = ""
     head: str = ""
 
 
@@ -213,14 +213,6 @@ class Details:
 
 
 @dataclass(frozen=True, slots=True)
-class Code:
-    """Text of a file, as it stands."""
-
-    kind: ClassVar[str] = "code"
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
 class Columns:
     """Blocks side by side."""
 
@@ -230,7 +222,7 @@ class Columns:
 
 Block = (
     Text | Sentences | Facts | Grid | Plot | Pictures | Film | Viewer | Of | Choice | Details
-    | Code | Columns
+    | Columns
 )  # fmt: skip
 
 

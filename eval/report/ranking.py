@@ -57,9 +57,9 @@ class Column:
     direction: Direction
     formula: str
 
-    def head(self, title: str) -> Head:
+    def head(self, title: str = "") -> Head:
         """A heading of values of the metric."""
-        return Head(title, self.unit, self.direction, arrow=True, about=self.formula)
+        return Head(title or self.title, self.unit, self.direction, arrow=True, about=self.formula)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ class RankingTable:
 
     def heads(self) -> list[Head]:
         """The columns' headings on a page."""
-        return [column.head(column.title) for column in self.columns]
+        return [column.head() for column in self.columns]
 
     def grid(self, about: str = "", spreads: Mapping[tuple[str, str], str] | None = None) -> Grid:
         """The table of a page; `spreads` by method and metric stand behind their values."""

@@ -30,7 +30,6 @@ from eventsweep.eval.report.html import (
     REPORT_NAME,
     Block,
     Choice,
-    Code,
     Details,
     Facts,
     Film,
@@ -272,5 +271,9 @@ def _provenance(data: RunData) -> Section:
     rows = each(results.rows[results.rows["metric"] == "baseline_focal"])
     units = {row.case: f"{row.value:.4g} {row.unit}" for row in rows}
     facts += [(f"baseline × focal length of {case}", text) for case, text in units.items()]
-    stated = [Details("Configuration", (Code(data.configuration),))] if data.configuration else []
+    stated = (
+        [Details("Configuration", (Text(data.configuration, "file"),))]
+        if data.configuration
+        else []
+    )
     return provenance(Facts(tuple(facts)), *stated)

@@ -177,7 +177,7 @@ def overview_grid(scored: Scored) -> Grid:
         (named_cell(method), *(cells[name][k] for name in COLUMNS))
         for k, method in enumerate(scored)
     )
-    return Grid((Head("estimate"), *(head.head(head.title) for head in heads)), lines)
+    return Grid((Head("estimate"), *(head.head() for head in heads)), lines)
 
 
 def metrics_grid(scored: Scored) -> Grid:

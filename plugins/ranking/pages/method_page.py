@@ -128,7 +128,7 @@ def _cases(page: RankingPage, method: str) -> Section:
     metrics = [metric for metric in _SHOWN if metric in joined.base.units]
     heads = (
         Head("case", text=True), Head("conditions", text=True),
-        *(column(metric).head(column(metric).title) for metric in metrics),
+        *(column(metric).head() for metric in metrics),
     )  # fmt: skip
     lines = tuple(
         (

@@ -318,7 +318,7 @@ def poses(page: RankingPage) -> Iterator[Section]:
     metrics = [m for m in POSE_METRICS if any(m in found for found in base.poses.values())]
     if not metrics:
         return
-    heads = (Head("case", text=True), *(column(m).head(column(m).title) for m in metrics))
+    heads = (Head("case", text=True), *(column(m).head() for m in metrics))
     grids = [Grid(heads, _pose_lines(base, found, metrics)) for found in base.poses.values()]
     text = "Means over the seeds; where one had no poses, only the time covered has one."
     choice = tables("poses", list(base.poses), grids)
