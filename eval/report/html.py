@@ -288,7 +288,7 @@ def provenance(*blocks: Block) -> Section:
 
 def made_here(command: str = "") -> Section:
     """Provenance of what was made just now: the command, if one is known, and the versions."""
-    named = Grid((Head("command", text=True),), ((GridCell(command or "Python"),),))
+    named = grid(("command",), ((command or "Python",),))
     return provenance(named, versions_grid(["this page"], [installed_versions()]))
 
 
@@ -298,14 +298,20 @@ def versions_grid(names: Sequence[str], versions: Sequence[Mapping[str, str]]) -
     for library in sorted(set().union(*versions)):
         texts = [installed.get(library, "absent") for installed in versions]
         kind: Kind = "worse" if len(set(texts)) > 1 else ""
-        lines.append((GridCell(library), *(GridCell(text, kind=kind) for text in texts)))
-    return Grid((Head("version of"), *(Head(name) for name in names)), tuple(lines))
+        lines.append((library, *(GridCell(text, kind=kind) for text in texts)))
+    return grid(map(Head, ("version of", *names)), lines)
 
 
-def text_grid(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> Grid:
-    """A table of texts."""
-    cells = tuple(tuple(map(GridCell, line)) for line in lines)
-    return Grid(tuple(Head(head, text=True) for head in heads), cells)
+def grid(heads: Iterable[object], lines: Iterable[Iterable[object]], about: str = "") -> Grid:
+    """A table; what is no heading or cell yet becomes one of text, or of a whole number."""
+    headings = (h if isinstance(h, Head) else Head(str(h), text=True) for h in heads)
+    return Grid(tuple(headings), tuple(tuple(map(_cell, line)) for line in lines), about)
+
+
+def _cell(content: object) -> GridCell:
+    if isinstance(content, int):
+        return GridCell(f"{content:,}", content)
+    return content if isinstance(content, GridCell) else GridCell(str(content))
 
 
 def files_in(folder: Path, names: Iterable[str]) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.found_poses import TRACK, is_on_own_poses, method_on_own_poses
 from eventsweep.eval.numbers import display_unit, displayed
-from eventsweep.eval.report.html import Grid, GridCell, Head
+from eventsweep.eval.report.html import Grid, GridCell, Head, grid
 from eventsweep.eval.scoring.direction import Direction, badness, best
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
@@ -106,16 +106,15 @@ class RankingTable:
 
     def by_metric(self) -> Grid:
         """A line for each metric instead, with a column for each method: values do not sort."""
-        heads = (Head("metric", text=True), Head("unit", text=True))
-        lines = tuple(
+        lines = (
             (
                 GridCell(f"{head.title} {_ARROWS[head.direction]}".strip(), about=head.formula),
-                GridCell(head.unit),
+                head.unit,
                 *(replace(line.cells[k], value=math.nan) for line in self.lines),
             )
             for k, head in enumerate(self.columns)
         )
-        return Grid((*heads, *(Head(line.method) for line in self.lines)), lines)
+        return grid(("metric", "unit", *(Head(line.method) for line in self.lines)), lines)
 
 
 def named_cell(method: str) -> GridCell:

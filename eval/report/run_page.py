@@ -245,7 +245,7 @@ def _film(data: RunData, case: CaseData) -> Iterator[Film]:
 
 
 def _still(window: WindowData, scale: Scale) -> Iterator[Picture]:
-    (method,) = window.methods
+    method = window.methods[0]
     point_px = point_size_px(method.depth_m.shape[1])
     depth = depth_image(method.depth_m, method.mask, scale, point_px)
     yield Picture("Depth [m]", (Layer(_small_uri(depth), method.name),), scale)

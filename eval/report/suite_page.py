@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -15,7 +14,6 @@ from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
     REPORT_NAME,
     Block,
-    GridCell,
     Layer,
     Page,
     Picture,
@@ -25,6 +23,7 @@ from eventsweep.eval.report.html import (
     Sentences,
     Text,
     files_in,
+    grid,
     page_text,
     plural,
     provenance,
@@ -125,9 +124,8 @@ def _verdict(
 
 
 def _provenance(result: SuiteResult) -> Section:
-    grid = versions_grid([result.platform or "here"], [result.versions])
-    digests = tuple(tuple(map(GridCell, pair)) for pair in result.predictions.items())
-    return provenance(replace(grid, lines=(*grid.lines, *digests)))
+    made = versions_grid([result.platform or "here"], [result.versions])
+    return provenance(grid(made.heads, (*made.lines, *result.predictions.items())))
 
 
 def _ordering_metric(result: SuiteResult, measured: Set[str]) -> str:

@@ -12,12 +12,7 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.outputs import atomic_dir, check_output
 from eventsweep.eval.config import TrajectoryConfig
 from eventsweep.eval.figures.plots import svg
-from eventsweep.eval.figures.trajectories import (
-    Scored,
-    boxes_figure,
-    errors_figure,
-    path_figure,
-)
+from eventsweep.eval.figures.trajectories import Scored, boxes_figure, errors_figure, path_figure
 from eventsweep.eval.report.html import (
     REPORT_NAME,
     Grid,
@@ -29,6 +24,7 @@ from eventsweep.eval.report.html import (
     Sentences,
     Text,
     files_in,
+    grid,
     made_here,
     page_text,
 )
@@ -36,11 +32,7 @@ from eventsweep.eval.report.ranking import column, named_cell, value_cell
 from eventsweep.eval.scoring.direction import best
 from eventsweep.eval.scoring.results import Results, write_results
 from eventsweep.eval.scoring.trajectories.score import TrajectoryScore, results_of
-from eventsweep.eval.scoring.trajectories.sources import (
-    read_estimate,
-    read_truth,
-    score_sources,
-)
+from eventsweep.eval.scoring.trajectories.sources import read_estimate, read_truth, score_sources
 
 COLUMNS = (
     "ate_rmse", "ate_share", "ate_rotation_rmse", "drift", "scale_error", "time_covered",
@@ -173,27 +165,18 @@ def overview_grid(scored: Scored) -> Grid:
     """A line for each estimate: what decides, the best marked."""
     heads = [column(name) for name in COLUMNS]
     cells = {name: _cells(scored, name) for name in COLUMNS}
-    lines = tuple(
+    lines = (
         (named_cell(method), *(cells[name][k] for name in COLUMNS))
         for k, method in enumerate(scored)
     )
-    return Grid((Head("estimate"), *(head.head() for head in heads)), lines)
+    return grid((Head("estimate"), *(head.head() for head in heads)), lines)
 
 
 def metrics_grid(scored: Scored) -> Grid:
     """A line for each metric, with what it is."""
     heads = [column(score.metric) for score in next(iter(scored.values())).scores]
-    lines = (
-        (
-            GridCell(h.title),
-            GridCell(h.unit),
-            *_cells(scored, h.name),
-            GridCell(h.formula),
-        )
-        for h in heads
-    )
-    names = (Head("metric", text=True), Head("unit", text=True), *map(Head, scored))
-    return Grid((*names, Head("what it is", text=True)), tuple(lines))
+    lines = ((head.title, head.unit, *_cells(scored, head.name), head.formula) for head in heads)
+    return grid(("metric", "unit", *map(Head, scored), "what it is"), lines)
 
 
 def _cells(scored: Scored, name: str) -> list[GridCell]:

@@ -36,11 +36,9 @@ from eventsweep.eval.figures.images import (
     point_size_px,
 )
 from eventsweep.eval.figures.plots import CAUSE_COLOURS, SliceFigures, svg
-from eventsweep.eval.numbers import displayed, thousands
+from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
     Block,
-    Grid,
-    GridCell,
     Head,
     Layer,
     Of,
@@ -49,6 +47,7 @@ from eventsweep.eval.report.html import (
     Plot,
     Text,
     Viewer,
+    grid,
 )
 from eventsweep.eval.report.ranking import column, with_unit
 from eventsweep.eval.report.run_data import MethodData, WindowData
@@ -223,17 +222,11 @@ def _counts(window: WindowData) -> Iterator[Block]:
     if not window.counts:
         return
     names = dict.fromkeys(name for counts in window.counts.values() for name in counts)
-    heads = (Head("camera", text=True), *(Head(name, direction="none") for name in names))
     lines = (
-        (GridCell(camera), *(_count(counts.get(name)) for name in names))
-        for camera, counts in window.counts.items()
+        (camera, *(of.get(name, "–") for name in names)) for camera, of in window.counts.items()
     )
     yield Text("Event statistics", "heading")
-    yield Grid(heads, tuple(lines))
-
-
-def _count(value: int | None) -> GridCell:
-    return GridCell("–") if value is None else GridCell(thousands(value), value)
+    yield grid(("camera", *(Head(name, direction="none") for name in names)), lines)
 
 
 def seconds(t_us: int) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,7 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.eval.figures.colormaps import Scale, depth_scale
 from eventsweep.eval.figures.images import depth_image, point_size_px
 from eventsweep.eval.figures.laid_out import LaidOutFigure
-from eventsweep.eval.figures.plots import (
-    ESTIMATE_COLOUR,
-    TRUTH_COLOUR,
-    slice_figure,
-    svg,
-)
+from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, TRUTH_COLOUR, slice_figure, svg
 from eventsweep.eval.numbers import shown_zero_us
 from eventsweep.eval.report.html import (
     Block,
@@ -36,6 +32,7 @@ from eventsweep.eval.report.html import (
     Sentences,
     Text,
     files_in,
+    grid,
     made_here,
     page_text,
     plural,
@@ -139,20 +136,17 @@ def sentences(refinement: Refinement, sides: Sequence[MappedWith]) -> list[str]:
 
 def estimates_grid(estimates: Sequence[Estimate]) -> Grid:
     """A line per parameter: correction, uncertainty, verdict."""
-    heads = (
-        Head("parameter", text=True), Head("correction"), Head("±", "95 %"),
-        Head("unit", text=True), Head("result", text=True),
-    )  # fmt: skip
-    return Grid(heads, tuple(map(_line, estimates)))
+    heads = ("parameter", Head("correction"), Head("±", "95 %"), "unit", "result")
+    return grid(heads, map(_line, estimates))
 
 
-def _line(estimate: Estimate) -> tuple[GridCell, ...]:
+def _line(estimate: Estimate) -> tuple[object, ...]:
     value, uncertainty, refused = estimate.value, estimate.uncertainty, estimate.refused
     return (
-        GridCell(estimate.parameter.name),
+        estimate.parameter.name,
         GridCell("as given" if refused else f"{value:+.3f}", value),
         GridCell(f"{uncertainty:.3f}" if math.isfinite(uncertainty) else "unknown", uncertainty),
-        GridCell(estimate.parameter.unit),
+        estimate.parameter.unit,
         GridCell(f"refused: {refused}" if refused else "refined",
                  kind="worse" if refused else "better"),
     )  # fmt: skip
@@ -163,12 +157,7 @@ def windows_grid(refinement: Refinement) -> Grid:
 
     Times of a clock are those since the first window's begin.
     """
-    heads = (
-        Head("window", "s"),
-        Head("as given", "votes"),
-        Head("refined", "votes"),
-        Head("gain", "%"),
-    )
+    units = {"window": "s", "as given": "votes", "refined": "votes", "gain": "%"}
     lines, zero_us = [], shown_zero_us(min((t0_us for t0_us, _ in refinement.windows), default=0))
     for (t0_us, t1_us), (before, after) in zip(
         refinement.windows, refinement.sharpness, strict=True
@@ -178,7 +167,7 @@ def windows_grid(refinement: Refinement) -> Grid:
         cells = (GridCell(times, t0_us), GridCell(f"{before:.2f}", before),
                  GridCell(f"{after:.2f}", after), GridCell(f"{gain:+.1f}", gain))  # fmt: skip
         lines.append(cells)
-    return Grid(heads, tuple(lines))
+    return grid(starmap(Head, units.items()), lines)
 
 
 def _curves(refinement: Refinement) -> Figure:

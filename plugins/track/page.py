@@ -22,6 +22,7 @@ from eventsweep.eval.report.html import (
     Plot,
     Section,
     Text,
+    grid,
     made_here,
     page_text,
     plural,
@@ -70,24 +71,17 @@ def track_page(name: str, tracked: Tracked, cloud: PointCloud) -> str:
 
 def _changes(tracked: Tracked) -> Grid:
     first_us = tracked.span_us[0]
-    lines = tuple(
-        (
-            GridCell(f"{(change.t_us - first_us) / 1e6:.3f}", change.t_us),
-            GridCell(change.status.value),
-            GridCell(change.reason),
-        )
-        for change in tracked.changes
+    lines = (
+        (GridCell(f"{(c.t_us - first_us) / 1e6:.3f}", c.t_us), c.status.value, c.reason)
+        for c in tracked.changes
     )
-    return Grid(
-        (Head("time", "s"), Head("status", text=True), Head("reason", text=True)),
-        lines,
-    )
+    return grid((Head("time", "s"), "status", "reason"), lines)
 
 
 def _counts(tracked: Tracked) -> Grid:
     counts = {status: sum(each is status for each in tracked.statuses) for status in Status}
-    lines = tuple((GridCell(s.value), GridCell(f"{n:,}", n)) for s, n in counts.items() if n)
-    return Grid((Head("status", text=True), Head("poses", direction="higher")), lines)
+    lines = ((status.value, count) for status, count in counts.items() if count)
+    return grid(("status", Head("poses", direction="higher")), lines)
 
 
 def _overview(tracked: Tracked, cloud: PointCloud) -> Figure:

@@ -32,10 +32,10 @@ from eventsweep.eval.report.html import (
     Section,
     Sentences,
     Text,
+    grid,
     page_text,
     plural,
     tables,
-    text_grid,
 )
 from eventsweep.eval.report.ranking import RANKING_COLUMNS, column, definition, named_cell
 from eventsweep.eval.report.tables import TABLES_FOLDER, write_tables
@@ -238,7 +238,7 @@ def _settings_grid(comparison: Comparison, settings: Sequence[Setting]) -> Grid:
         )
         for one in settings
     )
-    return text_grid(texts, lines)
+    return grid(texts, lines)
 
 
 def number_grids(comparison: Comparison) -> dict[str, dict[str, Grid]]:
@@ -273,12 +273,7 @@ def _grid(comparison: Comparison, metric: str, found: Sequence[Sequence[Differen
     value = others[0] if len(others) == 1 else "value"
     heads += map(head.head, (first, value))
     heads += [Head(title, head.unit) for title in ("Δ", "Δ from", "Δ to")]
-    heads += [
-        Head("Δ", "%"),
-        Head("seeds"),
-        Head("p", "Holm"),
-        Head(VERDICT, text=True),
-    ]
+    heads += [Head("Δ", "%"), Head("seeds"), Head("p", "Holm"), Head(VERDICT, text=True)]
     named = [(one, name) for name, of_one in zip(others, found, strict=True) for one in of_one]
     order = _best_first([one for one, _ in named])
     named.sort(key=lambda pair: order.index(pair[0].method))
@@ -320,12 +315,12 @@ def comparison_tables(comparison: Comparison) -> dict[str, Grid]:
     files, cases = {"settings": _for_file(settings, "Settings that differ")}, _cases(comparison)
     for title, grids in number_grids(comparison).items():
         stem = title if title in cases else "mean-of-cases"
-        for metric, grid in grids.items():
-            files[f"{stem}-{metric}"] = _for_file(grid, f"{title}: {_title(metric)}")
+        for metric, table in grids.items():
+            files[f"{stem}-{metric}"] = _for_file(table, f"{title}: {_title(metric)}")
     return files
 
 
-def _for_file(grid: Grid, caption: str) -> Grid:
+def _for_file(table: Grid, caption: str) -> Grid:
     """A table as a file has it: without arrows, under a caption."""
-    heads = tuple(replace(head, arrow=False) for head in grid.heads)
-    return Grid((replace(heads[0], text=True), *heads[1:]), grid.lines, caption)
+    heads = tuple(replace(head, arrow=False) for head in table.heads)
+    return Grid((replace(heads[0], text=True), *heads[1:]), table.lines, caption)

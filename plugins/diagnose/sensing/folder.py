@@ -28,6 +28,7 @@ from eventsweep.eval.report.html import (
     Pictures,
     Section,
     Sentences,
+    grid,
     made_here,
     page_text,
     tables,
@@ -68,24 +69,16 @@ def realism_page(realism: Realism, command: str, files: tuple[str, ...]) -> str:
     real, simulated = realism.real, realism.simulated
     findings = [
         f"A classifier on event statistics tells them apart with an AUC of {realism.auc:.3f} "
-        "(0.5: never, as good as real; 1: always).",
+        "(0.5: never, as good as real; 1: always)."
     ]
-    heads = (
-        Head("statistic", text=True),
-        Head(real.name, "real"),
-        Head(simulated.name, "simulated"),
-    )
-    lines = tuple(
-        (
-            GridCell(name),
-            *(GridCell(significant(v), v) for v in (value, simulated.statistics[name])),
-        )
+    lines = (
+        (name, *(GridCell(significant(v), v) for v in (value, simulated.statistics[name])))
         for name, value in real.statistics.items()
     )
-    single = tuple((GridCell(name), GridCell(f"{v:.3f}", v)) for name, v in realism.single.items())
+    single = ((name, GridCell(f"{value:.3f}", value)) for name, value in realism.single.items())
     grids = (
-        Grid(heads, lines),
-        Grid((Head("statistic of a window", text=True), Head("AUC of it alone")), single),
+        grid(("statistic", Head(real.name, "real"), Head(simulated.name, "simulated")), lines),
+        grid(("statistic of a window", Head("AUC of it alone")), single),
     )
     pictures = tuple(
         _drawn(title, label, _distribution, real, simulated, field, label, counted)
@@ -108,19 +101,18 @@ def _drawn(title: str, about: str, draw: Callable[..., Figure], *content: Any) -
 
 def estimates_grid(estimates: tuple[Estimate, ...]) -> Grid:
     """A line per parameter: value, uncertainty, or why it is refused."""
-    heads = (Head("parameter", text=True), Head("value"), Head("±", "95 %"),
-             Head("unit", text=True), Head("result", text=True))  # fmt: skip
     known_first = sorted(estimates, key=lambda estimate: bool(estimate.refused))
-    return Grid(heads, tuple(map(_line, known_first)))
+    heads = ("parameter", Head("value"), Head("±", "95 %"), "unit", "result")
+    return grid(heads, map(_line, known_first))
 
 
-def _line(estimate: Estimate) -> tuple[GridCell, ...]:
+def _line(estimate: Estimate) -> tuple[object, ...]:
     refused = estimate.refused
     return (
-        GridCell(estimate.name),
+        estimate.name,
         GridCell("–" if refused else significant(estimate.value), estimate.value),
         GridCell("–" if refused else significant(estimate.uncertainty, 2), estimate.uncertainty),
-        GridCell(estimate.unit),
+        estimate.unit,
         GridCell(f"refused: {refused}" if refused else "determined",
                  kind="worse" if refused else "better"),
     )  # fmt: skip

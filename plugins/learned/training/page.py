@@ -20,7 +20,6 @@ from eventsweep.eval.report.html import (
     Block,
     Columns,
     Grid,
-    GridCell,
     Head,
     Page,
     Plot,
@@ -28,9 +27,9 @@ from eventsweep.eval.report.html import (
     Sentences,
     Text,
     files_in,
+    grid,
     page_text,
     provenance,
-    text_grid,
 )
 from eventsweep.plugins.learned.training.config import History
 from eventsweep.plugins.learned.training.train import Trained
@@ -155,11 +154,7 @@ def _worth(tables: Mapping[str, Any]) -> Figure:
 
 
 def _sequences(manifest: Mapping[str, Any]) -> Grid:
-    lines = tuple(
-        (GridCell(scene), GridCell(str(count), count))
-        for scene, count in manifest["scenes"].items()
-    )
-    return Grid((Head("scene", text=True), Head("sequences", direction="higher")), lines)
+    return grid(("scene", Head("sequences", direction="higher")), manifest["scenes"].items())
 
 
 def _facts(manifest: Mapping[str, Any]) -> Grid:
@@ -169,4 +164,4 @@ def _facts(manifest: Mapping[str, Any]) -> Grid:
         **{name: str(value) for name, value in manifest["training"].items()},
         **manifest["versions"],
     }
-    return text_grid(("setting", "value"), [(name, str(value)) for name, value in facts.items()])
+    return grid(("setting", "value"), [(name, str(value)) for name, value in facts.items()])

@@ -8,15 +8,14 @@ from zlib import crc32
 
 from eventsweep.eval.report.html import (
     Grid,
-    GridCell,
     Head,
     Page,
     Pictures,
     Section,
     Text,
+    grid,
     plural,
     provenance,
-    text_grid,
 )
 from eventsweep.eval.report.ranking import column, value_cell
 from eventsweep.eval.scoring.outlier_causes import CAUSES
@@ -75,10 +74,10 @@ def method_page(page: RankingPage, method: str, links: Sequence[tuple[str, str]]
 def _ranks(page: RankingPage, method: str) -> Grid:
     """Its rank by every metric, and on the hidden part."""
     heads = (
-        Head("ranked by", text=True), Head("rank"), Head("of"), Head("value, mean of cases"),
-        Head("unit", text=True),
+        "ranked by", Head("rank"), Head("of"), Head("value, mean of cases"),
+        "unit",
     )  # fmt: skip
-    lines = []
+    lines: list[tuple[object, ...]] = []
     for metric in OTHERS:
         if metric not in page.joined.base.units:
             continue
@@ -87,15 +86,13 @@ def _ranks(page: RankingPage, method: str) -> Grid:
         cell = value_cell(value, page.joined.base.units[metric][0], float("nan"))
         rank = found.by_method[method].rank
         lines.append(
-            (GridCell(head.title), GridCell(str(rank), rank), GridCell(str(len(found.standings))),
-             cell, GridCell(head.unit))
+            (head.title, rank, len(found.standings), cell, head.unit)
         )  # fmt: skip
     if page.hidden and method in page.hidden.by_method:
         rank = page.hidden.by_method[method].rank
-        of = GridCell(str(len(page.hidden.standings)))
-        title = GridCell(f"{column(RANKED_BY).title}, hidden part")
-        lines.append((title, GridCell(str(rank), rank), of, GridCell(""), GridCell("")))
-    return Grid(heads, tuple(lines))
+        title = f"{column(RANKED_BY).title}, hidden part"
+        lines.append((title, rank, len(page.hidden.standings), "", ""))
+    return grid(heads, lines)
 
 
 def _conditions(page: RankingPage, method: str) -> Section:
@@ -103,7 +100,7 @@ def _conditions(page: RankingPage, method: str) -> Section:
     groups = {name: summary.cases_of(joined, name) for name in CONDITIONS}
     groups["none of these"] = tuple(c for c in joined.cases if not joined.base.cases[c].conditions)
     heads = (
-        Head("condition", text=True), Head("cases"), Head("mean place"),
+        "condition", Head("cases"), Head("mean place"),
         Head("relative error", "%", arrow=True), Head("coverage", "%", "higher", arrow=True),
     )  # fmt: skip
     lines = []
@@ -116,23 +113,23 @@ def _conditions(page: RankingPage, method: str) -> Section:
             summary.arithmetic(joined, method, "completeness", cases),
         )
         lines.append((
-            GridCell(name), GridCell(str(len(cases)), len(cases)),
+            name, len(cases),
             *(value_cell(value, "%", float("nan")) for value in values),
         ))  # fmt: skip
     text = "What makes a case hard; a case may have several conditions. Place 1 is best."
-    return Section("conditions", "Conditions", (Text(text), Grid(heads, tuple(lines))))
+    return Section("conditions", "Conditions", (Text(text), grid(heads, lines)))
 
 
 def _cases(page: RankingPage, method: str) -> Section:
     joined = page.joined
     metrics = [metric for metric in _SHOWN if metric in joined.base.units]
     heads = (
-        Head("case", text=True), Head("conditions", text=True),
+        "case", "conditions",
         *(column(metric).head() for metric in metrics),
     )  # fmt: skip
     lines = tuple(
         (
-            GridCell(case), GridCell(", ".join(joined.base.cases[case].conditions)),
+            case, ", ".join(joined.base.cases[case].conditions),
             *(
                 value_cell(
                     finite_mean(joined.of_case(method, metric, case)),
@@ -143,7 +140,7 @@ def _cases(page: RankingPage, method: str) -> Section:
         )
         for case in joined.cases
     )  # fmt: skip
-    return Section("cases", "Cases", (Text("Means over the seeds."), Grid(heads, lines)))
+    return Section("cases", "Cases", (Text("Means over the seeds."), grid(heads, lines)))
 
 
 def _causes(page: RankingPage, method: str) -> Iterator[Section]:
@@ -151,18 +148,13 @@ def _causes(page: RankingPage, method: str) -> Iterator[Section]:
     if found is None:
         return
     share, parts = found
-    heads = (
-        Head("cause", text=True),
-        Head("of its outliers", "%"),
-        Head("meaning", text=True),
-    )
+    heads = ("cause", Head("of its outliers", "%"), "meaning")
     lines = tuple(
-        (GridCell(name.replace("_", " ")), value_cell(parts[name], "%", float("nan")),
-         GridCell(CAUSES[name]))
+        (name.replace("_", " "), value_cell(parts[name], "%", float("nan")), CAUSES[name])
         for name in CAUSES
     )  # fmt: skip
     text = f"{share:.2f} % of its points are off by more than a tenth of the true depth."
-    yield Section("causes", "Why points are wrong", (Text(text), Grid(heads, lines)))
+    yield Section("causes", "Why points are wrong", (Text(text), grid(heads, lines)))
 
 
 def _facts(entry: RankingEntry, method: str) -> Grid:
@@ -188,4 +180,4 @@ def _facts(entry: RankingEntry, method: str) -> Grid:
             f"{entry.platform or 'an unnamed machine'}"
         )
     facts["eventsweep"] = entry.versions.get("eventsweep", "not recorded")
-    return text_grid(("what", "this method"), list(facts.items()))
+    return grid(("what", "this method"), list(facts.items()))

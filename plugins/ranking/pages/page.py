@@ -12,12 +12,7 @@ from typing import Any
 from eventsweep.emvs.errors import InputError, repeated
 from eventsweep.emvs.utils import release
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, inside, parse_json, read_text
-from eventsweep.emvs.utils.outputs import (
-    atomic_dir,
-    check_files,
-    files_together,
-    output_folder,
-)
+from eventsweep.emvs.utils.outputs import atomic_dir, check_files, files_together, output_folder
 from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.report.html import (
     Layer,

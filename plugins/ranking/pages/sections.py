@@ -18,6 +18,7 @@ from eventsweep.eval.report.html import (
     Plot,
     Section,
     Text,
+    grid,
     plural,
     tables,
     versions_grid,
@@ -86,17 +87,13 @@ def overview(page: RankingPage) -> Grid:
     """Ranks with ties, error, coverage and cost: a line for each method."""
     joined, hidden = page.joined, page.hidden
     heads = [
-        Head("method", text=True), Head("rank"), Head("other seeds"), Head("mean place"),
+        "method", Head("rank"), Head("other seeds"), Head("mean place"),
         Head("relative error", "%", arrow=True), Head("coverage", "%", "higher", arrow=True),
         Head("outliers", "%", arrow=True),
     ]  # fmt: skip
     if hidden:
         heads += [Head("rank, hidden part"), Head("error, hidden part", "%", arrow=True)]
-    heads += [
-        Head("time", "s per window"),
-        Head("memory", "MB"),
-        Head("note", text=True),
-    ]
+    heads += [Head("time", "s per window"), Head("memory", "MB"), "note"]
     errors = [summary.geometric(joined, m, "abs_rel", joined.cases) for m in page.methods]
     best_error = best(errors, "lower")
     lines = []
@@ -113,7 +110,7 @@ def overview(page: RankingPage) -> Grid:
             there = hidden.by_method.get(one.method)
             cells += [_rank(there)[0], _number(_hidden_error(hidden, one.method))]
         lines.append((*cells, *_cost_cells(joined, one.method), _note(page, one.method)))
-    return Grid(tuple(heads), tuple(lines))
+    return grid(heads, lines)
 
 
 def _hidden_error(hidden: Ranked, method: str) -> float:
@@ -159,7 +156,7 @@ def _note(page: RankingPage, method: str) -> GridCell:
 def _standing_grid(ranked: Ranked, about: str) -> Grid:
     head = column(ranked.metric)
     heads = (
-        Head("method", text=True), Head("rank"), Head("other seeds"), Head("mean place"),
+        "method", Head("rank"), Head("other seeds"), Head("mean place"),
         head.head(f"{head.title}, mean of cases"),
     )  # fmt: skip
     unit = ranked.joined.base.units[ranked.metric][0]
@@ -175,7 +172,7 @@ def _standing_grid(ranked: Ranked, about: str) -> Grid:
         )
         for one in ranked.standings
     )  # fmt: skip
-    return Grid(heads, lines, about)
+    return grid(heads, lines, about)
 
 
 def hidden(page: RankingPage) -> Iterator[Section]:
@@ -190,8 +187,8 @@ def hidden(page: RankingPage) -> Iterator[Section]:
         f"each, archive {base.archive.version}, from a secret whose SHA-256 is "
         f"{base.archive.secret_sha256}."
     )
-    grid = _standing_grid(page.hidden, definition(MAIN))
-    yield Section("hidden", "Hidden part", (Text(text), grid))
+    ranks = _standing_grid(page.hidden, definition(MAIN))
+    yield Section("hidden", "Hidden part", (Text(text), ranks))
 
 
 def ranks(page: RankingPage) -> Section:
@@ -210,7 +207,7 @@ def coverage(page: RankingPage) -> Section:
     reached = {x for curve in curves.values() for x, _ in curve[:-1]}
     shown = [share for share in COVERAGES if share in reached]
     heads = (
-        Head("method", text=True),
+        "method",
         Head("coverage", "%", "higher", arrow=True),
         Head("error on all its pixels", _RELATIVE, arrow=True),
         *(Head(f"surest {share} %", _RELATIVE, arrow=True) for share in shown),
@@ -228,7 +225,7 @@ def coverage(page: RankingPage) -> Section:
         "that many. Methods without a confidence have one point."
     )
     plot = Plot(svg(coverage_figure, curves), "error over coverage, a curve per method")
-    return Section("coverage", "Error over coverage", (text, plot, Grid(heads, tuple(lines))))
+    return Section("coverage", "Error over coverage", (text, plot, grid(heads, lines)))
 
 
 def conditions(page: RankingPage) -> Section:
@@ -238,8 +235,7 @@ def conditions(page: RankingPage) -> Section:
     plain = tuple(c for c in joined.cases if not joined.base.cases[c].conditions)
     groups = {**{name: found for name, found in cases.items() if found}, "none of these": plain}
     groups = {name: found for name, found in groups.items() if found}
-    heads = [Head("method", text=True)]
-    heads += [Head(name, plural(len(found), "case")) for name, found in groups.items()]
+    heads = {name: plural(len(found), "case") for name, found in groups.items()}
     values = {
         "mean place": {
             name: summary.mean_places(joined, page.methods, found) for name, found in groups.items()
@@ -261,7 +257,7 @@ def conditions(page: RankingPage) -> Section:
 
 def _by_column(
     page: RankingPage,
-    heads: Sequence[Head],
+    heads: Mapping[str, str],
     columns: Mapping[str, Mapping[str, float]],
     title: str,
 ) -> Grid:
@@ -275,8 +271,8 @@ def _by_column(
         )
         for method in page.methods
     )  # fmt: skip
-    arrows = [Head(h.title, h.unit, direction, h.text, arrow=not h.text) for h in heads]
-    return Grid(tuple(arrows), lines)
+    arrows = (Head(name, count, direction, arrow=True) for name, count in heads.items())
+    return grid(("method", *arrows), lines)
 
 
 def scenes(page: RankingPage) -> Section:
@@ -295,7 +291,7 @@ def scenes(page: RankingPage) -> Section:
 
 def _scene_grid(joined: Merged, methods: Sequence[str], cases: Sequence[str], metric: str) -> Grid:
     head, unit = column(metric), joined.base.units[metric][0]
-    heads = (Head("method", text=True), *map(head.head, cases))
+    heads = ("method", *map(head.head, cases))
     values = {
         (method, case): finite_mean(joined.of_case(method, metric, case))
         for method in methods
@@ -309,7 +305,7 @@ def _scene_grid(joined: Merged, methods: Sequence[str], cases: Sequence[str], me
             lines.append(
                 (named_cell(method), *(value_cell(value, unit, top) for value, top in found))
             )
-    return Grid(heads, tuple(lines), definition(metric))
+    return grid(heads, lines, definition(metric))
 
 
 def poses(page: RankingPage) -> Iterator[Section]:
@@ -318,8 +314,8 @@ def poses(page: RankingPage) -> Iterator[Section]:
     metrics = [m for m in POSE_METRICS if any(m in found for found in base.poses.values())]
     if not metrics:
         return
-    heads = (Head("case", text=True), *(column(m).head() for m in metrics))
-    grids = [Grid(heads, _pose_lines(base, found, metrics)) for found in base.poses.values()]
+    heads = ("case", *(column(m).head() for m in metrics))
+    grids = [grid(heads, _pose_lines(base, found, metrics)) for found in base.poses.values()]
     text = "Means over the seeds; where one had no poses, only the time covered has one."
     choice = tables("poses", list(base.poses), grids)
     yield Section("poses", "Poses from events", (Text(text), *choice))
@@ -327,11 +323,11 @@ def poses(page: RankingPage) -> Iterator[Section]:
 
 def _pose_lines(
     base: RankingEntry, found: Mapping[str, Mapping[str, Sequence[float]]], metrics: Sequence[str]
-) -> tuple[tuple[GridCell, ...], ...]:
+) -> tuple[tuple[object, ...], ...]:
     cases = dict.fromkeys(case for metric in metrics for case in found.get(metric, {}))
     return tuple(
         (
-            GridCell(case),
+            case,
             *(
                 value_cell(finite_mean(found.get(m, {}).get(case, ())), base.units[m][0], math.nan)
                 for m in metrics
@@ -345,9 +341,9 @@ def cost(page: RankingPage) -> Section:
     """Error against cost, measured beside stated."""
     joined = page.joined
     heads = (
-        Head("method", text=True), Head("measured here: time", "CPU s per window"),
+        "method", Head("measured here: time", "CPU s per window"),
         Head("memory", "MB"), Head("stated: time", "s per window"), Head("stated: memory", "MB"),
-        Head("stated: hardware", text=True), Head("relative error", "%", arrow=True),
+        "stated: hardware", Head("relative error", "%", arrow=True),
     )  # fmt: skip
     lines, points = [], {}
     for method in page.methods:
@@ -360,7 +356,7 @@ def cost(page: RankingPage) -> Section:
         lines.append((
             named_cell(method), _number(ours_s, 3),
             _number(ours.peak_memory_mb if ours else math.nan, 0), _number(theirs_s, 3),
-            _number(theirs_mb, 0), GridCell(stated.cost.hardware if stated else ""),
+            _number(theirs_mb, 0), stated.cost.hardware if stated else "",
             _number(error),
         ))  # fmt: skip
         seconds = theirs_s if math.isnan(ours_s) else ours_s
@@ -374,7 +370,7 @@ def cost(page: RankingPage) -> Section:
     )
     about = "relative error against time for a window"
     plots = (Plot(svg(cost_figure, points), about),) if points else ()
-    return Section("cost", "Accuracy against cost", (text, *plots, Grid(heads, tuple(lines))))
+    return Section("cost", "Accuracy against cost", (text, *plots, grid(heads, lines)))
 
 
 def causes(page: RankingPage) -> Iterator[Section]:
@@ -384,7 +380,7 @@ def causes(page: RankingPage) -> Iterator[Section]:
     if not shares:
         return
     heads = (
-        Head("method", text=True), Head("outliers", "% of its points", arrow=True),
+        "method", Head("outliers", "% of its points", arrow=True),
         *(Head(cause.replace("_", " "), "% of these") for cause in CAUSES),
     )  # fmt: skip
     lines = tuple(
@@ -396,7 +392,7 @@ def causes(page: RankingPage) -> Iterator[Section]:
         "points of all cases together."
     )
     plot = Plot(svg(causes_figure, shares), "outliers by cause")
-    yield Section("causes", "Why points are wrong", (text, plot, Grid(heads, lines)))
+    yield Section("causes", "Why points are wrong", (text, plot, grid(heads, lines)))
 
 
 def gallery(page: RankingPage) -> Iterator[Section]:
@@ -418,20 +414,17 @@ def history(page: RankingPage) -> Iterator[Section]:
     found = summary.history(public, page.joined)
     if not found.lines:
         return
-    heads = (
-        Head("method", text=True),
-        *(Head(label, "%", arrow=True) for label in found.labels),
-    )
+    heads = ("method", *(Head(label, "%", arrow=True) for label in found.labels))
     lines = tuple((named_cell(method), *map(_number, line)) for method, line in found.lines.items())
     text = "Relative error with each version of the code, on the same sequences, oldest first."
     plot = Plot(svg(history_figure, found.labels, found.lines), "relative error over versions")
-    yield Section("history", "History", (Text(text), plot, Grid(heads, lines)))
+    yield Section("history", "History", (Text(text), plot, grid(heads, lines)))
 
 
 def made(page: RankingPage) -> Grid:
     """What made each result."""
     entries = page.entries
-    grid = versions_grid([one.label for one in entries], [one.versions for one in entries])
+    made_by = versions_grid([one.label for one in entries], [one.versions for one in entries])
     stages = sorted({stage for one in entries for stage in one.code})
     facts: dict[str, list[str]] = {
         "suite": [f"{one.suite} ({one.digest})" for one in entries],
@@ -446,7 +439,5 @@ def made(page: RankingPage) -> Grid:
         "platform": [one.platform for one in entries],
         **{f"code of {stage}": [one.code.get(stage, "") for one in entries] for stage in stages},
     }
-    more = tuple(
-        (GridCell(name), *(GridCell(text) for text in texts)) for name, texts in facts.items()
-    )
-    return Grid(grid.heads, (*more, *grid.lines))
+    more = ((name, *texts) for name, texts in facts.items())
+    return grid(made_by.heads, (*more, *made_by.lines))

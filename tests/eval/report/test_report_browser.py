@@ -122,7 +122,7 @@ def test_a_comparison_shows_the_chosen_method_and_opens_what_is_folded(tmp_path,
         .filter((one) => one.offsetParent && one.querySelector("img"))
         .map((one) => one.querySelector("img").alt);
       const before = seen();
-      document.querySelector('label[for="pictures0-method-m0"]').click();
+      document.querySelector('label[for="pictures0-method-m1"]').click();
       const folded = document.querySelector("#settings details");
       folded.open = true;
       return [before, seen(), folded.querySelectorAll("tbody tr").length > 5];
