@@ -129,7 +129,7 @@ def test_a_comparison_shows_the_chosen_method_and_opens_what_is_folded(tmp_path,
     """
     before, after, rows = _ask(tmp_path, page, shown)
     before, after = ([alt.split(" · ")[0] for alt in alts] for alts in (before, after))
-    assert (before, after) == (["a, Depth [m] of Alg1/H"], ["a, Depth [m] of Alg1/max"])
+    assert (before, after) == (["a, Depth [m] of Alg1/H"], ["a, Depth [m] of Alg1/A"])
     assert rows
 
 
