@@ -11,14 +11,7 @@ import pandas as pd
 
 from eventsweep.emvs.utils.outputs import check_files, files_together
 from eventsweep.eval.figures.colormaps import Scale, depth_scale, events_scale
-from eventsweep.eval.figures.images import (
-    IndexedImage,
-    depth_image,
-    events_image,
-    every_nth,
-    frame_image,
-    point_size_px,
-)
+from eventsweep.eval.figures.images import IndexedImage, every_nth
 from eventsweep.eval.figures.plots import (
     SharesByName,
     causes_figure,
@@ -246,14 +239,12 @@ def _film(data: RunData, case: CaseData) -> Iterator[Film]:
 
 def _still(window: WindowData, scale: Scale) -> Iterator[Picture]:
     method = window.methods[0]
-    point_px = point_size_px(method.depth_m.shape[1])
-    depth = depth_image(method.depth_m, method.mask, scale, point_px)
-    yield Picture("Depth [m]", (Layer(_small_uri(depth), method.name),), scale)
-    if window.frame is not None:
-        yield Picture("Frame", (Layer(_small_uri(frame_image(window.frame)), "camera 0"),))
-    if window.brighter is not None and window.darker is not None:
-        events = events_image(window.brighter, window.darker, events_scale(events_cap(window)))
-        yield Picture("Events", (Layer(_small_uri(events), "camera 0"),))
+    layer = Layer(_small_uri(method.depth_image(scale)), method.name)
+    yield Picture("Depth [m]", (layer,), scale)
+    seen = window.images(scale, events_scale(events_cap(window)))
+    for name in ("Frame", "Events"):
+        if name in seen:
+            yield Picture(name, (Layer(_small_uri(seen[name]), "camera 0"),))
 
 
 def _small_uri(image: IndexedImage) -> str:

@@ -26,6 +26,7 @@ from eventsweep.eval.report.html import (
     Sentences,
     Text,
     files_in,
+    grid,
     page_text,
     plural,
     provenance,
@@ -174,17 +175,13 @@ def as_page(drawing: str) -> str:
 
 def _overview(studies: list[StoredStudy]) -> Grid:
     methods = list(dict.fromkeys(method for study in studies for method in study.breaks_at))
-    heads = (Head("study"), Head("unit"), *(Head(method) for method in methods))
-    lines = []
-    for study in studies:
-        cells = (_breaking(study, method) for method in methods)
-        lines.append((GridCell(study.study), GridCell(study.unit), *cells))
+    lines = ((s.study, s.unit, *(_breaking(s, method) for method in methods)) for s in studies)
     about = (
         "Where each method breaks: the amount, in the unit of its row, at which its mean error "
         f"reaches {BREAKS_AT:g} times the unperturbed one. “never” means not within the amounts "
         "tried."
     )
-    return Grid(heads, tuple(lines), about)
+    return grid(map(Head, ("study", "unit", *methods)), lines, about)
 
 
 def _breaking(study: StoredStudy, method: str) -> GridCell:
@@ -213,9 +210,8 @@ def _section(study: StoredStudy, figure: str, position: int) -> Section:
 def _grid(study: StoredStudy, metric: str) -> Grid:
     measured = column(metric)
     heads = (Head("method"), *(measured.head(f"{a:g} {study.unit}") for a in study.amounts))
-    curves = [curve for curve in study.curves if curve.metric == metric]
-    about = f"{definition(metric)} One column per amount."
-    return Grid(heads, tuple(_line(curve) for curve in curves), about)
+    lines = (_line(curve) for curve in study.curves if curve.metric == metric)
+    return grid(heads, lines, f"{definition(metric)} One column per amount.")
 
 
 def _line(curve: StudyCurve) -> tuple[GridCell, ...]:

@@ -24,16 +24,11 @@ from eventsweep.eval.figures.images import (
     behind_image,
     categories_image,
     confidence_image,
-    depth_image,
     enlargement,
     error_cap_cm,
-    error_image,
     error_of,
-    events_image,
     expected_error_image,
-    frame_image,
     photo_image,
-    point_size_px,
 )
 from eventsweep.eval.figures.plots import CAUSE_COLOURS, SliceFigures, svg
 from eventsweep.eval.numbers import displayed
@@ -103,24 +98,25 @@ def _pictures(
         return tuple(replace(draw(m), of=options[m.name]) for m in window.methods)
 
     truth, events = window.truth, events_scale(events_cap(window))
-    if (frame := frame_uri(window)) is not None:
-        yield Picture("Frame", (Layer(frame, "camera 0"),))
+    seen = {name: image_uri(image) for name, image in window.images(depth, events).items()}
+    if "Frame" in seen:
+        yield Picture("Frame", (Layer(seen["Frame"], "camera 0"),))
     if window.photo is not None:
         yield Picture("Ordinary camera", (_photo(window.photo, window.t_us),))
-    if (shown := events_uri(window, events)) is not None:
-        yield Picture("Events", (Layer(shown, window.events_caption),), events)
+    if "Events" in seen:
+        yield Picture("Events", (Layer(seen["Events"], window.events_caption),), events)
     units = {confidence_unit(method.name) for method in window.methods if method.is_sure}
     shared = f" [{units.pop()}]" if len(units) == 1 else ""
     sure = _confidence_scales(window)
     confidences = layers(lambda m: _confidence(m, sure[m.name], has_unit=bool(shared)))
     yield Picture(f"Confidence{shared}", confidences)
-    behind = ""
-    if (true := truth_uri(window, depth)) is not None:
-        yield Picture("Ground truth", (Layer(true, "depth [m]"),), depth)
-        behind = behind_uri(window) or true
-    yield Picture("Depth [m]", layers(lambda m: Layer(depth_uri(m, depth), m.name)), depth)
+    behind = behind_uri(window) or seen.get("True depth", "")
     if truth is not None:
-        errors = layers(lambda m: Layer(error_uri(m, truth, error), m.name))
+        yield Picture("Ground truth", (Layer(seen["True depth"], "depth [m]"),), depth)
+    depths = layers(lambda m: Layer(image_uri(m.depth_image(depth)), m.name))
+    yield Picture("Depth [m]", depths, depth)
+    if truth is not None:
+        errors = layers(lambda m: Layer(image_uri(m.error_image(truth, error)), m.name))
         yield Picture("Error |e − g| [cm]", errors, error, behind)
     if any(method.causes is not None for method in window.methods):
         yield Picture("Cause of the error", layers(_causes), behind=behind)
@@ -180,7 +176,7 @@ def _causes(method: MethodData) -> Layer:
         for (cause, colour), count in zip(CAUSE_COLOURS.items(), counts, strict=True)
         if count
     )
-    image = categories_image(method.causes, list(CAUSE_COLOURS.values()), _point_px(method))
+    image = categories_image(method.causes, list(CAUSE_COLOURS.values()), method.point_px)
     note = "" if legend else "no point is off by more than a tenth"
     return Layer(image_uri(image), method.name, legend=legend, note=note)
 
@@ -195,7 +191,7 @@ def _expected(method: MethodData, truth: Truth | None, scale: Scale) -> Layer:
         if both.any():
             inside = np.mean(error_cm[both] <= 100 * method.error_m[both])
             note += f" {100 * inside:.0f} % of the errors lie within."
-    image = expected_error_image(method.error_m, method.mask, scale, _point_px(method))
+    image = expected_error_image(method.error_m, method.mask, scale, method.point_px)
     return Layer(image_uri(image), method.name, scale=scale, note=note)
 
 
@@ -234,55 +230,14 @@ def seconds(t_us: int) -> str:
     return f"{t_us / 1e6:.3f} s"
 
 
-# Pictures as addresses that hold them; None where what they show is not known.
-
-
 def image_uri(image: IndexedImage) -> str:
-    """A picture, so large that a browser shows pixels as even squares."""
+    """An address that holds a picture, so large that a browser shows pixels as even squares."""
     return image.enlarged(enlargement(image.index.shape[1])).data_uri()
 
 
-def frame_uri(window: WindowData) -> str | None:
-    """The frame."""
-    return None if window.frame is None else image_uri(frame_image(window.frame))
-
-
-def behind_uri(window: WindowData) -> str | None:
-    """The frame to look at faintly through errors."""
-    return None if window.frame is None else image_uri(behind_image(window.frame))
-
-
-def events_uri(window: WindowData, scale: Scale) -> str | None:
-    """Events of both polarities."""
-    if window.brighter is None or window.darker is None:
-        return None
-    return image_uri(events_image(window.brighter, window.darker, scale))
-
-
-def truth_uri(window: WindowData, scale: Scale) -> str | None:
-    """True depth."""
-    if window.truth is None:
-        return None
-    return image_uri(depth_image(window.truth.depth_m, window.truth.scored, scale))
-
-
-def depth_uri(method: MethodData, scale: Scale) -> str:
-    """A method's depth."""
-    return image_uri(depth_image(method.depth_m, method.mask, scale, _point_px(method)))
-
-
-def error_uri(method: MethodData, truth: Truth, scale: Scale) -> str:
-    """Errors of a method's depth."""
-    point_px = _point_px(method)
-    image = error_image(method.depth_m, method.mask, truth.depth_m, truth.scored, scale, point_px)
-    return image_uri(image)
-
-
-def _point_px(method: MethodData) -> int:
-    return point_size_px(method.depth_m.shape[1])
-
-
-# Where scales end
+def behind_uri(window: WindowData) -> str:
+    """The frame to look at faintly through errors; empty where there is none."""
+    return "" if window.frame is None else image_uri(behind_image(window.frame))
 
 
 def events_cap(window: WindowData) -> int:
@@ -295,15 +250,9 @@ def events_cap(window: WindowData) -> int:
 
 def _error_cap_cm(window: WindowData) -> float:
     if window.truth is not None:
-        return middle_cap_cm(errors_cm(method, window.truth) for method in window.methods)
+        return middle_cap_cm(method.errors_cm(window.truth) for method in window.methods)
     expected = ((method.error_m, method.mask) for method in window.methods)
     return middle_cap_cm(100 * error_m[mask] for error_m, mask in expected if error_m is not None)
-
-
-def errors_cm(method: MethodData, truth: Truth) -> NDArray[np.floating]:
-    """(N,) |e - g| where both are valid, cm."""
-    error_cm, both = error_of(method.depth_m, method.mask, truth.depth_m, truth.scored)
-    return error_cm[both]
 
 
 def middle_cap_cm(errors: Iterable[NDArray[np.floating]]) -> float:

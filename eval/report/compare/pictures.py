@@ -31,14 +31,9 @@ from eventsweep.eval.report.run_data import (
 )
 from eventsweep.eval.report.window_page import (
     behind_uri,
-    depth_uri,
-    error_uri,
-    errors_cm,
-    events_uri,
-    frame_uri,
+    image_uri,
     middle_cap_cm,
     seconds,
-    truth_uri,
 )
 from eventsweep.eval.scoring.results import POOLED
 
@@ -128,7 +123,7 @@ def _window(views: Sequence[_View], methods: Sequence[str], *, is_open: bool) ->
     times = dict.fromkeys(seconds(view.window.t_us - view.case.clock_us) for view in views)
     title = f"Window {views[0].window.name}, reference view at {' and '.join(times)}"
     error = error_scale(middle_cap_cm(
-        errors_cm(view.method(name), view.window.truth)
+        view.method(name).errors_cm(view.window.truth)
         for view in views
         if view.window.truth is not None
         for name in methods
@@ -139,20 +134,17 @@ def _window(views: Sequence[_View], methods: Sequence[str], *, is_open: bool) ->
 
 def _seen(views: Sequence[_View], depth: Scale) -> Iterator[Block]:
     """Frame, events and truth: what is the same for all results once and first."""
-    scale = events_scale(1)
-    kinds = {
-        "Frame": ([frame_uri(view.window) for view in views], None),
-        "Events": ([events_uri(view.window, scale) for view in views], scale),
-        "True depth [m]": ([truth_uri(view.window, depth) for view in views], depth),
-    }
+    events = events_scale(1)
+    scales: dict[str, Scale | None] = {"Frame": None, "Events": events, "True depth": depth}
+    seen = [(view.result.name, view.window.images(depth, events)) for view in views]
     same, rows = [], []
-    for title, (uris, of_scale) in kinds.items():
-        known = [(v.result.name, uri) for v, uri in zip(views, uris, strict=True) if uri]
-        if len(known) == len(views) and len(set(uris)) == 1:
-            same.append(Picture("all results", (Layer(known[0][1], title),), of_scale))
+    for kind, scale in scales.items():
+        known = [(name, image_uri(images[kind])) for name, images in seen if kind in images]
+        title = kind if kind != "True depth" else "True depth [m]"
+        if len(known) == len(views) and len({uri for _, uri in known}) == 1:
+            same.append(Picture("all results", (Layer(known[0][1], title),), scale))
         elif known:
-            pictures = (Picture(name, (Layer(uri, title),), of_scale) for name, uri in known)
-            rows.append(_row(pictures))
+            rows.append(_row(Picture(name, (Layer(uri, title),), scale) for name, uri in known))
     yield from (Pictures(tuple(same), _MOST_COLUMNS), *rows)
 
 
@@ -163,11 +155,11 @@ def _maps(views: Sequence[_View], name: str, depth: Scale, error: Scale) -> Iter
         method, result = view.method(name), view.result.name
         points = f"{displayed(float(method.mask.sum()), 'px')} px"
         about = f"Depth [m] of {name} · {points}"
-        depths.append(Picture(result, (Layer(depth_uri(method, depth), about),), depth))
+        depths.append(Picture(result, (Layer(image_uri(method.depth_image(depth)), about),), depth))
         if (truth := view.window.truth) is not None:
             about = f"Error |e − g| [cm] of {name}{view.mean_error(name)}"
-            layer = Layer(error_uri(method, truth, error), about)
-            errors.append(Picture(result, (layer,), error, behind_uri(view.window) or ""))
+            layer = Layer(image_uri(method.error_image(truth, error)), about)
+            errors.append(Picture(result, (layer,), error, behind_uri(view.window)))
     yield _row(depths)
     yield _row(errors)
 
