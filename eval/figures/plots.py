@@ -12,6 +12,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -57,7 +58,7 @@ CAUSE_COLOURS = dict(
 _BAR_INCHES = 0.27
 
 
-def svg(draw: Callable[..., Figure], *content: Any) -> str:
+def svg(draw: Callable[..., Figure], *content: Any) -> Markup:
     """What `draw` makes of its content within `STYLE`, as SVG to put into a page.
 
     It has the colour of the text around it.
@@ -69,7 +70,7 @@ def svg(draw: Callable[..., Figure], *content: Any) -> str:
     drawing = drawing[drawing.index("<svg") :].replace(INK, "currentColor")
     # The page's style sets the size; a fixed one would overflow a phone.
     opening, rest = drawing.split(">", 1)
-    return re.sub(r' (?:width|height)="[^"]*"', "", opening) + ">" + rest
+    return Markup(re.sub(r' (?:width|height)="[^"]*"', "", opening) + ">" + rest)
 
 
 def plain_ticks(*scales: Axis) -> None:

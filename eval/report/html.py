@@ -1,37 +1,33 @@
-"""Pages of tables as text: what stands in them, and the templates that they are made of."""
+"""Pages: what stands in them, block by block, and the one template that they are made of."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import ClassVar, Literal
 
 import jinja2
 from markupsafe import Markup
 
 from eventsweep.emvs.utils.outputs import files_together
-from eventsweep.eval.figures.images import data_uri
+from eventsweep.emvs.utils.runtime import versions as installed_versions
+from eventsweep.eval.figures.colormaps import Scale
 
 Kind = Literal["", "better", "worse", "other", "best"]
 REPORT_NAME = "report.html"
-_OWN, _FOLDER = "eventsweep.eval.report", "templates"
-# The colours of `report.css`, which does not reach into an image.
-INK_STYLE = (
-    "<style>svg { color: #1d2328 } "
-    "@media (prefers-color-scheme: dark) { svg { color: #e4e7e9 } }</style>"
-)
+_PACKAGE, _FOLDER = "eventsweep.eval.report", "templates"
 
 
 @dataclass(frozen=True, slots=True)
 class Head:
     """A column's heading; `direction` says the end that sorts to the top, `text` that it is text.
 
-    With `arrow`, the heading shows which direction is better, too.
+    With `arrow`, the heading shows which direction is better, too; the pointer over it, `about`.
     """
 
     title: str
@@ -39,6 +35,7 @@ class Head:
     direction: str = "lower"
     text: bool = False
     arrow: bool = False
+    about: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,33 +47,54 @@ class GridCell:
     kind: Kind = ""
     colour: str = ""
     link: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Grid:
-    """A sortable table, and above it what its numbers are."""
-
-    heads: tuple[Head, ...]
-    lines: tuple[tuple[GridCell, ...], ...]
     about: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
-    """A picture beside others: its heading, an address that holds it, and what it shows."""
+class Grid:
+    """A sortable table, above it what its numbers are; `ordered_by` is the column of its order."""
 
-    title: str
-    address: str
-    about: str
+    kind: ClassVar[str] = "grid"
+    heads: tuple[Head, ...]
+    lines: tuple[tuple[GridCell, ...], ...]
+    about: str = ""
+    ordered_by: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A paragraph that begins with `head` in bold, a heading within a section, or a file."""
+
+    kind: ClassVar[str] = "text"
+    text: str
+    style: Literal["", "lead", "note", "caption", "heading", "file"] = ""
+    head: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Sentences:
+    """Sentences below each other; nothing where there are none."""
+
+    kind: ClassVar[str] = "sentences"
+    lines: tuple[str, ...]
+    style: Literal["findings", "failures", "note"] = "findings"
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """(name, value) pairs."""
+
+    kind: ClassVar[str] = "facts"
+    pairs: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """Marks that a slider moves over a section's figure.
+    """Marks that a slider moves over a plot.
 
     Attributes:
         names: of the slider's steps.
-        dots: per mark, its place at each step, as shares of the figure's width and height.
+        dots: per mark, its place at each step, as shares of the plot's width and height.
         line: an upright line's place at each step, as a share of the width; empty for none.
         line_span: its upper and lower end, as shares of the height.
     """
@@ -94,68 +112,156 @@ class Moving:
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
-    """A part of a page: one table per metric, of which one is shown at a time.
+class Plot:
+    """A plot as wide as the page: a drawing as markup, or an address that holds one."""
 
-    Attributes:
-        names: of the tables, on the buttons.
-        figure: a picture, as an address that holds it.
-        failures: (what, why) pairs.
-        choice: what the buttons choose.
-    """
-
-    id: str
-    title: str
-    names: tuple[str, ...]
-    tables: tuple[Grid, ...]
-    text: str = ""
-    figure: str = ""
-    figure_about: str = "curves per method"
-    failures: tuple[tuple[str, str], ...] = ()
-    choice: str = "Metric"
-    chosen: int = 0
-    pictures: tuple[Picture, ...] = ()
+    kind: ClassVar[str] = "plot"
+    drawing: str
+    about: str
     moving: Moving | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Page:
-    """A whole page; `files` lie beside it and are linked.
+class Layer:
+    """What a picture shows: always, or with option `of` of the choice that it is part of.
 
-    It begins with a sentence, `lead`, and pictures, before all numbers.
+    Attributes:
+        image: an address that holds it, or a drawing as markup; empty for none.
+        about: whose it is or what it shows.
+        scale: of its colours.
+        legend: (colour, meaning) pairs.
+        note: a sentence below it.
+    """
+
+    image: str
+    about: str = ""
+    of: int | None = None
+    scale: Scale | None = None
+    legend: tuple[tuple[str, str], ...] = ()
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture with its heading; `behind` shows faintly through it, `scale` is of all layers."""
+
+    title: str
+    layers: tuple[Layer, ...]
+    scale: Scale | None = None
+    behind: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """Pictures side by side, in as many columns as there is room for."""
+
+    kind: ClassVar[str] = "pictures"
+    pictures: tuple[Picture, ...]
+    columns: int = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """Pictures of which a slider shows those of one step: (name, pictures) pairs."""
+
+    kind: ClassVar[str] = "film"
+    steps: tuple[tuple[str, Pictures], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Viewer:
+    """Pictures of one view with a common cursor and, of a known camera, a point cloud.
+
+    `data` is what `window_json` makes of the view.
+    """
+
+    kind: ClassVar[str] = "viewer"
+    pictures: Pictures
+    data: Markup
+    has_cloud: bool
+    has_truth: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Of:
+    """Blocks that are shown with one option of the choice around them."""
+
+    kind: ClassVar[str] = "of"
+    option: int
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Buttons that choose what the blocks below them show; `label` says what is chosen."""
+
+    kind: ClassVar[str] = "choice"
+    id: str
+    label: str
+    names: tuple[str, ...]
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Details:
+    """Blocks that are folded away below a summary."""
+
+    kind: ClassVar[str] = "details"
+    summary: str
+    blocks: tuple[Block, ...]
+    is_open: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Blocks side by side."""
+
+    kind: ClassVar[str] = "columns"
+    columns: tuple[tuple[Block, ...], ...]
+
+
+Block = (
+    Text | Sentences | Facts | Grid | Plot | Pictures | Film | Viewer | Of | Choice | Details
+    | Columns
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a page; with a verdict, such as good, doubtful or wrong, a card of its colour."""
+
+    id: str
+    title: str
+    blocks: tuple[Block, ...]
+    verdict: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A whole page: what it comes to, then sections, and last what it was made with.
+
+    Attributes:
+        blocks: before all sections.
+        version: of eventsweep that made what is shown; by default that which runs.
+        files: those beside it, which are linked.
+        links: (title, address) of other pages.
     """
 
     title: str
     subtitle: str
     sections: tuple[Section, ...]
-    provenance: Grid
-    overview: Grid | None = None
-    findings: tuple[str, ...] = ()
-    note: str = ""
-    version: str = ""
+    blocks: tuple[Block, ...] = ()
+    version: str = field(default_factory=lambda: installed_versions()["eventsweep"])
     files: tuple[str, ...] = ()
-    lead: str = ""
-    pictures: tuple[Picture, ...] = ()
     links: tuple[tuple[str, str], ...] = ()
+    verdict: str = ""
 
 
 def page_text(page: Page) -> str:
-    """The page as HTML."""
-    content = {name: getattr(page, name) for name in Page.__slots__}
-    most = max((len(section.names) for section in page.sections), default=0)
-    player_js = inline("player.js")
-    return render("tables.html.j2", "tables", "player", most=most, player_js=player_js, **content)
-
-
-def render(template: str, *styles: str, package: str = _OWN, **content: Any) -> str:
-    """A page as HTML; names from files are escaped, and nothing is loaded from elsewhere.
-
-    `styles` name style sheets beside that of all pages; a plug-in's `package` has a template, and
-    style sheets, in its folder `templates`.
-    """
-    css = Markup("").join(inline(f"{name}.css", package) for name in ("report", *styles))
-    page = environment(package).get_template(template)
-    return page.render(content, css=css, js=inline("report.js"))
+    """The page as HTML; names from files are escaped, and nothing is loaded from elsewhere."""
+    blocks = [*page.blocks, *(block for section in page.sections for block in section.blocks)]
+    most = max((len(block.names) for block in blocks if isinstance(block, Choice)), default=0)
+    return _environment().get_template("page.html.j2").render(page=page, most=most)
 
 
 def write_page(folder: Path, text: str) -> Path:
@@ -165,19 +271,47 @@ def write_page(folder: Path, text: str) -> Path:
     return folder / REPORT_NAME
 
 
+def tables(
+    name: str, names: Sequence[str], grids: Sequence[Grid], label: str = "Metric"
+) -> tuple[Block, ...]:
+    """Tables of which one is shown at a time; a single one without a choice."""
+    if len(grids) < 2:
+        return tuple(grids)
+    options = tuple(Of(k, (grid,)) for k, grid in enumerate(grids))
+    return (Choice(name, label, tuple(names), options),)
+
+
+def provenance(*blocks: Block) -> Section:
+    """The last section of a page."""
+    return Section("provenance", "Provenance", blocks)
+
+
+def made_here(command: str = "") -> Section:
+    """Provenance of what was made just now: the command, if one is known, and the versions."""
+    named = grid(("command",), ((command or "Python",),))
+    return provenance(named, versions_grid(["this page"], [installed_versions()]))
+
+
 def versions_grid(names: Sequence[str], versions: Sequence[Mapping[str, str]]) -> Grid:
     """Versions side by side; a line where they differ stands out."""
     lines = []
     for library in sorted(set().union(*versions)):
         texts = [installed.get(library, "absent") for installed in versions]
         kind: Kind = "worse" if len(set(texts)) > 1 else ""
-        lines.append((GridCell(library), *(GridCell(text, kind=kind) for text in texts)))
-    return Grid((Head("version of"), *(Head(name) for name in names)), tuple(lines))
+        lines.append((library, *(GridCell(text, kind=kind) for text in texts)))
+    return grid(map(Head, ("version of", *names)), lines)
 
 
-def command_grid(command: str) -> Grid:
-    """The command that made a page."""
-    return Grid((Head("command", text=True),), ((GridCell(command or "Python"),),))
+def grid(heads: Iterable[object], lines: Iterable[Iterable[object]], about: str = "") -> Grid:
+    """A table; what is no heading or cell yet becomes one of text, or of a whole number."""
+    headings = (h if isinstance(h, Head) else Head(str(h), text=True) for h in heads)
+    return Grid(tuple(headings), tuple(tuple(map(_cell, line)) for line in lines), about)
+
+
+def _cell(content: object) -> GridCell:
+    if isinstance(content, int):
+        return GridCell(f"{content:,}", content)
+    return content if isinstance(content, GridCell) else GridCell(str(content))
 
 
 def files_in(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
@@ -190,27 +324,20 @@ def plural(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
-def svg_uri(drawing: str) -> str:
-    """A drawing of `svg` as an address that holds it; its text follows light and dark."""
-    opening, rest = drawing.split(">", 1)
-    return data_uri("image/svg+xml", f"{opening}>{INK_STYLE}{rest}".encode())
-
-
 @cache
-def environment(package: str = _OWN) -> jinja2.Environment:
-    """Templates, of a package before ours, that escape everything that is not marked as safe."""
-    places = dict.fromkeys((package, _OWN))
-    return jinja2.Environment(
-        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(each, _FOLDER) for each in places]),
+def _environment() -> jinja2.Environment:
+    """Templates that escape everything that is not marked as safe."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader(_PACKAGE, _FOLDER),
         autoescape=True,
         trim_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
+    environment.globals["inline"] = _inline
+    return environment
 
 
-def inline(name: str, package: str = _OWN) -> Markup:
-    """A file beside the templates of a package, or else of ours, as it stands."""
-    file = resources.files(package).joinpath(_FOLDER, name)
-    if not file.is_file():
-        file = resources.files(_OWN).joinpath(_FOLDER, name)
+def _inline(name: str) -> Markup:
+    """A style sheet or script beside the templates, as it stands."""
+    file = resources.files(_PACKAGE).joinpath(_FOLDER, name)
     return Markup(file.read_text(encoding="utf-8"))

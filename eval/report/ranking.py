@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import pandas as pd
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.found_poses import TRACK, is_on_own_poses, method_on_own_poses
 from eventsweep.eval.numbers import display_unit, displayed
-from eventsweep.eval.report.html import GridCell, Head
+from eventsweep.eval.report.html import Grid, GridCell, Head, grid
 from eventsweep.eval.results.direction import Direction, badness, best
 from eventsweep.eval.results.table import RIG, each, tidy
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
@@ -33,6 +34,7 @@ RANKING_COLUMNS = (
     *PRIMARY_OF_TRAJECTORIES, "ate_share", "drift_rotation", "scale_error",
 )  # fmt: skip
 _OF_POSES = ("time_covered", "ate_rmse", "ate_share", "drift", "ate_rotation_rmse")
+_ARROWS = {"lower": "↓", "higher": "↑", "none": ""}
 DIRECTIONS = {"lower": "lower is better", "higher": "higher is better", "none": "no better end"}
 _SINGLE = re.compile(r"/cam\d+\b")
 _CONTEXT = {
@@ -55,9 +57,9 @@ class Column:
     direction: Direction
     formula: str
 
-    def head(self, title: str) -> Head:
+    def head(self, title: str = "") -> Head:
         """A heading of values of the metric."""
-        return Head(title, self.unit, self.direction, arrow=True)
+        return Head(title or self.title, self.unit, self.direction, arrow=True, about=self.formula)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +80,51 @@ class RankingTable:
 
     columns: tuple[Column, ...]
     lines: tuple[RankingLine, ...]
+    metric: str
 
     def heads(self) -> list[Head]:
         """The columns' headings on a page."""
-        return [column.head(column.title) for column in self.columns]
+        return [column.head() for column in self.columns]
+
+    def grid(self, about: str = "", spreads: Mapping[tuple[str, str], str] | None = None) -> Grid:
+        """The table of a page; `spreads` by method and metric stand behind their values."""
+        names = [column.name for column in self.columns]
+        lines = tuple(
+            (
+                named_cell(line.method),
+                GridCell(str(line.rank or ""), line.rank or math.nan),
+                *(
+                    with_spread(cell, (spreads or {}).get((line.method, name), "–"))
+                    for name, cell in zip(names, line.cells, strict=True)
+                ),
+            )
+            for line in self.lines
+        )
+        heads = (Head("method", text=True), Head("rank"), *self.heads())
+        ordered_by = 2 + names.index(self.metric) if self.metric in names else -1
+        return Grid(heads, lines, about, ordered_by)
+
+    def by_metric(self) -> Grid:
+        """A line for each metric instead, with a column for each method: values do not sort."""
+        lines = (
+            (
+                GridCell(f"{head.title} {_ARROWS[head.direction]}".strip(), about=head.formula),
+                head.unit,
+                *(replace(line.cells[k], value=math.nan) for line in self.lines),
+            )
+            for k, head in enumerate(self.columns)
+        )
+        return grid(("metric", "unit", *(Head(line.method) for line in self.lines)), lines)
+
+
+def named_cell(method: str) -> GridCell:
+    """A method with the colour that it is drawn in."""
+    return GridCell(method, colour=line_style(method).css)
+
+
+def with_spread(cell: GridCell, spread: str) -> GridCell:
+    """A value and, where it is known, how much it varies."""
+    return cell if spread == "–" else replace(cell, text=f"{cell.text} ± {spread}")
 
 
 def column(name: str) -> Column:
@@ -163,7 +206,7 @@ def table(rows: pd.DataFrame, metric: str, names: Sequence[str] = RANKING_COLUMN
         # The first of equal values is the one that counts; NaN equals nothing.
         counts = not _SINGLE.search(method) and not math.isnan(value)
         lines.append(RankingLine(method, fused.index(value) + 1 if counts else None, cells))
-    return RankingTable(tuple(column(name) for name in present), tuple(lines))
+    return RankingTable(tuple(column(name) for name in present), tuple(lines), metric)
 
 
 def _cell(row: Any, top: float) -> GridCell:

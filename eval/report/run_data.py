@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,6 +21,16 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, inside, read_text
 from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.figures.colormaps import Scale
+from eventsweep.eval.figures.images import (
+    IndexedImage,
+    depth_image,
+    error_image,
+    error_of,
+    events_image,
+    frame_image,
+    point_size_px,
+)
 from eventsweep.eval.figures.plots import DsiSlice
 from eventsweep.eval.numbers import shown_zero_us, thousands
 from eventsweep.eval.report.ranking import ranked_methods
@@ -111,6 +121,17 @@ class WindowData:
     photo: Photo | None = None
     camera: Camera | None = None
 
+    def images(self, depth: Scale, events: Scale) -> dict[str, IndexedImage]:
+        """Frame, events and true depth, as far as they are known."""
+        images = {}
+        if self.frame is not None:
+            images["Frame"] = frame_image(self.frame)
+        if self.brighter is not None and self.darker is not None:
+            images["Events"] = events_image(self.brighter, self.darker, events)
+        if self.truth is not None:
+            images["True depth"] = depth_image(self.truth.depth_m, self.truth.scored, depth)
+        return images
+
 
 @dataclass(frozen=True, slots=True)
 class MethodData:
@@ -140,6 +161,25 @@ class MethodData:
     def is_sure(self) -> bool:
         """Whether the method says anywhere how sure it is."""
         return bool(np.isfinite(self.confidence).any())
+
+    @property
+    def point_px(self) -> int:
+        """How wide pictures draw its points."""
+        return point_size_px(self.depth_m.shape[1])
+
+    def depth_image(self, scale: Scale) -> IndexedImage:
+        """Its depth."""
+        return depth_image(self.depth_m, self.mask, scale, self.point_px)
+
+    def error_image(self, truth: Truth, scale: Scale) -> IndexedImage:
+        """Its errors."""
+        pair = (self.depth_m, self.mask, truth.depth_m, truth.scored)
+        return error_image(*pair, scale, self.point_px)
+
+    def errors_cm(self, truth: Truth) -> NDArray[np.floating]:
+        """(N,) |e - g| where both are valid, cm."""
+        error_cm, both = error_of(self.depth_m, self.mask, truth.depth_m, truth.scored)
+        return error_cm[both]
 
 
 def load_run(run_dir: Path, *, for_page: bool = False) -> RunData:
@@ -196,8 +236,8 @@ def _case(
     film = []
     if for_page and stored.windows:
         names = [method.name for window in windows for method in window.methods]
-        best = best_method(_rows_of(results, name, POOLED), config.ranking_metric, names)
-        film = [read(one, (best,), causes=False) for one in _filmed(stored.windows)]
+        best = best_first(_rows_of(results, name, POOLED), config.ranking_metric, names)[0]
+        film = [read(one, (best,), causes=False) for one in _evenly(stored.windows, _MOST_FILMED)]
     known = recording is not None and recording.name in scenes.names()
     return CaseData(
         name=name,
@@ -215,14 +255,14 @@ def _rows_of(results: Results, case: str, window: str) -> pd.DataFrame:
     return rows[(rows["case"] == case) & (rows["window"] == window)]
 
 
-def best_method(rows: pd.DataFrame, metric: str, names: Sequence[str]) -> str:
-    """The one of rank 1; without scores the harmonic mean, as in Algorithm 1, or the first."""
-    wished = [*ranked_methods(rows, metric), REFERENCE]
-    return next((name for name in wished if name in names), names[0])
+def best_first(rows: pd.DataFrame, metric: str, names: Iterable[str]) -> list[str]:
+    """Ranked ones in order of their rank, then the harmonic mean, as in Algorithm 1, then others.
 
-
-def _filmed(windows: tuple[StoredWindow, ...]) -> tuple[StoredWindow, ...]:
-    return _evenly(windows, _MOST_FILMED)
+    The rows are of one case and window; the first is what a page shows first.
+    """
+    names = list(names)
+    wished = dict.fromkeys([*ranked_methods(rows, metric), REFERENCE, *names])
+    return [name for name in wished if name in names]
 
 
 def _shown(windows: tuple[StoredWindow, ...]) -> tuple[StoredWindow, ...]:
@@ -249,13 +289,16 @@ def window_data(
     if scorable and isinstance(recording, Scored) and has_truth(recording, t_us, config):
         truth = truth_of(recording, t_us, config)
     (darker, brighter), events_caption = _events(window, recording)
+    photo = None
+    if isinstance(recording, EventSequence) and len(recording.photo_times_us(0)):
+        photo = recording.photo(0, t_us)
     rho = maps[0].rho
-    found = _causes(window, maps, recording, truth, config) if causes and truth else {}
+    causes_of = _causes(window, maps, recording, truth, config) if causes and truth else {}
     return WindowData(
         name=window.info.name,
         t_us=t_us,
         methods=tuple(
-            _method(depth_map, window.slices, truth, found.get(depth_map.method))
+            _method(depth_map, window.slices, truth, causes_of.get(depth_map.method))
             for depth_map in maps
         ),
         depth_range_m=(float(1 / rho.max()), float(1 / rho.min())),
@@ -264,16 +307,13 @@ def window_data(
         darker=darker,
         truth=truth,
         events_caption=events_caption,
-        counts=_readable(window.info.counts),
-        photo=_photo(recording, t_us),
+        counts={
+            camera: {outcome.replace("_", " "): count for outcome, count in counts.items()}
+            for camera, counts in window.info.counts.items()
+        },
+        photo=photo,
         camera=maps[0].camera,
     )
-
-
-def _photo(recording: Recording | None, t_us: int) -> Photo | None:
-    if isinstance(recording, EventSequence) and len(recording.photo_times_us(0)):
-        return recording.photo(0, t_us)
-    return None
 
 
 def _events(window: StoredWindow, recording: Recording | None) -> tuple[NDArray[np.uint32], str]:
@@ -332,13 +372,6 @@ def slice_of(depth_map: DepthMap, slices: Slices, truth: Truth | None = None) ->
         truth_m = np.where(truth.scored[row_px], truth.depth_m[row_px], np.nan)
         dsi_slice = replace(dsi_slice, truth_m=truth_m)
     return dsi_slice
-
-
-def _readable(counts: dict[str, dict[str, int]]) -> dict[str, dict[str, int]]:
-    return {
-        camera: {outcome.replace("_", " "): count for outcome, count in of_camera.items()}
-        for camera, of_camera in counts.items()
-    }
 
 
 def _facts(stored: StoredMap, recording: Recording | None) -> list[tuple[str, str]]:

@@ -9,30 +9,39 @@ from pathlib import Path
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, inside, read_text
 from eventsweep.emvs.utils.outputs import check_files
-from eventsweep.eval.figures.colormaps import INK, line_style
+from eventsweep.eval.figures.colormaps import INK
 from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
-    INK_STYLE,
     REPORT_NAME,
+    Block,
     Grid,
     GridCell,
     Head,
     Page,
+    Plot,
     Section,
+    Sentences,
+    Text,
     files_in,
+    grid,
     page_text,
     plural,
+    provenance,
+    tables,
     versions_grid,
     write_page,
 )
-from eventsweep.eval.report.ranking import column, definition
+from eventsweep.eval.report.ranking import column, definition, named_cell
 from eventsweep.eval.studies.curves import BREAKS_AT, METRICS, RobustnessCurve
 from eventsweep.eval.studies.run import StudyResult
 from eventsweep.eval.studies.stored import find_studies, read_study
 
-# The first patch is the ground of a study's figure.
-_GROUND = f"<style>#patch_1 path {{ fill: none !important }}</style>{INK_STYLE}"
+# A page's style does not reach into an image; the first patch is the ground of a study's figure.
+_STYLE = (
+    "<style>#patch_1 path { fill: none !important } svg { color: #1d2328 } "
+    "@media (prefers-color-scheme: dark) { svg { color: #e4e7e9 } }</style>"
+)
 
 
 def write_study_report(folder: Path) -> Path:
@@ -54,15 +63,12 @@ def write_study_report(folder: Path) -> Path:
 def study_page(studies: list[StudyResult], figures: list[str], files: tuple[str, ...]) -> Page:
     """What the page shows."""
     names = [study.about.name for study in studies]
+    versions = versions_grid(names, [study.results.versions for study in studies])
     return Page(
         title=names[0] if len(names) == 1 else f"{len(names)} studies",
         subtitle="One property is perturbed by growing amounts: how each method's error grows.",
-        sections=tuple(
-            _section(*shown, k) for k, shown in enumerate(zip(studies, figures, strict=True))
-        ),
-        provenance=versions_grid(names, [study.results.versions for study in studies]),
-        overview=_overview(studies),
-        findings=tuple(_findings(studies)),
+        blocks=(Sentences(tuple(_findings(studies))), _overview(studies)),
+        sections=(*map(_section, studies, figures, range(len(studies))), provenance(versions)),
         version=studies[0].results.versions.get("eventsweep", ""),
         files=files,
     )
@@ -109,22 +115,20 @@ def as_page(drawing: str) -> str:
         return drawing
     head, tag, rest = drawing.partition("<svg")
     opening, rest = rest.split(">", 1)
-    return f"{head}{tag}{opening}>{_GROUND}{rest.replace(INK, 'currentColor')}"
+    return f"{head}{tag}{opening}>{_STYLE}{rest.replace(INK, 'currentColor')}"
 
 
 def _overview(studies: list[StudyResult]) -> Grid:
     methods = list(dict.fromkeys(method for study in studies for method in study.breaking()))
-    heads = (Head("study"), Head("unit"), *(Head(method) for method in methods))
-    lines = []
-    for study in studies:
-        cells = (_breaking(study, method) for method in methods)
-        lines.append((GridCell(study.about.name), GridCell(study.about.unit), *cells))
+    lines = (
+        (s.about.name, s.about.unit, *(_breaking(s, method) for method in methods)) for s in studies
+    )
     about = (
         "Where each method breaks: the amount, in the unit of its row, at which its mean error "
         f"reaches {BREAKS_AT:g} times the unperturbed one. “never” means not within the amounts "
         "tried."
     )
-    return Grid(heads, tuple(lines), about)
+    return grid(map(Head, ("study", "unit", *methods)), lines, about)
 
 
 def _breaking(study: StudyResult, method: str) -> GridCell:
@@ -136,19 +140,19 @@ def _breaking(study: StudyResult, method: str) -> GridCell:
 
 def _section(study: StudyResult, figure: str, position: int) -> Section:
     metrics = list(dict.fromkeys(curve.metric for curve in study.curves))
-    axis = study.about.axis
-    seeds = plural(len(study.results.seeds), "seed")
-    return Section(
-        id=f"study{position}",
-        title=study.about.name,
-        names=tuple(column(metric).title for metric in metrics),
-        tables=tuple(_grid(study, metric) for metric in metrics),
-        text=f"{axis[:1].upper()}{axis[1:]}, in {study.about.unit}. Means over "
+    axis, seeds = study.about.axis, plural(len(study.results.seeds), "seed")
+    about = (
+        f"{axis[:1].upper()}{axis[1:]}, in {study.about.unit}. Means over "
         f"{', '.join(study.about.cases)} and {seeds}; ± is half of the 95 % band, which needs "
-        "several seeds.",
-        figure=figure,
-        failures=tuple(study.failures.items()),
+        "several seeds."
     )
+    failures = tuple(f"{job}: {why}" for job, why in study.failures.items())
+    blocks: list[Block] = [Text(about), Sentences(failures, "failures")]
+    if figure:
+        blocks.append(Plot(figure, f"{study.about.name}: curves per method"))
+    name, titles = f"study{position}", [column(metric).title for metric in metrics]
+    grids = tables(name, titles, [_grid(study, metric) for metric in metrics])
+    return Section(name, study.about.name, (*blocks, *grids))
 
 
 def _grid(study: StudyResult, metric: str) -> Grid:
@@ -157,13 +161,12 @@ def _grid(study: StudyResult, metric: str) -> Grid:
         Head("method"),
         *(measured.head(f"{a:g} {study.about.unit}") for a in study.about.amounts),
     )
-    curves = [curve for curve in study.curves if curve.metric == metric]
-    about = f"{definition(metric)} One column per amount."
-    return Grid(heads, tuple(_line(curve) for curve in curves), about)
+    lines = (_line(curve) for curve in study.curves if curve.metric == metric)
+    return grid(heads, lines, f"{definition(metric)} One column per amount.")
 
 
 def _line(curve: RobustnessCurve) -> tuple[GridCell, ...]:
-    cells = [GridCell(curve.method, colour=line_style(curve.method).css)]
+    cells = [named_cell(curve.method)]
     for mean, low, high in zip(curve.mean, curve.low, curve.high, strict=True):
         half = (high - low) / 2
         band = "" if math.isnan(mean + half) else f" ± {displayed(half, curve.unit)}"

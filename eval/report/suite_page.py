@@ -2,36 +2,36 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import get_args
 
 from eventsweep.emvs.utils.inputs import inside
 from eventsweep.emvs.utils.outputs import check_files
 from eventsweep.eval.config import EvalConfig, RankingMetric
-from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
     REPORT_NAME,
-    Grid,
-    GridCell,
-    Head,
+    Block,
+    Layer,
     Page,
     Picture,
+    Pictures,
+    Plot,
     Section,
+    Sentences,
+    Text,
     files_in,
+    grid,
     page_text,
     plural,
+    provenance,
     versions_grid,
     write_page,
 )
 from eventsweep.eval.report.ranking import (
     RANKING_COLUMNS,
-    RankingLine,
-    RankingTable,
     best_words,
     column,
     findings,
@@ -81,90 +81,69 @@ def _page_text(folder: Path, result: Results) -> str:
 
 def suite_page(result: Results, files: Sequence[str], pictures: Mapping[str, str]) -> Page:
     """What the page shows; `pictures` are addresses that hold one, by case."""
-    series = measured_of(result).series
-    metric = _ordering_metric(result, {numbers.metric for numbers in series.values()})
-    shown = [numbers for numbers in series.values() if numbers.metric in RANKING_COLUMNS]
-    by_case = {
-        case: [numbers for numbers in shown if numbers.case == case] for case in result.cases
-    }
-    measured = {case: found for case, found in by_case.items() if found}
-    lead, first = _lead(measured, metric), next(iter(pictures), "")
+    series = list(measured_of(result).series.values())
+    metric = _ordering_metric(result, {numbers.metric for numbers in series})
+    shown = [numbers for numbers in series if numbers.metric in RANKING_COLUMNS]
+    by_case = {case: [n for n in shown if n.case == case] for case in result.cases}
+    measured = {case: numbers for case, numbers in by_case.items() if numbers}
+    first = next(iter(pictures), "")
     return Page(
         title=f"{result.suite}, {result.subset}",
         subtitle=f"A suite's run: {plural(len(measured), 'case')}, "
         f"{plural(len(result.seeds), 'seed')} ({', '.join(map(str, result.seeds))}).",
-        lead=lead,
-        pictures=(Picture(first, pictures[first], "camera, depth, true depth"),) if first else (),
-        sections=tuple(
-            replace(
-                _section(k, case, found, metric),
-                figure="" if case == first else pictures.get(case, ""),
-            )
-            for k, (case, found) in enumerate(measured.items())
+        blocks=tuple(_verdict(result, measured, metric, first, pictures)),
+        sections=(
+            *(
+                _section(k, case, numbers, metric, "" if case == first else pictures.get(case, ""))
+                for k, (case, numbers) in enumerate(measured.items())
+            ),
+            _provenance(result),
         ),
-        provenance=_provenance(result),
-        overview=_overview(measured, metric),
-        findings=tuple(f"failed: {job.name}: {job.failure}" for job in result.failures),
-        note=_ABOUT,
         version=result.versions.get("eventsweep", ""),
         files=tuple(files),
     )
 
 
-def _lead(by_case: Mapping[str, Sequence[Series]], metric: str) -> str:
-    """Who is ahead over all cases."""
-    rows = means_over_seeds([one for found in by_case.values() for one in found])
-    return best_words(mean_over_cases(rows, "mean"), metric) if by_case else ""
+def _verdict(
+    result: Results, by_case: Mapping[str, Sequence[Series]], metric: str, first: str,
+    pictures: Mapping[str, str],
+) -> Iterator[Block]:  # fmt: skip
+    """Who is ahead over all cases, the first case's picture, and the mean over the cases."""
+    rows = means_over_seeds([numbers for of_case in by_case.values() for numbers in of_case])
+    mean = mean_over_cases(rows, "mean") if by_case else rows
+    if by_case and (best := best_words(mean, metric)):
+        yield Text(best, "lead")
+    if first:
+        layer = Layer(pictures[first], "camera, depth, true depth")
+        yield Pictures((Picture(first, (layer,)),), columns=1)
+    yield Sentences(tuple(f"failed: {job.name}: {job.failure}" for job in result.failures))
+    if len(by_case) > 1:  # the mean of a single case would repeat it
+        about = f"Mean of {len(by_case)} cases, by {column(metric).title}. {_OVER_CASES}"
+        yield table(mean, metric).grid(about)
+    yield Text(_ABOUT, "note")
 
 
-def _provenance(result: Results) -> Grid:
-    grid = versions_grid([result.platform or "here"], [result.versions])
-    given = [(GridCell(name), GridCell(digest)) for name, digest in result.predictions.items()]
-    return replace(grid, lines=(*grid.lines, *given))
+def _provenance(result: Results) -> Section:
+    made = versions_grid([result.platform or "here"], [result.versions])
+    return provenance(grid(made.heads, (*made.lines, *result.predictions.items())))
 
 
 def _ordering_metric(result: Results, measured: Set[str]) -> str:
     """The suite's ranking metric, or the first that it measures: it need not measure all."""
     chosen = EvalConfig.model_validate(result.definition.get("score", {})).ranking_metric
-    others = (*get_args(RankingMetric), *RANKING_COLUMNS)
-    return next((name for name in (chosen, *others) if name in measured), chosen)
+    known = (chosen, *get_args(RankingMetric), *RANKING_COLUMNS)
+    return next((name for name in known if name in measured), chosen)
 
 
-def _overview(by_case: Mapping[str, Sequence[Series]], metric: str) -> Grid | None:
-    """The mean over cases; None of fewer than two, which would repeat the case."""
-    if len(by_case) < 2:
-        return None
-    rows = means_over_seeds([one for found in by_case.values() for one in found])
-    about = f"Mean of {len(by_case)} cases, by {column(metric).title}. {_OVER_CASES}"
-    return _grid(table(mean_over_cases(rows, "mean"), metric), {}, about)
-
-
-def _section(position: int, case: str, found: Sequence[Series], metric: str) -> Section:
-    rows = means_over_seeds(found)
-    about = f"By {column(metric).title}."
-    spreads = {(one.method, one.metric): displayed(one.spread, one.unit) for one in found}
-    return Section(
-        id=f"case{position}",
-        title=case,
-        names=("ranking",),
-        tables=(_grid(table(rows, metric), spreads, about),),
-        text=" ".join(findings(rows, metric)[:1]),
-        figure_about="what the camera saw, depth maps and true depth",
+def _section(
+    position: int, case: str, series: Sequence[Series], metric: str, picture: str
+) -> Section:
+    rows = means_over_seeds(series)
+    spreads = {(n.method, n.metric): displayed(n.spread, n.unit) for n in series}
+    about = "what the camera saw, depth maps and true depth"
+    blocks: tuple[Block, ...] = (
+        *map(Text, findings(rows, metric)[:1]),
+        *((Plot(picture, f"{case}: {about}"),) if picture else ()),
+        table(rows, metric).grid(f"By {column(metric).title}.", spreads),
     )
-
-
-def _grid(ranking: RankingTable, spreads: Mapping[tuple[str, str], str], about: str) -> Grid:
-    heads = (Head("method", text=True), Head("rank"), *ranking.heads())
-    return Grid(heads, tuple(_line(line, ranking, spreads) for line in ranking.lines), about)
-
-
-def _line(
-    line: RankingLine, ranking: RankingTable, spreads: Mapping[tuple[str, str], str]
-) -> tuple[GridCell, ...]:
-    rank = GridCell("" if line.rank is None else str(line.rank), line.rank or math.nan)
-    cells = [GridCell(line.method, colour=line_style(line.method).css), rank]
-    for head, cell in zip(ranking.columns, line.cells, strict=True):
-        spread = spreads.get((line.method, head.name), "–")
-        text = cell.text if spread == "–" else f"{cell.text} ± {spread}"
-        cells.append(replace(cell, text=text))
-    return tuple(cells)
+    return Section(f"case{position}", case, blocks)

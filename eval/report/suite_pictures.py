@@ -19,13 +19,7 @@ from eventsweep.emvs.utils.cache import Cache
 from eventsweep.emvs.utils.outputs import atomic_dir, check_files, discard
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.figures.colormaps import depth_scale, error_scale
-from eventsweep.eval.figures.images import (
-    depth_image,
-    error_cap_cm,
-    error_image,
-    error_of,
-    point_size_px,
-)
+from eventsweep.eval.figures.images import depth_image, error_cap_cm
 from eventsweep.eval.jobs.job import SEQUENCE, Job, stored
 from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import ranked_methods
@@ -183,17 +177,14 @@ def method_pictures(views: CaseViews, result: Results) -> dict[str, bytes]:
 def _strip(window: WindowData, method: MethodData) -> tuple[bytes, float]:
     """Depth, true depth and error side by side, as a WebP file; and where errors end, cm."""
     assert window.truth is not None  # asked for where it is drawn
-    truth, scored = window.truth.depth_m, window.truth.scored
-    scale, point_px = depth_scale(window.depth_range_m), point_size_px(truth.shape[1])
-    error_cm, both = error_of(method.depth_m, method.mask, truth, scored)
-    cap_cm = error_cap_cm(error_cm[both])
-    errors = error_scale(cap_cm)
+    truth, scale = window.truth, depth_scale(window.depth_range_m)
+    cap_cm = error_cap_cm(method.errors_cm(truth))
     panels = (
-        depth_image(method.depth_m, method.mask, scale, point_px),
-        depth_image(truth, scored, scale),
-        error_image(method.depth_m, method.mask, truth, scored, errors, point_px),
+        method.depth_image(scale),
+        depth_image(truth.depth_m, truth.scored, scale),
+        method.error_image(truth, error_scale(cap_cm)),
     )
-    height = round(_PANEL_PX * truth.shape[0] / truth.shape[1])
+    height = round(_PANEL_PX * truth.depth_m.shape[0] / truth.depth_m.shape[1])
     strip = Image.new("RGB", (3 * _PANEL_PX + 2 * _GAP_PX, height), "white")
     for k, panel in enumerate(panels):
         image = Image.fromarray(panel.rgba()).resize((_PANEL_PX, height), Image.Resampling.BOX)

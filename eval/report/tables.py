@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal
 
@@ -39,6 +39,7 @@ _ARROWS = {"lower": "↓", "higher": "↑"}
 FigureFormat = Literal["svg", "pdf"]
 TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"
 # A file has no text around it to take its colour from; without dates, equal data give equal bytes.
+_UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 _FILE_STYLE = {**STYLE, "savefig.facecolor": "white", "pdf.fonttype": 42}
 
 
@@ -65,8 +66,8 @@ def write_tables(folder: Path, tables: dict[str, Grid]) -> list[Path]:
     """Writes NAME.csv, NAME.tex and NAME.md of each table into a folder of an output."""
     writers = {"csv": as_csv, "tex": as_latex, "md": as_markdown}
     texts = {
-        f"{folder.name}/{file_name(name)}.{suffix}": writers[suffix](one)
-        for name, one in tables.items()
+        f"{folder.name}/{file_name(name)}.{suffix}": writers[suffix](table)
+        for name, table in tables.items()
         for suffix in FORMATS
     }
     with files_together(folder.parent, texts) as staged:
@@ -99,14 +100,17 @@ def _plain(cell: GridCell, head: Head) -> float | str:
 def as_markdown(table: Grid) -> str:
     """A table as GitHub and most other renderers read it."""
     rule = ["---", *("--:" for _ in table.heads[1:])]
-    lines = [[_md_cell(cell) for cell in line] for line in table.lines]
+    lines = [[_cell(cell, _md, "**{}**") for cell in line] for line in table.lines]
     rows = [[_md(text) for text in _headings(table)], rule, *lines]
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
 def as_latex(table: Grid) -> str:
     """A `table` environment that needs the package booktabs and nothing else."""
-    body = [" & ".join(_tex_cell(cell) for cell in line) + r" \\" for line in table.lines]
+    body = [
+        " & ".join(_cell(cell, _tex, r"\textbf{{{}}}") for cell in line) + r" \\"
+        for line in table.lines
+    ]
     parts = [
         r"\begin{table}", r"\centering", rf"\caption{{{_tex(table.about)}}}",
         rf"\begin{{tabular}}{{l{'r' * (len(table.heads) - 1)}}}", r"\toprule",
@@ -116,18 +120,15 @@ def as_latex(table: Grid) -> str:
     return "\n".join(parts) + "\n"
 
 
-def _md_cell(cell: GridCell) -> str:
-    return f"**{_md(cell.text)}**" if cell.kind == "best" else _md(cell.text)
+def _cell(cell: GridCell, escape: Callable[[str], str], bold: str) -> str:
+    text = escape(cell.text)
+    return bold.format(text) if cell.kind == "best" else text
 
 
 def _md(text: str) -> str:
     flat = " ".join(text.split("\n"))
     escaped = re.sub(r"([\\`*_|\[\]])", r"\\\1", flat)
     return escaped.replace("<", "&lt;")
-
-
-def _tex_cell(cell: GridCell) -> str:
-    return rf"\textbf{{{_tex(cell.text)}}}" if cell.kind == "best" else _tex(cell.text)
 
 
 def _tex(text: str) -> str:
@@ -139,10 +140,10 @@ def report_tables(data: RunData) -> dict[str, Grid]:
     metric = data.ranking_metric
     by = f"ordered by {column(metric).title}"
     rows = {case.name: data.rows_of(case.name, POOLED) for case in data.cases}
-    scored = {case: found for case, found in rows.items() if len(found)}
+    scored = {case: of_case for case, of_case in rows.items() if len(of_case)}
     tables = {
-        case: ranking_table(table(found, metric), f"{case}, {by}.")
-        for case, found in scored.items()
+        case: ranking_table(table(of_case, metric), f"{case}, {by}.")
+        for case, of_case in scored.items()
     }
     if len(scored) > 1:
         means = mean_over_cases(together(scored.values()), "mean")
@@ -162,7 +163,7 @@ def write_report_figures(run_dir: Path, suffix: FigureFormat) -> list[Path]:
         }
         with files_together(run_dir, figures) as staged:
             for name, figure in figures.items():
-                _save(figure, staged / name, suffix)
+                figure.savefig(staged / name, format=suffix, metadata=_UNDATED[suffix])
     return [run_dir / name for name in figures]
 
 
@@ -177,8 +178,3 @@ def _figures(data: RunData, case: CaseData) -> Iterator[tuple[str, Figure]]:
         for method in window.methods:
             if method.dsi_slice is not None:
                 yield f"{window.name}-slice-{method.name}", slice_figure(method.dsi_slice)
-
-
-def _save(figure: Figure, path: Path, suffix: FigureFormat) -> None:
-    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}[suffix]
-    figure.savefig(path, format=suffix, metadata=undated)

@@ -7,40 +7,32 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from markupsafe import Markup
-
 from eventsweep.emvs.errors import significant
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.outputs import atomic_dir, check_output
-from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.config import TrajectoryConfig
-from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.figures.plots import svg
-from eventsweep.eval.figures.trajectories import (
-    Scored,
-    boxes_figure,
-    errors_figure,
-    path_figure,
-)
+from eventsweep.eval.figures.trajectories import Scored, boxes_figure, errors_figure, path_figure
 from eventsweep.eval.report.html import (
     REPORT_NAME,
     Grid,
     GridCell,
     Head,
-    command_grid,
+    Page,
+    Plot,
+    Section,
+    Sentences,
+    Text,
     files_in,
-    render,
-    versions_grid,
+    grid,
+    made_here,
+    page_text,
 )
-from eventsweep.eval.report.ranking import column, value_cell
+from eventsweep.eval.report.ranking import column, named_cell, value_cell
 from eventsweep.eval.results.direction import best
 from eventsweep.eval.results.results import Results, write_results
 from eventsweep.eval.scoring.trajectories.score import TrajectoryScore, results_of
-from eventsweep.eval.scoring.trajectories.sources import (
-    read_estimate,
-    read_truth,
-    score_sources,
-)
+from eventsweep.eval.scoring.trajectories.sources import read_estimate, read_truth, score_sources
 
 COLUMNS = (
     "ate_rmse", "ate_share", "ate_rotation_rmse", "drift", "scale_error", "time_covered",
@@ -97,34 +89,50 @@ def write_scores(
         InputError: what the readers and `score_poses` refuse, or an output that is in the way.
     """
     true = read_truth(truth, config)
-    sources = [read_estimate(one, config) for one in estimates]
-    inputs = (truth, *(one.path for one in sources))
+    sources = [read_estimate(estimate, config) for estimate in estimates]
+    inputs = (truth, *(source.path for source in sources))
     check_output(out, force=force)
     scored, name = score_sources(sources, true, config), case or true.name
-    files = {one.name: one.path.name for one in sources}
-    results = results_of(name, scored, {"truth": truth.name, "estimates": files})
+    estimated = {source.name: source.path.name for source in sources}
+    results = results_of(name, scored, {"truth": truth.name, "estimates": estimated})
     with atomic_dir(out, force=force, inputs=inputs) as folder:
         write_results(folder, results)
-        text = page_text(name, true.trajectory, scored, command, folder)
-        (folder / REPORT_NAME).write_text(text, encoding="utf-8")
+        files = files_in(folder, ("results.json", "results.csv"))
+        page = trajectory_page(name, true.trajectory, scored, command, files)
+        (folder / REPORT_NAME).write_text(page_text(page), encoding="utf-8")
     return WrittenScores(name, scored, results)
 
 
-def page_text(case: str, truth: Trajectory, scored: Scored, command: str, folder: Path) -> str:
-    """The page as HTML."""
-    libraries = versions()
-    return render(
-        "trajectory.html.j2", "tables", "sides",
-        title=f"Trajectories of {case}", subtitle=how(next(iter(scored.values()))),
-        sentences=list(sentences(scored)), notes=list(notes(scored)),
-        overview=overview_grid(scored), everything=metrics_grid(scored),
-        path=Markup(svg(path_figure, truth, scored)),
-        errors=Markup(svg(errors_figure, truth, scored)),
-        boxes=Markup(svg(boxes_figure, scored)),
-        provenance=command_grid(command),
-        versions=versions_grid(["this page"], [libraries]), version=libraries["eventsweep"],
-        files=files_in(folder, ("results.json", "results.csv")),
+def trajectory_page(
+    case: str, truth: Trajectory, scored: Scored, command: str, files: tuple[str, ...]
+) -> Page:
+    """What the page shows."""
+    sections = (
+        ("path", "Path", "Estimates after alignment. The side view looks along y, with z up.",
+         svg(path_figure, truth, scored)),
+        ("errors", "Errors over time", "Absolute errors of every pose after alignment. A line that "
+         "is interrupted has no poses there.", svg(errors_figure, truth, scored)),
+        ("steps", "Errors over way", "Relative errors of all steps of one length, which no "
+         "alignment changes: quartiles, with whiskers from 5 to 95 %.", svg(boxes_figure, scored)),
     )  # fmt: skip
+    return Page(
+        title=f"Trajectories of {case}",
+        subtitle=how(next(iter(scored.values()))),
+        blocks=(
+            Sentences(tuple(sentences(scored))),
+            overview_grid(scored),
+            Sentences(tuple(notes(scored)), "note"),
+        ),
+        sections=(
+            *(
+                Section(name, title, (Text(about), Plot(drawing, title)))
+                for name, title, about, drawing in sections
+            ),
+            Section("metrics", "All metrics", (metrics_grid(scored),)),
+            made_here(command),
+        ),
+        files=files,
+    )
 
 
 def how(found: TrajectoryScore) -> str:
@@ -157,22 +165,18 @@ def overview_grid(scored: Scored) -> Grid:
     """A line for each estimate: what decides, the best marked."""
     heads = [column(name) for name in COLUMNS]
     cells = {name: _cells(scored, name) for name in COLUMNS}
-    lines = tuple(
-        (GridCell(method, colour=line_style(method).css), *(cells[name][k] for name in COLUMNS))
+    lines = (
+        (named_cell(method), *(cells[name][k] for name in COLUMNS))
         for k, method in enumerate(scored)
     )
-    return Grid((Head("estimate"), *(one.head(one.title) for one in heads)), lines)
+    return grid((Head("estimate"), *(head.head() for head in heads)), lines)
 
 
 def metrics_grid(scored: Scored) -> Grid:
     """A line for each metric, with what it is."""
     heads = [column(score.metric) for score in next(iter(scored.values())).scores]
-    lines = (
-        (GridCell(one.title), GridCell(one.unit), *_cells(scored, one.name), GridCell(one.formula))
-        for one in heads
-    )
-    names = (Head("metric", text=True), Head("unit", text=True), *map(Head, scored))
-    return Grid((*names, Head("what it is", text=True)), tuple(lines))
+    lines = ((head.title, head.unit, *_cells(scored, head.name), head.formula) for head in heads)
+    return grid(("metric", "unit", *map(Head, scored), "what it is"), lines)
 
 
 def _cells(scored: Scored, name: str) -> list[GridCell]:

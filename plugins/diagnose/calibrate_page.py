@@ -3,35 +3,39 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.utils.runtime import versions
-from eventsweep.eval.figures.colormaps import depth_scale
+from eventsweep.eval.figures.colormaps import Scale, depth_scale
 from eventsweep.eval.figures.images import depth_image, point_size_px
 from eventsweep.eval.figures.laid_out import LaidOutFigure
-from eventsweep.eval.figures.plots import (
-    ESTIMATE_COLOUR,
-    TRUTH_COLOUR,
-    slice_figure,
-    svg,
-)
+from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, TRUTH_COLOUR, slice_figure, svg
 from eventsweep.eval.numbers import shown_zero_us
 from eventsweep.eval.report.html import (
+    Block,
+    Columns,
     Grid,
     GridCell,
     Head,
-    command_grid,
+    Layer,
+    Page,
+    Picture,
+    Pictures,
+    Plot,
+    Section,
+    Sentences,
+    Text,
     files_in,
+    grid,
+    made_here,
+    page_text,
     plural,
-    render,
-    versions_grid,
 )
 from eventsweep.eval.report.run_data import slice_of
 from eventsweep.plugins.diagnose.calibrate.before_after import MappedWith
@@ -46,31 +50,69 @@ def summary(refinement: Refinement) -> str:
     return f"{len(refinement.estimates) - refused} refined, {refused} refused"
 
 
-def page_text(
+def calibration_page(
     recording: Recording, refinement: Refinement, sides: Sequence[MappedWith], notes: Sequence[str],
     command: str, folder: Path,
 ) -> str:  # fmt: skip
     """The page as HTML."""
-    scale = depth_scale(_depth_range_m(sides[0]))
-    libraries = versions()
     files = [file.name for file in sorted(folder.iterdir()) if file.suffix != ".html"]
-    return render(
-        "calibrate.html.j2", "tables", "sides", package="eventsweep.plugins.diagnose",
-        title=f"calibration of {recording.name}", sentences=sentences(refinement, sides),
-        estimates=estimates_grid(refinement.estimates), notes=notes, scale=scale,
-        sides=[_shown(side, scale) for side in sides],
-        curves=Markup(svg(_curves, refinement)) if refinement.curves else "",
-        residuals=Markup(svg(_residuals, sides)) if len(sides[0].residuals_px) else "",
-        windows=windows_grid(refinement),
-        provenance=command_grid(command),
-        versions=versions_grid(["this page"], [libraries]), version=libraries["eventsweep"],
+    page = Page(
+        title=f"Calibration of {recording.name}",
+        subtitle="",
+        blocks=(Sentences(tuple(sentences(refinement, sides))),),
+        sections=(*_sections(refinement, sides, notes), made_here(command)),
         files=files_in(folder, files),
-    )  # fmt: skip
+    )
+    return page_text(page)
 
 
-def _depth_range_m(side: MappedWith) -> tuple[float, float]:
-    rho = side.mapped.view.rho
-    return 1 / float(rho.max()), 1 / float(rho.min())
+def _sections(
+    refinement: Refinement, sides: Sequence[MappedWith], notes: Sequence[str]
+) -> Iterator[Section]:
+    rho = sides[0].mapped.view.rho
+    scale = depth_scale((1 / float(rho.max()), 1 / float(rho.min())))
+    text = Text(
+        "The window that gains most, mapped with both calibrations: depth, and a row of the DSI "
+        "seen from above."
+    )
+    shown = Columns(tuple(_side(side, scale) for side in sides))
+    yield Section("window", "Before and after", (text, shown))
+    text = Text(
+        "A correction is what was added to the calibration as given. The uncertainty is that of "
+        "95 %, from how flat the top of the sharpness is and how windows differ. What is refused "
+        "keeps its value."
+    )
+    said = Sentences(tuple(notes), "note")
+    yield Section("estimates", "Corrections", (text, estimates_grid(refinement.estimates), said))
+    if refinement.curves:
+        text = Text(
+            "All other parameters at their best. The band is the uncertainty; the dotted line is "
+            "the calibration as given."
+        )
+        plot = Plot(svg(_curves, refinement), "sharpness per parameter")
+        blocks = text, plot, windows_grid(refinement)
+        yield Section("curves", "Sharpness over each parameter", blocks)
+    if len(sides[0].residuals_px):
+        text = Text(
+            "A measure that refinement does not use: patches of camera 0's events, matched in "
+            "camera 1's rectified view."
+        )
+        plot = Plot(svg(_residuals, sides), "histogram of the residuals")
+        yield Section("epipolar", "Epipolar residuals", (text, plot))
+
+
+def _side(side: MappedWith, scale: Scale) -> tuple[Block, ...]:
+    depth = side.mapped.depth_maps[side.method]
+    about = f"{int(depth.mask.sum()):,} points, {side.method}"
+    point_px = point_size_px(depth.depth_m.shape[1])
+    image = depth_image(depth.depth_m, depth.mask, scale, point_px)
+    picture = Picture("Depth [m]", (Layer(image.data_uri(), about),), scale)
+    drawn = svg(slice_figure, slice_of(depth, side.mapped.slices))
+    return (
+        Text(side.name, "heading"),
+        Pictures((picture,), columns=1),
+        Plot(drawn, f"slice of the DSI, {side.name}"),
+    )
 
 
 def sentences(refinement: Refinement, sides: Sequence[MappedWith]) -> list[str]:
@@ -94,20 +136,17 @@ def sentences(refinement: Refinement, sides: Sequence[MappedWith]) -> list[str]:
 
 def estimates_grid(estimates: Sequence[Estimate]) -> Grid:
     """A line per parameter: correction, uncertainty, verdict."""
-    heads = (
-        Head("parameter", text=True), Head("correction"), Head("±", "95 %"),
-        Head("unit", text=True), Head("result", text=True),
-    )  # fmt: skip
-    return Grid(heads, tuple(map(_line, estimates)))
+    heads = ("parameter", Head("correction"), Head("±", "95 %"), "unit", "result")
+    return grid(heads, map(_line, estimates))
 
 
-def _line(estimate: Estimate) -> tuple[GridCell, ...]:
+def _line(estimate: Estimate) -> tuple[object, ...]:
     value, uncertainty, refused = estimate.value, estimate.uncertainty, estimate.refused
     return (
-        GridCell(estimate.parameter.name),
+        estimate.parameter.name,
         GridCell("as given" if refused else f"{value:+.3f}", value),
         GridCell(f"{uncertainty:.3f}" if math.isfinite(uncertainty) else "unknown", uncertainty),
-        GridCell(estimate.parameter.unit),
+        estimate.parameter.unit,
         GridCell(f"refused: {refused}" if refused else "refined",
                  kind="worse" if refused else "better"),
     )  # fmt: skip
@@ -118,12 +157,7 @@ def windows_grid(refinement: Refinement) -> Grid:
 
     Times of a clock are those since the first window's begin.
     """
-    heads = (
-        Head("window", "s"),
-        Head("as given", "votes"),
-        Head("refined", "votes"),
-        Head("gain", "%"),
-    )
+    units = {"window": "s", "as given": "votes", "refined": "votes", "gain": "%"}
     lines, zero_us = [], shown_zero_us(min((t0_us for t0_us, _ in refinement.windows), default=0))
     for (t0_us, t1_us), (before, after) in zip(
         refinement.windows, refinement.sharpness, strict=True
@@ -133,18 +167,7 @@ def windows_grid(refinement: Refinement) -> Grid:
         cells = (GridCell(times, t0_us), GridCell(f"{before:.2f}", before),
                  GridCell(f"{after:.2f}", after), GridCell(f"{gain:+.1f}", gain))  # fmt: skip
         lines.append(cells)
-    return Grid(heads, tuple(lines))
-
-
-def _shown(side: MappedWith, scale: Any) -> dict[str, Any]:
-    depth = side.mapped.depth_maps[side.method]
-    point_px = point_size_px(depth.depth_m.shape[1])
-    return {
-        "name": side.name,
-        "points": f"{int(depth.mask.sum()):,} points, {side.method}",
-        "depth": depth_image(depth.depth_m, depth.mask, scale, point_px).data_uri(),
-        "slice": Markup(svg(slice_figure, slice_of(depth, side.mapped.slices))),
-    }
+    return grid(starmap(Head, units.items()), lines)
 
 
 def _curves(refinement: Refinement) -> Figure:

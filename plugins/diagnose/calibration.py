@@ -13,7 +13,7 @@ from eventsweep.eval.report.html import REPORT_NAME
 from eventsweep.plugins.diagnose.calibrate.before_after import before_and_after
 from eventsweep.plugins.diagnose.calibrate.folder import write_refined
 from eventsweep.plugins.diagnose.calibrate.refine import RefineConfig, Refinement, refine
-from eventsweep.plugins.diagnose.calibrate_page import page_text, summary
+from eventsweep.plugins.diagnose.calibrate_page import calibration_page, summary
 
 
 def calibrate_recording(
@@ -28,7 +28,7 @@ def calibrate_recording(
         sides = before_and_after(recording, refinement, update)
         with atomic_dir(out, force=force, inputs=(path,)) as folder:
             notes = write_refined(folder, out, recording, refinement, command)
-            text = page_text(recording, refinement, sides, notes, command, folder)
+            text = calibration_page(recording, refinement, sides, notes, command, folder)
             (folder / REPORT_NAME).write_text(text, encoding="utf-8")
         update(3.0, "")
     return refinement, notes

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -19,7 +19,25 @@ from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, svg
 from eventsweep.eval.numbers import shown_zero_us
-from eventsweep.eval.report.html import REPORT_NAME, files_in, plural, render, versions_grid
+from eventsweep.eval.report.html import (
+    REPORT_NAME,
+    Block,
+    Columns,
+    Facts,
+    Layer,
+    Page,
+    Picture,
+    Pictures,
+    Plot,
+    Section,
+    Sentences,
+    Text,
+    files_in,
+    page_text,
+    plural,
+    provenance,
+    versions_grid,
+)
 from eventsweep.plugins.diagnose.check.findings import TIME, VERDICTS, Finding, Report, Series
 
 JSON_NAME = "check.json"
@@ -39,15 +57,29 @@ def write_check_page(folder: Path, report: Report) -> Path:
 def check_page_text(report: Report, folder: Path | None = None) -> str:
     """The page as HTML: what is wrong first; it links to files of the folder."""
     ordered = sorted(report.findings, key=lambda f: -VERDICTS.index(f.verdict))
-    libraries = versions()
-    return render(
-        "check.html.j2", "tables", "check", package="eventsweep.plugins.diagnose",
-        title=report.name, summary=summary(report), verdict=report.verdict,
-        shown=[(finding, _figure(finding, k)) for k, finding in enumerate(ordered)],
-        unchecked=report.unchecked, provenance=versions_grid([report.name], [libraries]),
-        version=libraries.get("eventsweep", ""),
+    unchecked = (f"not checked: {name}, because {why}" for name, why in report.unchecked)
+    page = Page(
+        title=f"Check of {report.name}",
+        subtitle="Each check with its evidence; where something is wrong, what it means for a map, "
+        "and how to cure it if mapping has shown the cause. Faults come first.",
+        blocks=(Text(summary(report), "lead"), Sentences(tuple(unchecked))),
+        sections=(
+            *(_section(finding, k) for k, finding in enumerate(ordered)),
+            provenance(versions_grid([report.name], [versions()])),
+        ),
         files=files_in(folder, (JSON_NAME,)) if folder else (),
-    )  # fmt: skip
+        verdict=report.verdict,
+    )
+    return page_text(page)
+
+
+def _section(finding: Finding, position: int) -> Section:
+    pairs = {"Suspect": finding.suspect, "Means": finding.meaning, "Cure": finding.cure}
+    known = tuple((name, text) for name, text in pairs.items() if text)
+    said: tuple[Block, ...] = Text(finding.evidence), Facts(known)
+    shown = tuple(_figure(finding, position))
+    blocks = (Columns((said, shown)),) if shown else said
+    return Section(finding.name, finding.name, blocks, finding.verdict)
 
 
 def summary(report: Report) -> str:
@@ -62,14 +94,16 @@ def summary(report: Report) -> str:
     return f"{done}: {', '.join(parts)}."
 
 
-def _figure(finding: Finding, position: int) -> Markup:
+def _figure(finding: Finding, position: int) -> Iterator[Block]:
     series = finding.series
     # A curve of a single point shows nothing that the evidence does not say.
     if series is None or np.isfinite(series.y).sum() < (1 if series.names else 2):
-        return Markup("")
+        return
     if series.y.ndim == 2:
-        return _image(series, finding)
-    return Markup(svg(_bars if series.names else _curve, series, finding, position))
+        yield Pictures((_image(series),), columns=1)
+    else:
+        drawn = svg(_bars if series.names else _curve, series, finding, position)
+        yield Plot(drawn, f"{finding.name}: {series.y_label or series.x_label}")
 
 
 def _bars(series: Series, finding: Finding, position: int) -> Figure:
@@ -114,7 +148,7 @@ def _since_zero(series: Series) -> tuple[NDArray[np.float64], str]:
     return series.x - zero_us / 1e6, label
 
 
-def _image(series: Series, finding: Finding) -> Markup:
+def _image(series: Series) -> Picture:
     known = np.isfinite(series.y)
     values = np.where(known, series.y, 0.0)
     high = max(float(np.percentile(values, 99.5)), 1e-12)
@@ -124,7 +158,5 @@ def _image(series: Series, finding: Finding) -> Markup:
     picture.thumbnail((_LARGEST_PX, _LARGEST_PX), Image.Resampling.NEAREST)
     buffer = io.BytesIO()
     picture.save(buffer, "PNG", optimize=True)
-    alt = f"{finding.name}: {series.y_label}, 0 to {high:.3g}"
-    return Markup('<img src="{}" alt="{}"><span class="soft">{}</span>').format(
-        data_uri("image/png", buffer.getvalue()), alt, f"{series.y_label}, 0 (dark) to {high:.3g}"
-    )
+    layer = Layer(data_uri("image/png", buffer.getvalue()), f"0 (dark) to {high:.3g}")
+    return Picture(series.y_label, (layer,))

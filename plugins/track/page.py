@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eventsweep.emvs.depth.point_cloud import PointCloud
-from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg
 from eventsweep.eval.report.html import (
@@ -20,11 +19,13 @@ from eventsweep.eval.report.html import (
     Head,
     Moving,
     Page,
+    Plot,
     Section,
+    Text,
+    grid,
+    made_here,
     page_text,
     plural,
-    svg_uri,
-    versions_grid,
 )
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Tracked
@@ -43,51 +44,44 @@ _COLOURS = {
 
 def track_page(name: str, tracked: Tracked, cloud: PointCloud) -> str:
     """The page as HTML."""
-    installed = versions()
     lost = sum(change.status is Status.LOST for change in tracked.changes)
     first_us, last_us = tracked.span_us
     figure = _overview(tracked, cloud)
-    path = Section(
-        "path", "Path", ("Changes of status",), (_changes(tracked),),
-        text="Axes are those of the first pose's world: for a body that looks ahead x points "
-        "right, y down, z forward. Grey: points of the maps. Colours below: status. Move the "
-        "slider, or play.",
-        figure=svg_uri(svg(lambda: figure)),
-        figure_about="path and map from above and from the side; position and status over time",
-        moving=_moving(tracked, figure),
-    )  # fmt: skip
-    status = Section("status", "Status", ("Poses",), (_counts(tracked),))
-    return page_text(
-        Page(
-            title=f"{name}, tracked",
-            subtitle=f"{len(tracked.trajectory):,} poses over {(last_us - first_us) / 1e6:.2f} s, "
-            f"{100 * tracked.covered:.1f} % of the time covered, {plural(tracked.maps, 'map')}, "
-            + (f"lost {plural(lost, 'time')}" if lost else "never lost"),
-            sections=(path, status),
-            provenance=versions_grid(["this page"], [installed]),
-            version=installed["eventsweep"],
-            files=("trajectory.txt", "track.json", "cloud.ply"),
-        )
+    text = Text(
+        "Axes are those of the first pose's world: for a body that looks ahead x points right, y "
+        "down, z forward. Grey: points of the maps. Colours below: status. Move the slider, or "
+        "play."
     )
+    about = "path and map from above and from the side; position and status over time"
+    plot = Plot(svg(lambda: figure), about, _moving(tracked, figure))
+    page = Page(
+        title=f"{name}, tracked",
+        subtitle=f"{len(tracked.trajectory):,} poses over {(last_us - first_us) / 1e6:.2f} s, "
+        f"{100 * tracked.covered:.1f} % of the time covered, {plural(tracked.maps, 'map')}, "
+        + (f"lost {plural(lost, 'time')}" if lost else "never lost"),
+        sections=(
+            Section("path", "Path", (text, plot, _changes(tracked))),
+            Section("status", "Status", (_counts(tracked),)),
+            made_here(),
+        ),
+        files=("trajectory.txt", "track.json", "cloud.ply"),
+    )
+    return page_text(page)
 
 
 def _changes(tracked: Tracked) -> Grid:
     first_us = tracked.span_us[0]
-    lines = tuple(
-        (
-            GridCell(f"{(change.t_us - first_us) / 1e6:.3f}", change.t_us),
-            GridCell(change.status.value),
-            GridCell(change.reason),
-        )
-        for change in tracked.changes
+    lines = (
+        (GridCell(f"{(c.t_us - first_us) / 1e6:.3f}", c.t_us), c.status.value, c.reason)
+        for c in tracked.changes
     )
-    return Grid((Head("time", "s"), Head("status", text=True), Head("reason", text=True)), lines)
+    return grid((Head("time", "s"), "status", "reason"), lines)
 
 
 def _counts(tracked: Tracked) -> Grid:
     counts = {status: sum(each is status for each in tracked.statuses) for status in Status}
-    lines = tuple((GridCell(s.value), GridCell(f"{n:,}", n)) for s, n in counts.items() if n)
-    return Grid((Head("status", text=True), Head("poses", direction="higher")), lines)
+    lines = ((status.value, count) for status, count in counts.items() if count)
+    return grid(("status", Head("poses", direction="higher")), lines)
 
 
 def _overview(tracked: Tracked, cloud: PointCloud) -> Figure:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from eventsweep.emvs.utils.outputs import files_together, output_folder
-from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.compare.differences import (
     JUDGED,
@@ -20,11 +19,25 @@ from eventsweep.eval.report.compare.differences import (
     counts_of,
     signed,
 )
-from eventsweep.eval.report.compare.pictures import pictures_of
+from eventsweep.eval.report.compare.pictures import picture_sections
 from eventsweep.eval.report.compare.results import ComparedResult, read_compared
 from eventsweep.eval.report.compare.settings import Setting, settings_of
-from eventsweep.eval.report.html import Grid, GridCell, Head, Kind, Section, plural, render
-from eventsweep.eval.report.ranking import RANKING_COLUMNS, column, definition
+from eventsweep.eval.report.html import (
+    Details,
+    Grid,
+    GridCell,
+    Head,
+    Kind,
+    Page,
+    Section,
+    Sentences,
+    Text,
+    grid,
+    page_text,
+    plural,
+    tables,
+)
+from eventsweep.eval.report.ranking import RANKING_COLUMNS, column, definition, named_cell
 from eventsweep.eval.report.tables import TABLES_FOLDER, write_tables
 from eventsweep.eval.results.results import JSON_NAME, SUITE_NAME
 from eventsweep.eval.scoring.metrics import PRIMARY
@@ -69,7 +82,7 @@ def write_comparison(paths: Sequence[Path], out: Path) -> Comparison:
     """Writes `compare.html` and `tables/` into a folder, and returns what they say."""
     with output_folder(out, (HTML_NAME, TABLES_FOLDER), force=True):
         comparison = compare(read_compared(paths))
-        text = page_text(comparison, _result_files(comparison, out))
+        text = page_text(comparison_page(comparison, _result_files(comparison, out)))
         with files_together(out, (HTML_NAME,)) as staged:
             (staged / HTML_NAME).write_text(text, encoding="utf-8")
         write_tables(out / TABLES_FOLDER, comparison_tables(comparison))
@@ -89,37 +102,48 @@ def _result_files(comparison: Comparison, out: Path) -> list[str]:
     ]
 
 
-def page_text(comparison: Comparison, files: Sequence[str] = ()) -> str:
-    """The page as HTML."""
-    sections = sections_of(comparison)
-    pictures, missing = pictures_of(comparison.results, _cases(comparison))
+def comparison_page(comparison: Comparison, files: Sequence[str] = ()) -> Page:
+    """What the page shows: the verdicts first, the settings last."""
+    pictures, missing = picture_sections(comparison.results, _cases(comparison))
     first, *others = comparison.names
-    counts = [len(section.names) for section in sections] + [len(one.methods) for one in pictures]
-    return render(
-        "compare.html.j2",
-        "tables",
-        "compare",
+    apart = *(line for pair in comparison.pairs for line in pair.only_in_one), *missing
+    numbers = [
+        Section(name, title, tables(name, list(map(_title, grids)), list(grids.values())))
+        for k, (title, grids) in enumerate(number_grids(comparison).items())
+        for name in [f"numbers{k}"]
+    ]
+    note = Text(_NOTE.format(judged=_titles(_judged(comparison))), "note")
+    numbers[-1] = replace(numbers[-1], blocks=(*numbers[-1].blocks, note))
+    return Page(
         title=f"{', '.join(others)} against {first}",
         subtitle=f"{len(comparison.names)} results, compared with {first}.",
-        findings=tuple(findings(comparison)),
-        settings=_settings_grid(comparison, comparison.differing),
-        equal=_settings_grid(comparison, [s for s in comparison.settings if not s.differs]),
-        sections=sections,
-        pictures=pictures,
-        only_in_one=(*(t for pair in comparison.pairs for t in pair.only_in_one), *missing),
-        note=_NOTE.format(judged=_titles(_judged(comparison))),
-        most=max(counts),
+        blocks=(Sentences(tuple(findings(comparison))),),
+        sections=(
+            *numbers,
+            *pictures,
+            *((Section("apart", "Not compared", (Sentences(apart),)),) if apart else ()),
+            _settings_section(comparison),
+        ),
         version=comparison.results[0].versions.get("eventsweep", ""),
-        files=files,
+        files=tuple(files),
     )
 
 
+def _settings_section(comparison: Comparison) -> Section:
+    differing = comparison.differing
+    equal = [setting for setting in comparison.settings if not setting.differs]
+    none = "None: whatever differs comes from the data or from what is not a setting."
+    shown = _settings_grid(comparison, differing) if differing else Text(none)
+    folded = Details(f"{len(equal)} are equal", (_settings_grid(comparison, equal),))
+    return Section("settings", "Settings that differ", (shown, folded))
+
+
 def findings(comparison: Comparison) -> Iterator[str]:
-    """The settings that differ, the verdict of each result, and whether the data are the same."""
-    yield settings_text(comparison)
+    """The verdict of each result, whether the data are the same, and what was set otherwise."""
     for pair in comparison.pairs:
         yield verdict_text(pair)
         yield from pair.data
+    yield settings_text(comparison)
 
 
 def settings_text(comparison: Comparison) -> str:
@@ -213,35 +237,32 @@ def _settings_grid(comparison: Comparison, settings: Sequence[Setting]) -> Grid:
         )
         for one in settings
     )
-    cells = tuple(tuple(map(GridCell, line)) for line in lines)
-    return Grid(tuple(Head(text, text=True) for text in texts), cells)
+    return grid(texts, lines)
 
 
-def sections_of(comparison: Comparison) -> tuple[Section, ...]:
-    """A section over all cases where there are several, then one per case."""
-    found: list[tuple[str, list[tuple[Difference, ...]]]] = []
+def number_grids(comparison: Comparison) -> dict[str, dict[str, Grid]]:
+    """Tables by metric: over all cases where there are several, then of each case."""
     cases = _cases(comparison)
+    numbers = {case: [_of_case(pair, case) for pair in comparison.pairs] for case in cases}
     means = [pair.means for pair in comparison.pairs]
     if any(means):
-        found.append((f"Mean of {plural(len(cases), 'case')}", means))
-    for case in cases:
-        of_case = [tuple(o for o in pair.cases if o.case == case) for pair in comparison.pairs]
-        found.append((case, of_case))
-    return tuple(_section(comparison, k, *one) for k, one in enumerate(found))
+        numbers = {f"Mean of {plural(len(cases), 'case')}": means, **numbers}
+    return {
+        title: {
+            metric: _grid(comparison, metric, of_metric)
+            for metric in dict.fromkeys((*JUDGED, *RANKING_COLUMNS))
+            if any(of_metric := [[d for d in ds if d.metric == metric] for ds in differences])
+        }
+        for title, differences in numbers.items()
+    }
 
 
-def _section(
-    comparison: Comparison, position: int, title: str, found: Sequence[Sequence[Difference]]
-) -> Section:
-    present = {one.metric for differences in found for one in differences}
-    metrics = [*JUDGED, *(name for name in RANKING_COLUMNS if name not in JUDGED)]
-    metrics = [name for name in metrics if name in present]
-    grids = tuple(
-        _grid(comparison, metric, [[o for o in one if o.metric == metric] for one in found])
-        for metric in metrics
-    )
-    names = tuple(column(metric).title for metric in metrics)
-    return Section(f"numbers{position}", title, names, grids)
+def _of_case(pair: Pair, case: str) -> tuple[Difference, ...]:
+    return tuple(difference for difference in pair.cases if difference.case == case)
+
+
+def _title(metric: str) -> str:
+    return column(metric).title
 
 
 def _grid(comparison: Comparison, metric: str, found: Sequence[Sequence[Difference]]) -> Grid:
@@ -275,7 +296,7 @@ def _line(one: Difference, name: str) -> tuple[GridCell, ...]:
     ]
     relative = "–" if math.isnan(share) else f"{share:+.1f}".replace("-", "−")
     return (
-        GridCell(one.method, colour=line_style(one.method).css),
+        named_cell(one.method),
         *((GridCell(name),) if name else ()),
         GridCell(displayed(one.first, one.unit), one.first),
         GridCell(displayed(one.other, one.unit), one.other),
@@ -290,16 +311,15 @@ def _line(one: Difference, name: str) -> tuple[GridCell, ...]:
 def comparison_tables(comparison: Comparison) -> dict[str, Grid]:
     """The settings that differ, and one table per case and metric."""
     settings = _settings_grid(comparison, comparison.differing)
-    tables = {"settings": _for_file(settings, "Settings that differ")}
-    names, cases = {column(name).title: name for name in RANKING_COLUMNS}, _cases(comparison)
-    for section in sections_of(comparison):
-        stem = section.title if section.title in cases else "mean-of-cases"
-        for title, grid in zip(section.names, section.tables, strict=True):
-            tables[f"{stem}-{names[title]}"] = _for_file(grid, f"{section.title}: {title}")
-    return tables
+    files, cases = {"settings": _for_file(settings, "Settings that differ")}, _cases(comparison)
+    for title, grids in number_grids(comparison).items():
+        stem = title if title in cases else "mean-of-cases"
+        for metric, table in grids.items():
+            files[f"{stem}-{metric}"] = _for_file(table, f"{title}: {_title(metric)}")
+    return files
 
 
-def _for_file(grid: Grid, caption: str) -> Grid:
+def _for_file(table: Grid, caption: str) -> Grid:
     """A table as a file has it: without arrows, under a caption."""
-    heads = tuple(replace(head, arrow=False) for head in grid.heads)
-    return Grid((replace(heads[0], text=True), *heads[1:]), grid.lines, caption)
+    heads = tuple(replace(head, arrow=False) for head in table.heads)
+    return Grid((replace(heads[0], text=True), *heads[1:]), table.lines, caption)

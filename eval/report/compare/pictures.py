@@ -2,76 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.figures.colormaps import Scale, depth_scale, error_scale, events_scale
-from eventsweep.eval.figures.images import depth_image, point_size_px
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.compare.results import ComparedResult, Number
+from eventsweep.eval.report.html import (
+    Block,
+    Choice,
+    Details,
+    Layer,
+    Of,
+    Picture,
+    Pictures,
+    Section,
+    Text,
+)
 from eventsweep.eval.report.ranking import column
-from eventsweep.eval.report.run_data import CaseData, MethodData, RunData, WindowData, load_run
-from eventsweep.eval.report.run_page import (
+from eventsweep.eval.report.run_data import (
+    CaseData,
+    MethodData,
+    RunData,
+    WindowData,
+    best_first,
+    load_run,
+)
+from eventsweep.eval.report.window_page import (
     behind_uri,
-    chosen_method,
-    error_uri,
-    errors_cm,
-    events_uri,
-    frame_uri,
     image_uri,
     middle_cap_cm,
     seconds,
-    truth_uri,
 )
 from eventsweep.eval.results.table import POOLED
 
-ALL = "all results"
 _CAPTION = "mean_error"
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """One picture: whose it is, what it says in numbers, and what shows faintly through it."""
-
-    name: str
-    note: str
-    uri: str
-    behind: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class PictureRow:
-    """Pictures of one kind, all on one scale of colours."""
-
-    title: str
-    pictures: tuple[Picture, ...]
-    scale: Scale | None = None
-
-    @property
-    def same(self) -> bool:
-        """Whether one picture stands for all results."""
-        return len(self.pictures) == 1 and self.pictures[0].name == ALL
-
-
-@dataclass(frozen=True, slots=True)
-class ComparedWindow:
-    """One window: what is the same for all methods, and rows per method."""
-
-    title: str
-    seen: tuple[PictureRow, ...]
-    methods: tuple[tuple[PictureRow, ...], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class ComparedPictures:
-    """All pictures of a case."""
-
-    case: str
-    methods: tuple[str, ...]
-    chosen: int
-    windows: tuple[ComparedWindow, ...]
+_MOST_COLUMNS = 3
+_SCALES = "Pictures of one kind have one scale of colours, so that equal colours are equal numbers."
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,134 +47,123 @@ class _View:
     """One result's window, and the numbers beside it."""
 
     result: ComparedResult
-    case: str
+    case: CaseData
     window: WindowData
-    clock_us: int
 
     def method(self, name: str) -> MethodData:
         return next(method for method in self.window.methods if method.name == name)
 
+    def mean_error(self, method: str) -> str:
+        """Its mean error in this window, behind a dot; empty where it was not scored."""
+        values = self.result.first(self.case.name).values.get(Number(method, _CAPTION), {})
+        value = values.get(self.window.name)
+        head = column(_CAPTION)
+        return "" if value is None else f" · {head.title} {displayed(value, 'm')} {head.unit}"
 
-def pictures_of(
+
+def picture_sections(
     results: Sequence[ComparedResult], names: Iterable[str]
-) -> tuple[tuple[ComparedPictures, ...], tuple[str, ...]]:
+) -> tuple[list[Section], list[str]]:
     """Draws all cases of which two results or more have maps; returns also why some are missing."""
-    runs, missing = {}, []
+    runs: dict[str, RunData] = {}
+    missing = []
     for result in results:
         try:
-            runs[result.name] = _load(result)
+            if result.is_suite:
+                raise InputError("a suite keeps numbers, no depth maps")
+            runs[result.name] = load_run(result.folder)
         except InputError as error:
             missing.append(f"No pictures of {result.name}: {error}.")
     with_maps = [result for result in results if result.name in runs]
-    drawn = (_case(case, with_maps, runs) for case in names) if len(with_maps) > 1 else ()
-    return tuple(one for one in drawn if one is not None), tuple(missing)
+    sections: list[Section] = []
+    for case in names:
+        name = f"pictures{len(sections)}"
+        if (choice := _choice(f"{name}-method", case, with_maps, runs)) is not None:
+            blocks = Text(_SCALES, "note"), choice
+            sections.append(Section(name, f"Pictures of {case}", blocks))
+    return sections, missing
 
 
-def _load(result: ComparedResult) -> RunData:
-    if result.is_suite:
-        raise InputError("a suite keeps numbers, no depth maps")
-    return load_run(result.folder)
-
-
-def _case(
-    case: str, results: Sequence[ComparedResult], runs: Mapping[str, RunData]
-) -> ComparedPictures | None:
-    found = [
-        (result, one) for result in results for one in runs[result.name].cases if one.name == case
-    ]
-    if len(found) < 2:
+def _choice(
+    name: str, case: str, results: Sequence[ComparedResult], runs: Mapping[str, RunData]
+) -> Choice | None:
+    """Windows of a case, and a choice between the methods that all of its results have."""
+    shown = [(r, data) for r in results for data in runs[r.name].cases if data.name == case]
+    if len(shown) < 2:
         return None
-    groups = _together(case, found)
-    methods = _shared_methods(view for group in groups for view in group)
-    if not methods:
+    groups = _together(shown)
+    names = [[method.name for method in view.window.methods] for view in groups[0]]
+    shared = [method for method in names[0] if all(method in others for others in names[1:])]
+    if not shared:
         return None
-    first = runs[results[0].name]
-    chosen = chosen_method(first.rows_of(case, POOLED), first.ranking_metric, methods)
-    drawn = tuple(_window(group, methods) for group in groups)
-    return ComparedPictures(case, methods, chosen, drawn)
+    first = runs[shown[0][0].name]
+    methods = best_first(first.rows_of(case, POOLED), first.ranking_metric, shared)
+    windows = (_window(group, methods, is_open=k == 0) for k, group in enumerate(groups))
+    return Choice(name, "Method", tuple(methods), tuple(windows))
 
 
-def _together(case: str, found: Sequence[tuple[ComparedResult, CaseData]]) -> list[list[_View]]:
+def _together(shown: Sequence[tuple[ComparedResult, CaseData]]) -> list[list[_View]]:
     """Windows of one name and time; where there are none, the first ones."""
-    first = found[0][1].windows
     groups = []
-    for window in first:
+    for window in shown[0][1].windows:
         group = [
-            _View(result, case, one, data.clock_us)
-            for result, data in found
-            for one in data.windows
-            if (one.name, one.t_us) == (window.name, window.t_us)
+            _View(result, data, other)
+            for result, data in shown
+            for other in data.windows
+            if (other.name, other.t_us) == (window.name, window.t_us)
         ]
-        if len(group) == len(found):
+        if len(group) == len(shown):
             groups.append(group)
-    return groups or [[_View(result, case, d.windows[0], d.clock_us) for result, d in found]]
+    return groups or [[_View(result, data, data.windows[0]) for result, data in shown]]
 
 
-def _shared_methods(views: Iterable[_View]) -> tuple[str, ...]:
-    first, *others = ([method.name for method in view.window.methods] for view in views)
-    return tuple(name for name in first if all(name in other for other in others))
-
-
-def _window(views: Sequence[_View], methods: Sequence[str]) -> ComparedWindow:
+def _window(views: Sequence[_View], methods: Sequence[str], *, is_open: bool) -> Details:
     ranges = [view.window.depth_range_m for view in views]
     depth = depth_scale((min(near for near, _ in ranges), max(far for _, far in ranges)))
-    error = error_scale(_error_cap(views, methods))
-    times = dict.fromkeys(seconds(view.window.t_us - view.clock_us) for view in views)
-    return ComparedWindow(
-        f"Window {views[0].window.name}, reference view at {' and '.join(times)}",
-        tuple(_seen(views, depth)),
-        tuple(tuple(_of_method(views, name, depth, error)) for name in methods),
-    )
-
-
-def _error_cap(views: Sequence[_View], methods: Sequence[str]) -> float:
-    return middle_cap_cm(
-        errors_cm(view.method(name), view.window.truth)
+    times = dict.fromkeys(seconds(view.window.t_us - view.case.clock_us) for view in views)
+    title = f"Window {views[0].window.name}, reference view at {' and '.join(times)}"
+    error = error_scale(middle_cap_cm(
+        view.method(name).errors_cm(view.window.truth)
         for view in views
         if view.window.truth is not None
         for name in methods
-    )
+    ))  # fmt: skip
+    maps = (Of(k, tuple(_maps(views, name, depth, error))) for k, name in enumerate(methods))
+    return Details(title, (*_seen(views, depth), *maps), is_open)
 
 
-def _seen(views: Sequence[_View], depth: Scale) -> Iterable[PictureRow]:
-    """Frame, events and truth, each once where all results have the same."""
-    scale = events_scale(1)
-    draw: dict[str, tuple[Callable[[WindowData], str | None], Scale | None]] = {
-        "Frame": (frame_uri, None),
-        "Events": (partial(events_uri, scale=scale), scale),
-        "True depth [m]": (partial(truth_uri, scale=depth), depth),
-    }
-    for title, (uri_of, of_scale) in draw.items():
-        uris = ((view.result.name, uri_of(view.window)) for view in views)
-        pictures = [Picture(name, "", uri) for name, uri in uris if uri is not None]
-        if len(pictures) == len(views) and len({picture.uri for picture in pictures}) == 1:
-            pictures = [Picture(ALL, "", pictures[0].uri)]
-        if pictures:
-            yield PictureRow(title, tuple(pictures), of_scale)
+def _seen(views: Sequence[_View], depth: Scale) -> Iterator[Block]:
+    """Frame, events and truth: what is the same for all results once and first."""
+    events = events_scale(1)
+    scales: dict[str, Scale | None] = {"Frame": None, "Events": events, "True depth": depth}
+    seen = [(view.result.name, view.window.images(depth, events)) for view in views]
+    same, rows = [], []
+    for kind, scale in scales.items():
+        known = [(name, image_uri(images[kind])) for name, images in seen if kind in images]
+        title = kind if kind != "True depth" else "True depth [m]"
+        if len(known) == len(views) and len({uri for _, uri in known}) == 1:
+            same.append(Picture("all results", (Layer(known[0][1], title),), scale))
+        elif known:
+            rows.append(_row(Picture(name, (Layer(uri, title),), scale) for name, uri in known))
+    yield from (Pictures(tuple(same), _MOST_COLUMNS), *rows)
 
 
-def _of_method(
-    views: Sequence[_View], name: str, depth: Scale, error: Scale
-) -> Iterable[PictureRow]:
+def _maps(views: Sequence[_View], name: str, depth: Scale, error: Scale) -> Iterator[Block]:
+    """A method's depth and its errors, each of all results."""
     depths, errors = [], []
     for view in views:
-        method, of = view.method(name), view.result.name
+        method, result = view.method(name), view.result.name
         points = f"{displayed(float(method.mask.sum()), 'px')} px"
-        point_px = point_size_px(method.depth_m.shape[1])
-        image = depth_image(method.depth_m, method.mask, depth, point_px)
-        depths.append(Picture(of, points, image_uri(image)))
-        if (uri := error_uri(method, view.window.truth, error)) is not None:
-            behind = behind_uri(view.window) or ""
-            errors.append(Picture(of, _number(view, name), uri, behind))
-    yield PictureRow(f"Depth [m] of {name}", tuple(depths), depth)
-    if errors:
-        yield PictureRow(f"Error |e − g| [cm] of {name}", tuple(errors), error)
+        about = f"Depth [m] of {name} · {points}"
+        depths.append(Picture(result, (Layer(image_uri(method.depth_image(depth)), about),), depth))
+        if (truth := view.window.truth) is not None:
+            about = f"Error |e − g| [cm] of {name}{view.mean_error(name)}"
+            layer = Layer(image_uri(method.error_image(truth, error)), about)
+            errors.append(Picture(result, (layer,), error, behind_uri(view.window)))
+    yield _row(depths)
+    yield _row(errors)
 
 
-def _number(view: _View, method: str) -> str:
-    values = view.result.first(view.case).values.get(Number(method, _CAPTION), {})
-    value = values.get(view.window.name)
-    if value is None:
-        return ""
-    head = column(_CAPTION)
-    return f"{head.title} {displayed(value, 'm')} {head.unit}"
+def _row(pictures: Iterable[Picture]) -> Pictures:
+    row = tuple(pictures)
+    return Pictures(row, min(len(row), _MOST_COLUMNS))

@@ -21,6 +21,7 @@ _ENDINGS = {
     "events_per_s": "1/s", "rows_per_s": "1/s", "rad_s": "rad/s", "m_s": "m/s", "us": "µs",
     "s": "s", "m": "m", "px": "px", "hz": "Hz", "percent": "%", "percentile": "%", "deg": "°",
 }  # fmt: skip
+_GROUPS = ("map", "sim", "rig", "scene", "windows", "score")
 _KNOWN_TO_SOME = ("scene", "renderer", "windows", "methods scored", "seeds")
 
 
@@ -83,7 +84,9 @@ def _settings(per_case: Mapping[str, Sequence[Mapping[str, str]]], count: int) -
             texts = tuple(settings.get(name, ABSENT) for settings in found)
             if texts != (ABSENT,) * count:
                 values.setdefault(texts, []).append(case)
-        unit, default = _about(name)
+        # A mapper of a suite has unit and default of all mappers.
+        known = re.sub(r"^map \([^.]*\)\.", "map.", name)
+        unit, default = _known().get(known, ("", None))
         for texts, cases in values.items():
             where = () if len(values) == 1 else tuple(cases)
             yield Setting(name, unit, where, texts, default, name not in _KNOWN_TO_SOME)
@@ -91,9 +94,8 @@ def _settings(per_case: Mapping[str, Sequence[Mapping[str, str]]], count: int) -
 
 def _group(name: str) -> int:
     """What shapes the maps first: it is what people change."""
-    groups = ("map", "sim", "rig", "scene", "windows", "score")
     root = name.partition(".")[0].partition(" (")[0]
-    return groups.index(root) if root in groups else len(groups)
+    return _GROUPS.index(root) if root in _GROUPS else len(_GROUPS)
 
 
 def _circumstances(results: Sequence[ComparedResult], names: Iterable[str]) -> Iterator[Setting]:
@@ -117,21 +119,15 @@ def _plain(name: str, texts: Sequence[str], *cases: str) -> Setting:
     return Setting(name, "", cases, tuple(texts), None, chosen=False)
 
 
-def _seed(seed: int | None) -> str:
-    return ABSENT if seed is None else str(seed)
-
-
-def _list(values: Iterable[Any]) -> str:
-    return ", ".join(map(str, values))
-
-
 def _flat(result: ComparedResult, name: str) -> dict[str, str]:
     case = result.first(name)
-    found = dict(_leaves("", case.settings))
-    found["windows"] = windows_text(case.times) if case.times else ABSENT
-    found["methods scored"] = _list(case.methods)
-    found["seeds"] = _list(map(_seed, result.seeds(name)))
-    return found
+    seeds = (ABSENT if seed is None else str(seed) for seed in result.seeds(name))
+    return {
+        **dict(_leaves("", case.settings)),
+        "windows": windows_text(case.times) if case.times else ABSENT,
+        "methods scored": ", ".join(case.methods),
+        "seeds": ", ".join(seeds),
+    }
 
 
 def _leaves(prefix: str, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -151,13 +147,8 @@ def _text(value: Any) -> str:
     if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
         return str(int(value))
     if isinstance(value, list) and not any(isinstance(item, list | dict) for item in value):
-        return _list(map(_text, value)) or "none"
+        return ", ".join(map(_text, value)) or "none"
     return json.dumps(value, ensure_ascii=False)
-
-
-def _about(name: str) -> tuple[str, str | None]:
-    """Unit and default of a setting; a mapper of a suite has those of all mappers."""
-    return _known().get(re.sub(r"^map \([^.]*\)\.", "map.", name), ("", None))
 
 
 @cache
@@ -172,11 +163,6 @@ def _units(prefix: str, group: type[BaseModel]) -> Iterator[tuple[str, str]]:
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             yield from _units(f"{prefix}{name}.", kind)
             continue
-        found = _UNIT.search(field.description or "")
-        yield f"{prefix}{name}", found[1] if found else _unit_in(name)
-
-
-def _unit_in(name: str) -> str:
-    """The unit that a name ends in, as ours do."""
-    endings = (ending for ending in _ENDINGS if name.endswith(f"_{ending}"))
-    return _ENDINGS.get(next(endings, ""), "")
+        described = _UNIT.search(field.description or "")
+        ending = next((ending for ending in _ENDINGS if name.endswith(f"_{ending}")), "")
+        yield f"{prefix}{name}", described[1] if described else _ENDINGS.get(ending, "")

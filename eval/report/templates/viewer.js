@@ -37,7 +37,7 @@ async function load(linked) {
     method.votes = method.votes && halves(await unpack(method.votes));
     method.causes = method.causes && await unpack(method.causes);
   }
-  const picks = [...linked.closest("section").querySelectorAll("input.pick")];
+  const picks = [...linked.closest(".choice").querySelectorAll("input.pick")];
   data.chosen = () => {
     const position = picks.findIndex((pick) => pick.checked);
     return data.methods.find((method) => method.position === position);
@@ -274,7 +274,7 @@ async function start(linked) {
   linked.data = await load(linked);
   const box = linked.querySelector(".cloud");
   if (box) linked.cloud = new Cloud(box, linked);
-  linked.closest("section").addEventListener("change", () => {
+  linked.closest(".choice").addEventListener("change", () => {
     linked.cloud?.draw();
     if (linked.pixel !== undefined) point(linked, linked.pixel);
   });

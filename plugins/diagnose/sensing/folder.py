@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError, significant
-from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, TRUTH_COLOUR, plain_ticks, svg
 from eventsweep.eval.report.html import (
@@ -21,12 +21,16 @@ from eventsweep.eval.report.html import (
     Grid,
     GridCell,
     Head,
+    Layer,
     Page,
     Picture,
+    Pictures,
     Section,
-    command_grid,
+    Sentences,
+    grid,
+    made_here,
     page_text,
-    svg_uri,
+    tables,
 )
 from eventsweep.plugins.diagnose.sensing.estimates import Estimate
 from eventsweep.plugins.diagnose.sensing.fit import SensorFit
@@ -47,16 +51,15 @@ def fit_page(fit: SensorFit, name: str, command: str, files: tuple[str, ...]) ->
             f"The thresholds in sensor.toml, {fit.effective[0]:.3g} and {fit.effective[1]:.3g}, "
             "are not measured: with them the frames make as many events of each polarity."
         )
-    pictures: tuple[Picture, ...] = (
-        Picture("Intervals", svg_uri(svg(_intervals, fit)), "time between two events of a pixel"),
-        Picture("Events per pixel", svg_uri(svg(_map, fit)), "circles: hot pixels"),
-    )
+    pictures = [
+        _drawn("Intervals", "time between two events of a pixel", _intervals, fit),
+        _drawn("Events per pixel", "circles: hot pixels", _map, fit),
+    ]
     if fit.pairs is not None and len(fit.pairs.sample):
         about = "change of log light between events near frames, against events"
-        pictures = (*pictures, Picture("Light and events", svg_uri(svg(_changes, fit)), about))
-    section = Section(
-        "fit", "Parameters", ("fit",), (estimates_grid(fit.estimates),), pictures=pictures
-    )
+        pictures.append(_drawn("Light and events", about, _changes, fit))
+    blocks = (estimates_grid(fit.estimates), Pictures(tuple(pictures)))
+    section = Section("fit", "Parameters", blocks)
     return _page(f"Sensor fitted to {name}", findings, section, command, files)
 
 
@@ -65,27 +68,19 @@ def realism_page(realism: Realism, command: str, files: tuple[str, ...]) -> str:
     real, simulated = realism.real, realism.simulated
     findings = [
         f"A classifier on event statistics tells them apart with an AUC of {realism.auc:.3f} "
-        "(0.5: never, as good as real; 1: always).",
+        "(0.5: never, as good as real; 1: always)."
     ]
-    heads = (
-        Head("statistic", text=True),
-        Head(real.name, "real"),
-        Head(simulated.name, "simulated"),
-    )
-    lines = tuple(
-        (
-            GridCell(name),
-            *(GridCell(significant(v), v) for v in (value, simulated.statistics[name])),
-        )
+    lines = (
+        (name, *(GridCell(significant(v), v) for v in (value, simulated.statistics[name])))
         for name, value in real.statistics.items()
     )
-    single = tuple((GridCell(name), GridCell(f"{v:.3f}", v)) for name, v in realism.single.items())
+    single = ((name, GridCell(f"{value:.3f}", value)) for name, value in realism.single.items())
     grids = (
-        Grid(heads, lines),
-        Grid((Head("statistic of a window", text=True), Head("AUC of it alone")), single),
+        grid(("statistic", Head(real.name, "real"), Head(simulated.name, "simulated")), lines),
+        grid(("statistic of a window", Head("AUC of it alone")), single),
     )
     pictures = tuple(
-        Picture(title, svg_uri(svg(_distribution, real, simulated, field, label, counted)), label)
+        _drawn(title, label, _distribution, real, simulated, field, label, counted)
         for title, field, label, counted in (
             ("Intervals", "gap_us", "time between two events of a pixel [µs]", False),
             ("Bursts", "burst", "events per burst", True),
@@ -93,28 +88,30 @@ def realism_page(realism: Realism, command: str, files: tuple[str, ...]) -> str:
             ("Rates", "per_pixel", "events per second of a pixel", True),
         )
     )
-    section = Section(
-        "realism", "Side by side", ("whole recordings", "what gives it away"), grids,
-        pictures=pictures, choice="Show",
-    )  # fmt: skip
+    names = "whole recordings", "what gives it away"
+    blocks = (*tables("realism", names, grids, "Show"), Pictures(pictures))
+    section = Section("realism", "Side by side", blocks)
     return _page(f"{simulated.name} compared with {real.name}", findings, section, command, files)
+
+
+def _drawn(title: str, about: str, draw: Callable[..., Figure], *content: Any) -> Picture:
+    return Picture(title, (Layer(svg(draw, *content), about),))
 
 
 def estimates_grid(estimates: tuple[Estimate, ...]) -> Grid:
     """A line per parameter: value, uncertainty, or why it is refused."""
-    heads = (Head("parameter", text=True), Head("value"), Head("±", "95 %"),
-             Head("unit", text=True), Head("result", text=True))  # fmt: skip
     known_first = sorted(estimates, key=lambda estimate: bool(estimate.refused))
-    return Grid(heads, tuple(map(_line, known_first)))
+    heads = ("parameter", Head("value"), Head("±", "95 %"), "unit", "result")
+    return grid(heads, map(_line, known_first))
 
 
-def _line(estimate: Estimate) -> tuple[GridCell, ...]:
+def _line(estimate: Estimate) -> tuple[object, ...]:
     refused = estimate.refused
     return (
-        GridCell(estimate.name),
+        estimate.name,
         GridCell("–" if refused else significant(estimate.value), estimate.value),
         GridCell("–" if refused else significant(estimate.uncertainty, 2), estimate.uncertainty),
-        GridCell(estimate.unit),
+        estimate.unit,
         GridCell(f"refused: {refused}" if refused else "determined",
                  kind="worse" if refused else "better"),
     )  # fmt: skip
@@ -123,12 +120,8 @@ def _line(estimate: Estimate) -> tuple[GridCell, ...]:
 def _page(
     title: str, findings: list[str], section: Section, command: str, files: tuple[str, ...]
 ) -> str:
-    libraries = versions()
-    provenance = command_grid(command)
-    return page_text(
-        Page(title, "", (section,), provenance, findings=tuple(findings),
-             version=libraries["eventsweep"], files=files)
-    )  # fmt: skip
+    blocks = (Sentences(tuple(findings)),)
+    return page_text(Page(title, "", (section, made_here(command)), blocks, files=files))
 
 
 def _intervals(fit: SensorFit) -> Figure:

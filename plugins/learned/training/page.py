@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from eventsweep.emvs.depth.precision import Precision
 from eventsweep.emvs.utils.files import write_text
-from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, svg
-from eventsweep.eval.report.html import REPORT_NAME, Grid, GridCell, Head, files_in, render
+from eventsweep.eval.report.html import (
+    REPORT_NAME,
+    Block,
+    Columns,
+    Grid,
+    Head,
+    Page,
+    Plot,
+    Section,
+    Sentences,
+    Text,
+    files_in,
+    grid,
+    page_text,
+    provenance,
+)
 from eventsweep.plugins.learned.training.config import History
 from eventsweep.plugins.learned.training.train import Trained
 
@@ -27,23 +40,47 @@ _SIZE_INCHES = (5.2, 2.8)
 def write_training_page(folder: Path, trained: Trained) -> Path:
     """Writes `report.html` beside the weights, and returns its path."""
     path = folder / REPORT_NAME
-    write_text(path, page_text(folder, trained))
+    write_text(path, page_text(training_page(folder, trained)))
     return path
 
 
-def page_text(folder: Path, trained: Trained) -> str:
-    """The page as HTML."""
-    libraries = versions()
-    return render(
-        "training.html.j2", "tables", package="eventsweep.plugins.learned",
-        sentences=_sentences(trained), loss=Markup(svg(_loss, trained.history)),
-        errors=Markup(svg(_errors, trained)),
-        worth=Markup(svg(_worth, trained.manifest["precision"])) if trained.task.methods else "",
-        expects=bool(trained.task.methods), sequences=_sequences(trained.manifest),
-        provenance=_facts(trained.manifest), version=libraries["eventsweep"],
-        files=files_in(folder, (trained.weights.name, trained.weights.with_suffix(".json").name)),
-        title=trained.task.title,
-    )  # fmt: skip
+def training_page(folder: Path, trained: Trained) -> Page:
+    """What the page shows."""
+    errors: tuple[tuple[Block, ...], ...] = (
+        (Plot(svg(_errors, trained), "errors over epochs"),),
+        (Plot(svg(_loss, trained.history), "training loss over epochs"),),
+    )
+    about = (
+        "On the calibration sequences, which nothing is trained on: the share of pixels that are "
+        "more than a pixel of disparity off."
+    )
+    if trained.task.methods:
+        about += " The dashed lines are of the third that seems most reliable."
+    weights = trained.weights.name, trained.weights.with_suffix(".json").name
+    return Page(
+        title=f"Training of {trained.task.title}",
+        subtitle="",
+        blocks=(Sentences(tuple(_sentences(trained))),),
+        sections=(
+            Section("errors", "Errors over epochs", (Text(about), Columns(errors))),
+            *_precision(trained),
+            Section("sequences", "Sequences", (_sequences(trained.manifest),)),
+            provenance(_facts(trained.manifest)),
+        ),
+        files=files_in(folder, weights),
+    )
+
+
+def _precision(trained: Trained) -> Iterator[Section]:
+    """What stated errors are worth; nothing of a network that states none."""
+    if trained.task.methods:
+        text = Text(
+            "Each point of a curve is a threshold: pixels with at most this stated error, and how "
+            "many of them are within a pixel."
+        )
+        drawn = svg(_worth, trained.manifest["precision"])
+        plot = Plot(drawn, "points within a pixel over the stated error")
+        yield Section("precision", "What the stated error is worth", (text, plot))
 
 
 def _sentences(trained: Trained) -> list[str]:
@@ -117,11 +154,7 @@ def _worth(tables: Mapping[str, Any]) -> Figure:
 
 
 def _sequences(manifest: Mapping[str, Any]) -> Grid:
-    lines = tuple(
-        (GridCell(scene), GridCell(str(count), count))
-        for scene, count in manifest["scenes"].items()
-    )
-    return Grid((Head("scene", text=True), Head("sequences", direction="higher")), lines)
+    return grid(("scene", Head("sequences", direction="higher")), manifest["scenes"].items())
 
 
 def _facts(manifest: Mapping[str, Any]) -> Grid:
@@ -131,5 +164,4 @@ def _facts(manifest: Mapping[str, Any]) -> Grid:
         **{name: str(value) for name, value in manifest["training"].items()},
         **manifest["versions"],
     }
-    lines = tuple((GridCell(name), GridCell(str(value))) for name, value in facts.items())
-    return Grid((Head("setting", text=True), Head("value", text=True)), lines)
+    return grid(("setting", "value"), [(name, str(value)) for name, value in facts.items()])

@@ -6,7 +6,17 @@ import re
 from collections.abc import Iterator, Sequence
 from zlib import crc32
 
-from eventsweep.eval.report.html import Grid, GridCell, Head, Page, Section, plural
+from eventsweep.eval.report.html import (
+    Grid,
+    Head,
+    Page,
+    Pictures,
+    Section,
+    Text,
+    grid,
+    plural,
+    provenance,
+)
 from eventsweep.eval.report.ranking import column, value_cell
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.plugins.ranking import summary
@@ -40,15 +50,22 @@ def method_page(page: RankingPage, method: str, links: Sequence[tuple[str, str]]
     equal.remove(method)
     shared = f", equal with {', '.join(equal)}" if equal else ""
     error = summary.geometric(joined, method, "abs_rel", joined.cases)
+    said = f"{shared}: relative error {error:.2f} %."
     return Page(
         title=method,
         subtitle=f"{joined.base.suite}: {plural(len(joined.cases), 'case')}, "
         f"{plural(len(joined.base.seeds), 'seed')} each; sequences: {data(entry)}.",
-        lead=f"Rank {standing.rank} of {len(page.methods)}{shared}: relative error {error:.2f} %.",
-        pictures=page.pictures.get(method, ()),
-        sections=(_conditions(page, method), _cases(page, method), *_causes(page, method)),
-        overview=_ranks(page, method),
-        provenance=_provenance(entry, method),
+        blocks=(
+            Text(f"Rank {standing.rank} of {len(page.methods)}{said}", "lead"),
+            Pictures(page.pictures.get(method, ())),
+            _ranks(page, method),
+        ),
+        sections=(
+            _conditions(page, method),
+            _cases(page, method),
+            *_causes(page, method),
+            provenance(_facts(entry, method)),
+        ),
         version=joined.base.versions.get("eventsweep", ""),
         links=tuple(links),
     )
@@ -57,10 +74,10 @@ def method_page(page: RankingPage, method: str, links: Sequence[tuple[str, str]]
 def _ranks(page: RankingPage, method: str) -> Grid:
     """Its rank by every metric, and on the hidden part."""
     heads = (
-        Head("ranked by", text=True), Head("rank"), Head("of"), Head("value, mean of cases"),
-        Head("unit", text=True),
+        "ranked by", Head("rank"), Head("of"), Head("value, mean of cases"),
+        "unit",
     )  # fmt: skip
-    lines = []
+    lines: list[tuple[object, ...]] = []
     for metric in OTHERS:
         if metric not in page.joined.base.units:
             continue
@@ -69,15 +86,13 @@ def _ranks(page: RankingPage, method: str) -> Grid:
         cell = value_cell(value, page.joined.base.units[metric][0], float("nan"))
         rank = found.by_method[method].rank
         lines.append(
-            (GridCell(head.title), GridCell(str(rank), rank), GridCell(str(len(found.standings))),
-             cell, GridCell(head.unit))
+            (head.title, rank, len(found.standings), cell, head.unit)
         )  # fmt: skip
     if page.hidden and method in page.hidden.by_method:
         rank = page.hidden.by_method[method].rank
-        of = GridCell(str(len(page.hidden.standings)))
-        title = GridCell(f"{column(RANKED_BY).title}, hidden part")
-        lines.append((title, GridCell(str(rank), rank), of, GridCell(""), GridCell("")))
-    return Grid(heads, tuple(lines))
+        title = f"{column(RANKED_BY).title}, hidden part"
+        lines.append((title, rank, len(page.hidden.standings), "", ""))
+    return grid(heads, lines)
 
 
 def _conditions(page: RankingPage, method: str) -> Section:
@@ -85,7 +100,7 @@ def _conditions(page: RankingPage, method: str) -> Section:
     groups = {name: summary.cases_of(joined, name) for name in CONDITIONS}
     groups["none of these"] = tuple(c for c in joined.cases if not joined.base.cases[c].conditions)
     heads = (
-        Head("condition", text=True), Head("cases"), Head("mean place"),
+        "condition", Head("cases"), Head("mean place"),
         Head("relative error", "%", arrow=True), Head("coverage", "%", "higher", arrow=True),
     )  # fmt: skip
     lines = []
@@ -98,23 +113,23 @@ def _conditions(page: RankingPage, method: str) -> Section:
             summary.arithmetic(joined, method, "completeness", cases),
         )
         lines.append((
-            GridCell(name), GridCell(str(len(cases)), len(cases)),
+            name, len(cases),
             *(value_cell(value, "%", float("nan")) for value in values),
         ))  # fmt: skip
     text = "What makes a case hard; a case may have several conditions. Place 1 is best."
-    return Section("conditions", "Conditions", ("all",), (Grid(heads, tuple(lines)),), text)
+    return Section("conditions", "Conditions", (Text(text), grid(heads, lines)))
 
 
 def _cases(page: RankingPage, method: str) -> Section:
     joined = page.joined
     metrics = [metric for metric in _SHOWN if metric in joined.base.units]
     heads = (
-        Head("case", text=True), Head("conditions", text=True),
-        *(column(metric).head(column(metric).title) for metric in metrics),
+        "case", "conditions",
+        *(column(metric).head() for metric in metrics),
     )  # fmt: skip
     lines = tuple(
         (
-            GridCell(case), GridCell(", ".join(joined.base.cases[case].conditions)),
+            case, ", ".join(joined.base.cases[case].conditions),
             *(
                 value_cell(
                     finite_mean(joined.of_case(method, metric, case)),
@@ -125,7 +140,7 @@ def _cases(page: RankingPage, method: str) -> Section:
         )
         for case in joined.cases
     )  # fmt: skip
-    return Section("cases", "Cases", ("all",), (Grid(heads, lines),), "Means over the seeds.")
+    return Section("cases", "Cases", (Text("Means over the seeds."), grid(heads, lines)))
 
 
 def _causes(page: RankingPage, method: str) -> Iterator[Section]:
@@ -133,17 +148,16 @@ def _causes(page: RankingPage, method: str) -> Iterator[Section]:
     if found is None:
         return
     share, parts = found
-    heads = Head("cause", text=True), Head("of its outliers", "%"), Head("meaning", text=True)
+    heads = ("cause", Head("of its outliers", "%"), "meaning")
     lines = tuple(
-        (GridCell(name.replace("_", " ")), value_cell(parts[name], "%", float("nan")),
-         GridCell(CAUSES[name]))
+        (name.replace("_", " "), value_cell(parts[name], "%", float("nan")), CAUSES[name])
         for name in CAUSES
     )  # fmt: skip
     text = f"{share:.2f} % of its points are off by more than a tenth of the true depth."
-    yield Section("causes", "Why points are wrong", ("all",), (Grid(heads, lines),), text)
+    yield Section("causes", "Why points are wrong", (Text(text), grid(heads, lines)))
 
 
-def _provenance(entry: RankingEntry, method: str) -> Grid:
+def _facts(entry: RankingEntry, method: str) -> Grid:
     """Who made it, with which settings, and what identifies it."""
     stated, cost = entry.stated.get(method), entry.cost.get(method)
     settings = entry.settings.get(method)
@@ -166,5 +180,4 @@ def _provenance(entry: RankingEntry, method: str) -> Grid:
             f"{entry.platform or 'an unnamed machine'}"
         )
     facts["eventsweep"] = entry.versions.get("eventsweep", "not recorded")
-    lines = tuple((GridCell(name), GridCell(text)) for name, text in facts.items())
-    return Grid((Head("what", text=True), Head("this method", text=True)), lines)
+    return grid(("what", "this method"), list(facts.items()))

@@ -12,14 +12,20 @@ from typing import Any
 from eventsweep.emvs.errors import InputError, repeated
 from eventsweep.emvs.utils import release
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, inside, parse_json, read_text
-from eventsweep.emvs.utils.outputs import (
-    atomic_dir,
-    check_files,
-    files_together,
-    output_folder,
-)
+from eventsweep.emvs.utils.outputs import atomic_dir, check_files, files_together, output_folder
 from eventsweep.eval.figures.images import data_uri
-from eventsweep.eval.report.html import Page, Picture, files_in, page_text, plural
+from eventsweep.eval.report.html import (
+    Layer,
+    Page,
+    Picture,
+    Pictures,
+    Sentences,
+    Text,
+    files_in,
+    page_text,
+    plural,
+    provenance,
+)
 from eventsweep.eval.report.ranking import column
 from eventsweep.eval.report.suite_pictures import METHODS_NAME
 from eventsweep.eval.results.results import PICTURES_FOLDER
@@ -138,7 +144,7 @@ class MethodPictures:
                 f"{which} case: {one['case']}, {one['abs_rel']:.2f} % error; depth, true depth, "
                 f"error (orange: {one['error_cm']:g} cm)"
             )
-            yield Picture(method, uri, text)
+            yield Picture(method, (Layer(uri, text),))
 
 
 def _pictures(sources: Sequence[Source]) -> dict[str, MethodPictures]:
@@ -198,13 +204,14 @@ def ranking_page(
         subtitle=f"{plural(len(page.methods), 'method')} on "
         f"{plural(len(page.joined.cases), 'case')} with {seeds} each; sequences: "
         f"{sections.data(base)}.",
-        lead=lead,
-        pictures=best[:1],
-        sections=shown,
-        provenance=sections.provenance(page),
-        overview=sections.overview(page),
-        findings=tuple(findings),
-        note=f"{_PLACES} Ordered by {column(MAIN).title}; {_RELATIVE}.",
+        blocks=(
+            Text(lead, "lead"),
+            Pictures(best[:1], columns=1),
+            Sentences(tuple(findings)),
+            sections.overview(page),
+            Text(f"{_PLACES} Ordered by {column(MAIN).title}; {_RELATIVE}.", "note"),
+        ),
+        sections=(*shown, provenance(sections.made(page))),
         version=base.versions.get("eventsweep", ""),
         files=tuple(files),
         links=tuple(links),

@@ -8,19 +8,22 @@ from dataclasses import dataclass, field, replace
 
 from eventsweep.emvs.methods import named
 from eventsweep.emvs.methods.method import Method
-from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.figures.plots import causes_figure, svg
 from eventsweep.eval.report.html import (
     Grid,
     GridCell,
     Head,
     Picture,
+    Pictures,
+    Plot,
     Section,
+    Text,
+    grid,
     plural,
-    svg_uri,
+    tables,
     versions_grid,
 )
-from eventsweep.eval.report.ranking import column, definition, value_cell
+from eventsweep.eval.report.ranking import column, definition, named_cell, value_cell
 from eventsweep.eval.results.direction import Direction, best
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.plugins.ranking import summary
@@ -62,10 +65,6 @@ class RankingPage:
         return [one.method for one in self.public.standings]
 
 
-def _name(method: str) -> GridCell:
-    return GridCell(method, colour=line_style(method).css)
-
-
 def _rank(one: Standing | None) -> tuple[GridCell, GridCell]:
     if one is None:
         return GridCell("–"), GridCell("–")
@@ -88,20 +87,20 @@ def overview(page: RankingPage) -> Grid:
     """Ranks with ties, error, coverage and cost: a line for each method."""
     joined, hidden = page.joined, page.hidden
     heads = [
-        Head("method", text=True), Head("rank"), Head("other seeds"), Head("mean place"),
+        "method", Head("rank"), Head("other seeds"), Head("mean place"),
         Head("relative error", "%", arrow=True), Head("coverage", "%", "higher", arrow=True),
         Head("outliers", "%", arrow=True),
     ]  # fmt: skip
     if hidden:
         heads += [Head("rank, hidden part"), Head("error, hidden part", "%", arrow=True)]
-    heads += [Head("time", "s per window"), Head("memory", "MB"), Head("note", text=True)]
+    heads += [Head("time", "s per window"), Head("memory", "MB"), "note"]
     errors = [summary.geometric(joined, m, "abs_rel", joined.cases) for m in page.methods]
     best_error = best(errors, "lower")
     lines = []
     for one, error in zip(page.public.standings, errors, strict=True):
         coverage = summary.arithmetic(joined, one.method, "completeness", joined.cases)
         outliers = summary.arithmetic(joined, one.method, "outlier_share", joined.cases)
-        named = replace(_name(one.method), link=page.pages.get(one.method, ""))
+        named = replace(named_cell(one.method), link=page.pages.get(one.method, ""))
         cells = [
             named, *_rank(one), _number(one.place, 2),
             _number(error, is_best=error == best_error), _number(coverage),
@@ -111,7 +110,7 @@ def overview(page: RankingPage) -> Grid:
             there = hidden.by_method.get(one.method)
             cells += [_rank(there)[0], _number(_hidden_error(hidden, one.method))]
         lines.append((*cells, *_cost_cells(joined, one.method), _note(page, one.method)))
-    return Grid(tuple(heads), tuple(lines))
+    return grid(heads, lines)
 
 
 def _hidden_error(hidden: Ranked, method: str) -> float:
@@ -157,7 +156,7 @@ def _note(page: RankingPage, method: str) -> GridCell:
 def _standing_grid(ranked: Ranked, about: str) -> Grid:
     head = column(ranked.metric)
     heads = (
-        Head("method", text=True), Head("rank"), Head("other seeds"), Head("mean place"),
+        "method", Head("rank"), Head("other seeds"), Head("mean place"),
         head.head(f"{head.title}, mean of cases"),
     )  # fmt: skip
     unit = ranked.joined.base.units[ranked.metric][0]
@@ -168,12 +167,12 @@ def _standing_grid(ranked: Ranked, about: str) -> Grid:
     best_mean = best(means.values(), head.direction)
     lines = tuple(
         (
-            _name(one.method), *_rank(one), _number(one.place),
+            named_cell(one.method), *_rank(one), _number(one.place),
             value_cell(means[one.method], unit, best_mean),
         )
         for one in ranked.standings
     )  # fmt: skip
-    return Grid(heads, lines, about)
+    return grid(heads, lines, about)
 
 
 def hidden(page: RankingPage) -> Iterator[Section]:
@@ -188,20 +187,17 @@ def hidden(page: RankingPage) -> Iterator[Section]:
         f"each, archive {base.archive.version}, from a secret whose SHA-256 is "
         f"{base.archive.secret_sha256}."
     )
-    grid = _standing_grid(page.hidden, definition(MAIN))
-    yield Section("hidden", "Hidden part", (column(MAIN).title,), (grid,), text)
+    ranks = _standing_grid(page.hidden, definition(MAIN))
+    yield Section("hidden", "Hidden part", (Text(text), ranks))
 
 
 def ranks(page: RankingPage) -> Section:
     """Ranks by each metric."""
     known = [metric for metric in OTHERS if metric in page.joined.base.units]
     ranked = [summary.ranked(page.joined, metric) for metric in known]
-    return Section(
-        "ranks",
-        "Ranks by other metrics",
-        tuple(column(metric).title for metric in known),
-        tuple(_standing_grid(one, definition(one.metric)) for one in ranked),
-    )
+    titles = [column(metric).title for metric in known]
+    grids = [_standing_grid(one, definition(one.metric)) for one in ranked]
+    return Section("ranks", "Ranks by other metrics", tables("ranks", titles, grids))
 
 
 def coverage(page: RankingPage) -> Section:
@@ -211,7 +207,7 @@ def coverage(page: RankingPage) -> Section:
     reached = {x for curve in curves.values() for x, _ in curve[:-1]}
     shown = [share for share in COVERAGES if share in reached]
     heads = (
-        Head("method", text=True),
+        "method",
         Head("coverage", "%", "higher", arrow=True),
         Head("error on all its pixels", _RELATIVE, arrow=True),
         *(Head(f"surest {share} %", _RELATIVE, arrow=True) for share in shown),
@@ -221,19 +217,15 @@ def coverage(page: RankingPage) -> Section:
         known = dict(curve[:-1])
         last = curve[-1] if curve else (math.nan, math.nan)
         cells = (_number(known.get(float(share), math.nan)) for share in shown)
-        lines.append((_name(method), _number(last[0]), _number(last[1]), *cells))
-    return Section(
-        "coverage",
-        "Error over coverage",
-        ("error",),
-        (Grid(heads, tuple(lines)),),
+        lines.append((named_cell(method), _number(last[0]), _number(last[1]), *cells))
+    text = Text(
         "A method that reports few pixels can choose easy ones. Each curve shows the error over "
         "the most confident pixels, as a share of all true pixels, relative in each case to the "
         "median method's error on all its pixels; a point is drawn where half of the cases have "
-        "that many. Methods without a confidence have one point.",
-        svg_uri(svg(coverage_figure, curves)),
-        "error over coverage, a curve per method",
+        "that many. Methods without a confidence have one point."
     )
+    plot = Plot(svg(coverage_figure, curves), "error over coverage, a curve per method")
+    return Section("coverage", "Error over coverage", (text, plot, grid(heads, lines)))
 
 
 def conditions(page: RankingPage) -> Section:
@@ -243,9 +235,8 @@ def conditions(page: RankingPage) -> Section:
     plain = tuple(c for c in joined.cases if not joined.base.cases[c].conditions)
     groups = {**{name: found for name, found in cases.items() if found}, "none of these": plain}
     groups = {name: found for name, found in groups.items() if found}
-    heads = [Head("method", text=True)]
-    heads += [Head(name, plural(len(found), "case")) for name, found in groups.items()]
-    tables = {
+    heads = {name: plural(len(found), "case") for name, found in groups.items()}
+    values = {
         "mean place": {
             name: summary.mean_places(joined, page.methods, found) for name, found in groups.items()
         },
@@ -258,26 +249,30 @@ def conditions(page: RankingPage) -> Section:
             for name, found in groups.items()
         },
     }
-    about = "; ".join(f"{name}: {', '.join(found)}" for name, found in groups.items())
-    grids = tuple(_by_column(page, heads, found, title) for title, found in tables.items())
-    return Section("conditions", "Conditions", tuple(tables), grids, f"{about}.", choice="Shows")
+    about = Text("; ".join(f"{name}: {', '.join(found)}" for name, found in groups.items()) + ".")
+    grids = [_by_column(page, heads, columns, title) for title, columns in values.items()]
+    choice = tables("conditions", list(values), grids, "Shows")
+    return Section("conditions", "Conditions", (about, *choice))
 
 
 def _by_column(
-    page: RankingPage, heads: Sequence[Head], columns: Mapping[str, Mapping[str, float]], title: str
+    page: RankingPage,
+    heads: Mapping[str, str],
+    columns: Mapping[str, Mapping[str, float]],
+    title: str,
 ) -> Grid:
     direction: Direction = "higher" if title.startswith("coverage") else "lower"
     tops = {name: best(found.values(), direction) for name, found in columns.items()}
     lines = tuple(
         (
-            _name(method),
+            named_cell(method),
             *(_number(found[method], is_best=found[method] == tops[name])
               for name, found in columns.items()),
         )
         for method in page.methods
     )  # fmt: skip
-    arrows = [Head(h.title, h.unit, direction, h.text, arrow=not h.text) for h in heads]
-    return Grid(tuple(arrows), lines)
+    arrows = (Head(name, count, direction, arrow=True) for name, count in heads.items())
+    return grid(("method", *arrows), lines)
 
 
 def scenes(page: RankingPage) -> Section:
@@ -289,18 +284,14 @@ def scenes(page: RankingPage) -> Section:
     ]
     others = [m for m in joined.owner if m not in page.methods]
     grids = tuple(_scene_grid(joined, [*page.methods, *others], cases, m) for m in metrics)
-    return Section(
-        "scenes",
-        "Scenes",
-        tuple(column(metric).title for metric in metrics),
-        grids,
-        "Means over the seeds; the best of each case is marked.",
-    )
+    titles = [column(metric).title for metric in metrics]
+    text = Text("Means over the seeds; the best of each case is marked.")
+    return Section("scenes", "Scenes", (text, *tables("scenes", titles, grids)))
 
 
 def _scene_grid(joined: Merged, methods: Sequence[str], cases: Sequence[str], metric: str) -> Grid:
     head, unit = column(metric), joined.base.units[metric][0]
-    heads = (Head("method", text=True), *map(head.head, cases))
+    heads = ("method", *map(head.head, cases))
     values = {
         (method, case): finite_mean(joined.of_case(method, metric, case))
         for method in methods
@@ -311,8 +302,10 @@ def _scene_grid(joined: Merged, methods: Sequence[str], cases: Sequence[str], me
     for method in methods:
         found = [(values[method, case], tops[case]) for case in cases]
         if any(math.isfinite(value) for value, _ in found):
-            lines.append((_name(method), *(value_cell(value, unit, top) for value, top in found)))
-    return Grid(heads, tuple(lines), definition(metric))
+            lines.append(
+                (named_cell(method), *(value_cell(value, unit, top) for value, top in found))
+            )
+    return grid(heads, lines, definition(metric))
 
 
 def poses(page: RankingPage) -> Iterator[Section]:
@@ -321,19 +314,20 @@ def poses(page: RankingPage) -> Iterator[Section]:
     metrics = [m for m in POSE_METRICS if any(m in found for found in base.poses.values())]
     if not metrics:
         return
-    heads = (Head("case", text=True), *(column(m).head(column(m).title) for m in metrics))
-    grids = [Grid(heads, _pose_lines(base, found, metrics)) for found in base.poses.values()]
+    heads = ("case", *(column(m).head() for m in metrics))
+    grids = [grid(heads, _pose_lines(base, found, metrics)) for found in base.poses.values()]
     text = "Means over the seeds; where one had no poses, only the time covered has one."
-    yield Section("poses", "Poses from events", tuple(base.poses), tuple(grids), text)
+    choice = tables("poses", list(base.poses), grids)
+    yield Section("poses", "Poses from events", (Text(text), *choice))
 
 
 def _pose_lines(
     base: RankingEntry, found: Mapping[str, Mapping[str, Sequence[float]]], metrics: Sequence[str]
-) -> tuple[tuple[GridCell, ...], ...]:
+) -> tuple[tuple[object, ...], ...]:
     cases = dict.fromkeys(case for metric in metrics for case in found.get(metric, {}))
     return tuple(
         (
-            GridCell(case),
+            case,
             *(
                 value_cell(finite_mean(found.get(m, {}).get(case, ())), base.units[m][0], math.nan)
                 for m in metrics
@@ -347,9 +341,9 @@ def cost(page: RankingPage) -> Section:
     """Error against cost, measured beside stated."""
     joined = page.joined
     heads = (
-        Head("method", text=True), Head("measured here: time", "CPU s per window"),
+        "method", Head("measured here: time", "CPU s per window"),
         Head("memory", "MB"), Head("stated: time", "s per window"), Head("stated: memory", "MB"),
-        Head("stated: hardware", text=True), Head("relative error", "%", arrow=True),
+        "stated: hardware", Head("relative error", "%", arrow=True),
     )  # fmt: skip
     lines, points = [], {}
     for method in page.methods:
@@ -360,9 +354,9 @@ def cost(page: RankingPage) -> Section:
         theirs_mb = stated.cost.peak_memory_mb if stated else math.nan
         ours_s = ours.cpu_seconds if ours else math.nan
         lines.append((
-            _name(method), _number(ours_s, 3),
+            named_cell(method), _number(ours_s, 3),
             _number(ours.peak_memory_mb if ours else math.nan, 0), _number(theirs_s, 3),
-            _number(theirs_mb, 0), GridCell(stated.cost.hardware if stated else ""),
+            _number(theirs_mb, 0), stated.cost.hardware if stated else "",
             _number(error),
         ))  # fmt: skip
         seconds = theirs_s if math.isnan(ours_s) else ours_s
@@ -370,16 +364,13 @@ def cost(page: RankingPage) -> Section:
             points[method] = seconds, error, math.isnan(ours_s)
     cases = {c.case for m in page.methods for c in [joined.owner[m].cost.get(m)] if c}
     where = f" of {', '.join(sorted(cases))}, on {joined.base.platform}" if cases else ""
-    return Section(
-        "cost",
-        "Accuracy against cost",
-        ("cost",),
-        (Grid(heads, tuple(lines)),),
+    text = Text(
         f"Measured: the first window{where}, each method alone in one thread, the whole "
-        "process's memory. Stated: as reported by submitters, not checked.",
-        svg_uri(svg(cost_figure, points)) if points else "",
-        "relative error against time for a window",
+        "process's memory. Stated: as reported by submitters, not checked."
     )
+    about = "relative error against time for a window"
+    plots = (Plot(svg(cost_figure, points), about),) if points else ()
+    return Section("cost", "Accuracy against cost", (text, *plots, grid(heads, lines)))
 
 
 def causes(page: RankingPage) -> Iterator[Section]:
@@ -389,39 +380,32 @@ def causes(page: RankingPage) -> Iterator[Section]:
     if not shares:
         return
     heads = (
-        Head("method", text=True), Head("outliers", "% of its points", arrow=True),
+        "method", Head("outliers", "% of its points", arrow=True),
         *(Head(cause.replace("_", " "), "% of these") for cause in CAUSES),
     )  # fmt: skip
     lines = tuple(
-        (_name(m), _number(share), *(_number(parts[cause], 1) for cause in CAUSES))
+        (named_cell(m), _number(share), *(_number(parts[cause], 1) for cause in CAUSES))
         for m, (share, parts) in shares.items()
     )
-    yield Section(
-        "causes",
-        "Why points are wrong",
-        ("causes",),
-        (Grid(heads, lines),),
+    text = Text(
         "Points whose error is above a tenth of the true depth, by their most likely cause; all "
-        "points of all cases together.",
-        svg_uri(svg(causes_figure, shares)),
-        "outliers by cause",
+        "points of all cases together."
     )
+    plot = Plot(svg(causes_figure, shares), "outliers by cause")
+    yield Section("causes", "Why points are wrong", (text, plot, grid(heads, lines)))
 
 
 def gallery(page: RankingPage) -> Iterator[Section]:
     """Best and worst case of each method; nothing where no picture is there."""
     pictures = [picture for method in page.methods for picture in page.pictures.get(method, ())]
     if pictures:
-        yield Section(
-            "pictures",
-            "Best and worst case of each method",
-            (),
-            (),
+        text = Text(
             "Depth, true depth and error, blue (none) to orange (the stated value or more), in "
             "the first window of the first seed: the case with the smallest relative error, and "
-            "that with the largest.",
-            pictures=tuple(pictures),
+            "that with the largest."
         )
+        blocks = text, Pictures(tuple(pictures))
+        yield Section("pictures", "Best and worst case of each method", blocks)
 
 
 def history(page: RankingPage) -> Iterator[Section]:
@@ -430,25 +414,17 @@ def history(page: RankingPage) -> Iterator[Section]:
     found = summary.history(public, page.joined)
     if not found.lines:
         return
-    heads = (Head("method", text=True), *(Head(label, "%", arrow=True) for label in found.labels))
-    lines = tuple(
-        (_name(method), *(_number(value) for value in line)) for method, line in found.lines.items()
-    )
-    yield Section(
-        "history",
-        "History",
-        ("relative error",),
-        (Grid(heads, lines),),
-        "Relative error with each version of the code, on the same sequences, oldest first.",
-        svg_uri(svg(history_figure, found.labels, found.lines)),
-        "relative error over versions",
-    )
+    heads = ("method", *(Head(label, "%", arrow=True) for label in found.labels))
+    lines = tuple((named_cell(method), *map(_number, line)) for method, line in found.lines.items())
+    text = "Relative error with each version of the code, on the same sequences, oldest first."
+    plot = Plot(svg(history_figure, found.labels, found.lines), "relative error over versions")
+    yield Section("history", "History", (Text(text), plot, grid(heads, lines)))
 
 
-def provenance(page: RankingPage) -> Grid:
+def made(page: RankingPage) -> Grid:
     """What made each result."""
     entries = page.entries
-    grid = versions_grid([one.label for one in entries], [one.versions for one in entries])
+    made_by = versions_grid([one.label for one in entries], [one.versions for one in entries])
     stages = sorted({stage for one in entries for stage in one.code})
     facts: dict[str, list[str]] = {
         "suite": [f"{one.suite} ({one.digest})" for one in entries],
@@ -463,7 +439,5 @@ def provenance(page: RankingPage) -> Grid:
         "platform": [one.platform for one in entries],
         **{f"code of {stage}": [one.code.get(stage, "") for one in entries] for stage in stages},
     }
-    more = tuple(
-        (GridCell(name), *(GridCell(text) for text in texts)) for name, texts in facts.items()
-    )
-    return Grid(grid.heads, (*more, *grid.lines))
+    more = ((name, *texts) for name, texts in facts.items())
+    return grid(made_by.heads, (*more, *made_by.lines))

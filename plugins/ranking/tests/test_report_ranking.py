@@ -105,7 +105,7 @@ def test_one_file_holds_every_part_and_nothing_is_loaded(written):
         "History", "Provenance",
     ):  # fmt: skip
         assert f"<h2>{title}</h2>" in page
-    assert page.count("data:image/svg+xml") == 4
+    assert page.count("<svg") == 4
     assert 'class="sorts' in page
 
 
@@ -328,7 +328,7 @@ def test_a_maps_page_killed_anywhere_is_taken_up_and_leaves_nothing(tmp_path, mo
         (made / "map.json").write_text("{}")
     values = {
         "load_run": mock.Mock(cases=[mock.Mock()]), "_files": (), "page_text": "page",
-        "overview_png": b"png", "ranked_methods": (),
+        "overview_png": b"png", "ranked_methods": (), "run_page": None,
     }  # fmt: skip
     for name, value in values.items():
         monkeypatch.setattr(run_page, name, lambda *_, value=value, **__: value)

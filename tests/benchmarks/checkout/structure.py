@@ -69,6 +69,7 @@ def measure(root: Path) -> dict[str, Any]:
         "subpackages": len(parts),
         "subpackage_circles": circles(parts),
         "small_with_one_importer": small_with_one_importer(modules, graph),
+        "page_templates": page_templates(root),
     }
 
 
@@ -127,6 +128,13 @@ def small_with_one_importer(modules: dict[str, Module], graph: Graph) -> dict[st
     }
 
 
+def page_templates(root: Path) -> list[str]:
+    """Templates of whole pages; others hold parts of pages."""
+    templates = (path for name in PACKAGES for path in sorted((root / name).rglob("*.j2")))
+    whole = (path for path in templates if "<html" in path.read_text("utf-8"))
+    return [str(path.relative_to(root)) for path in whole]
+
+
 def rows(figures: dict[str, Any]) -> dict[str, str]:
     """The table's rows: what was measured -> the value as it is shown."""
     return {
@@ -145,6 +153,7 @@ def rows(figures: dict[str, Any]) -> dict[str, str]:
         "subpackages": str(figures["subpackages"]),
         "circles of subpackages (parts in each)": _circle_sizes(figures["subpackage_circles"]),
         "small modules with one importer": str(len(figures["small_with_one_importer"])),
+        "page templates": str(len(figures["page_templates"])),
     }
 
 

@@ -12,7 +12,7 @@ from eventsweep.emvs.baselines import BASELINES, BaselineEstimator, sgm
 from eventsweep.emvs.methods import named, register, unregister
 from eventsweep.emvs.methods.method import Method
 from eventsweep.eval.figures.colormaps import INK, line_style
-from eventsweep.eval.report.run_page import confidence_unit
+from eventsweep.eval.report.window_page import confidence_unit
 
 SWEPT = [f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")]
 TOGETHER = [

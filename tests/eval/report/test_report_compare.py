@@ -14,13 +14,13 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.report.compare import pictures as side_by_side
 from eventsweep.eval.report.compare.page import (
     compare,
-    page_text,
-    sections_of,
+    comparison_page,
+    number_grids,
     settings_text,
     write_comparison,
 )
 from eventsweep.eval.report.compare.results import read_compared
-from eventsweep.eval.report.html import Section
+from eventsweep.eval.report.html import page_text
 from eventsweep.eval.results.results import JobNote, Results, Sample, write_results
 from eventsweep.eval.scoring.metrics import PRIMARY
 from eventsweep.eval.scoring.significance import holm, interval
@@ -107,6 +107,10 @@ def compared(*folders):
     return compare(read_compared(folders))
 
 
+def text_of(comparison):
+    return page_text(comparison_page(comparison))
+
+
 def compared_suites(path, *values, **last):
     """A comparison of suites; values: method -> metric -> seed -> values, of the case `desk`."""
     folders = [
@@ -137,7 +141,7 @@ def number(comparison, pair=0, **wanted):
 
 
 # --- settings
-def test_the_page_says_first_what_was_changed(tmp_path, capsys):
+def test_the_page_says_who_is_better_then_what_was_changed_and_ends_with_settings(tmp_path, capsys):
     folders = [
         run_folder(tmp_path / name, configuration=configuration(map_planes=planes))
         for name, planes in (("a", 100), ("b", 20))
@@ -145,7 +149,8 @@ def test_the_page_says_first_what_was_changed(tmp_path, capsys):
     assert main(["compare", *map(str, folders), "--out", str(tmp_path / "out")]) == 0
     assert "map.planes 100 → 20" in capsys.readouterr().out
     text = (tmp_path / "out/compare.html").read_text()
-    places = [text.index(what) for what in ("planes 100 → 20", 'id="settings"', 'id="numbers0"')]
+    said = "b against a, desk: ", "planes 100 → 20", 'id="numbers0"', 'id="settings"'
+    places = [text.index(what) for what in said]
     assert places == sorted(places)
     lines = list(csv.reader((tmp_path / "out/tables/settings.csv").open()))
     assert lines == [["setting", "a", "b"], ["map.planes", "100 (default)", "20"]]
@@ -245,7 +250,7 @@ def test_many_numbers_need_more_to_be_called_different(tmp_path):
         ("no difference shown", "worse, but for the number of tests")
     }
     assert all(one.lost_to_correction for one in lost)
-    assert f"({len(lost)} of these only for the number of tests" in page_text(comparison)
+    assert f"({len(lost)} of these only for the number of tests" in text_of(comparison)
 
 
 def test_one_seed_has_no_interval_and_decides_nothing(tmp_path, capsys):
@@ -330,7 +335,7 @@ def test_other_data_are_told(tmp_path, changes, told):
     sentences = comparison.pairs[0].data
     assert len(sentences) == bool(told)
     assert all(words in sentences[0] for words in told)
-    assert all(sentence in page_text(comparison) for sentence in sentences)
+    assert all(sentence in text_of(comparison) for sentence in sentences)
     if changes.get("sequence"):
         assert "seeds and windows are paired, pixels are not" in sentences[0]
 
@@ -347,7 +352,7 @@ def test_numbers_of_another_kind_show_no_difference(tmp_path, changes, why):
     one = number(comparison)
     assert one.verdict == "not comparable"
     assert why in one.why
-    for line in table(comparison, "desk", "mean error").lines:
+    for line in table(comparison, "desk", "mean_error").lines:
         assert [cell.text for cell in line[3:8]] == ["–"] * 5
 
 
@@ -398,8 +403,7 @@ def test_one_result_or_a_damaged_definition_is_refused_in_one_line(tmp_path):
 
 # --- the page
 def table(comparison, title, metric):
-    section: Section = next(one for one in sections_of(comparison) if one.title == title)
-    return section.tables[section.names.index(metric)]
+    return number_grids(comparison)[title][metric]
 
 
 def test_two_folders_of_one_name_are_told_apart(tmp_path):
@@ -408,8 +412,8 @@ def test_two_folders_of_one_name_are_told_apart(tmp_path):
 
 
 def test_every_column_has_one_unit_and_cells_have_none(tmp_path):
-    for section in sections_of(compared(*two_runs(tmp_path))):
-        for grid in section.tables:
+    for grids in number_grids(compared(*two_runs(tmp_path))).values():
+        for grid in grids.values():
             cells = [cell.text for line in grid.lines for cell in line[1:-1]]
             assert cells
             assert not [text for text in cells if re.search(r"[a-zA-Z%]", text)]
@@ -441,11 +445,11 @@ def test_tables_hold_the_same_numbers(tmp_path, capsys):
 def test_several_results_have_a_line_each(tmp_path):
     folders = [run_folder(tmp_path / name, k + 1.0) for k, name in enumerate("abc")]
     comparison = compared(*folders)
-    lines = table(comparison, "desk", "mean error").lines
+    lines = table(comparison, "desk", "mean_error").lines
     methods = [(line[0].text, line[1].text) for line in lines]
     assert methods[:2] == [(methods[0][0], "b"), (methods[0][0], "c")]
     assert [lines[k][3].value / lines[k][2].value for k in (0, 1)] == pytest.approx([2, 3])
-    text = page_text(comparison)
+    text = text_of(comparison)
     WellFormed(text)
     assert "b against a" in text
     assert "c against a" in text
@@ -493,17 +497,19 @@ def test_maps_lie_side_by_side_on_one_scale(tmp_path, monkeypatch):
     bad = replace(window, depth_range_m=(0.25, 2.0), methods=worse)
     picture_data(monkeypatch, a=good, b=replace(good, cases=(replace(case, windows=(bad,)),)))
     results = read_compared(two_runs(tmp_path, 1.0))
-    (drawn,), missing = side_by_side.pictures_of(results, ["desk"])
-    assert missing == ()
-    assert drawn.methods == ("Alg1/max", "Alg1/H"), "what both have"
-    assert drawn.methods[drawn.chosen] == "Alg1/H"
-    (shown,) = drawn.windows
-    depth, error = shown.methods[drawn.chosen]
-    assert [one.name for one in error.pictures] == ["a", "b"]
-    assert (depth.scale.low, depth.scale.high) == (1 / 4.0, 1 / 0.25), "the range of both"
-    assert error.pictures[0].uri != error.pictures[1].uri
-    seen = {row.title: row.same for row in shown.seen}
-    assert seen == {"Frame": True, "Events": True, "True depth [m]": True}, "drawn once"
+    (section,), missing = side_by_side.picture_sections(results, ["desk"])
+    assert missing == []
+    _, choice = section.blocks
+    assert choice.names == ("Alg1/H", "Alg1/max"), "what both have, the best first"
+    (window,) = choice.blocks
+    seen, first, _ = window.blocks
+    depths, errors = (row.pictures for row in first.blocks)
+    assert [picture.title for picture in errors] == ["a", "b"]
+    scales = {(picture.scale.low, picture.scale.high) for picture in depths}
+    assert scales == {(1 / 4.0, 1 / 0.25)}, "the range of both"
+    assert errors[0].layers != errors[1].layers
+    drawn = {(picture.layers[0].about, picture.title) for picture in seen.pictures}
+    assert drawn == {(kind, "all results") for kind in ("Frame", "Events", "True depth [m]")}
 
 
 def test_pictures_and_tables_begin_with_the_best_of_the_first_result(tmp_path, monkeypatch):
@@ -512,17 +518,18 @@ def test_pictures_and_tables_begin_with_the_best_of_the_first_result(tmp_path, m
     chosen = rows["metric"] == "mean_error"
     rows.loc[chosen, "value"] = [worse.get(method, 1.0) for method in rows["method"][chosen]]
     picture_data(monkeypatch, a=data, b=data)
-    (drawn,), _ = side_by_side.pictures_of(read_compared(two_runs(tmp_path, 1.0)), ["desk"])
-    assert drawn.methods[drawn.chosen] == "Alg1/max"
+    results = read_compared(two_runs(tmp_path, 1.0))
+    (section,), _ = side_by_side.picture_sections(results, ["desk"])
+    assert section.blocks[-1].names[0] == "Alg1/max"
 
 
 def test_pictures_are_on_the_page_or_it_says_why_not(tmp_path, monkeypatch):
     runs = two_runs(tmp_path, 1.0)
-    assert page_text(compared(*runs)).count("No pictures of") == 2  # without maps
+    assert text_of(compared(*runs)).count("No pictures of") == 2  # without maps
     picture_data(monkeypatch, a=report_data("desk"), b=report_data("desk"))
     more = suite_folder(tmp_path / "c", {"desk": mean_errors(spread(1))[0]})
     for folders in (runs, [*runs, more]):
-        text = page_text(compared(*folders))
+        text = text_of(compared(*folders))
         WellFormed(text)
-        assert text.count('alt="Error |e − g| [cm] of Alg1/H, ') == 2
+        assert len(re.findall(r'alt="[ab], Error \|e − g\| \[cm\] of Alg1/H', text)) == 2
     assert "No pictures of c: a suite keeps numbers, no depth maps." in text

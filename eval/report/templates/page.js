@@ -35,15 +35,15 @@ document.addEventListener("click", (event) => {
   const picture = event.target.closest("main .picture");
   if (!picture) return;
   const copy = picture.cloneNode(false), caption = document.createElement("p");
-  for (const image of picture.querySelectorAll("img"))
+  for (const image of picture.querySelectorAll(":scope > :is(img, svg)"))
     if (getComputedStyle(image).display !== "none") {
-      const shown = image.cloneNode();
+      const shown = image.cloneNode(true);
       shown.style.display = "inline";
       copy.append(shown);
     }
-  const base = picture.querySelector("img");
+  const base = picture.querySelector("img, svg"), box = base.getBoundingClientRect();
   caption.textContent = picture.closest("figure").querySelector("figcaption").innerText;
-  dialog.style.setProperty("--aspect", base.naturalWidth / base.naturalHeight || 4 / 3);
+  dialog.style.setProperty("--aspect", base.naturalWidth / base.naturalHeight || box.width / box.height);
   dialog.source = picture.closest(".linked");
   const readout = document.createElement("p");
   readout.className = "readout";
