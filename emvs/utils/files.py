@@ -272,7 +272,7 @@ def flush(path: Path) -> None:
 
 def link_tree(source: Path, target: Path) -> None:
     """Makes a copy of a folder that shares its files' bytes where the file system can do that."""
-    shutil.copytree(source, target, copy_function=_link)
+    shutil.copytree(source, target, copy_function=_link, dirs_exist_ok=True)
 
 
 def _link(source: str, target: str) -> None:

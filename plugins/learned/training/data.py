@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from eventsweep import scenes
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.processes import end_with_parent
+from eventsweep.emvs.utils.cache import Cache, default_cache
+from eventsweep.emvs.utils.files import link_tree
+from eventsweep.emvs.utils.outputs import atomic_dir
 from eventsweep.eval.jobs.code_version import closure, definition_digest
+from eventsweep.eval.jobs.job import SEQUENCE, Job, stored
+from eventsweep.eval.jobs.local import default_workers, local_workers
+from eventsweep.eval.jobs.scheduler import run_jobs
 from eventsweep.eval.progress import Display
+from eventsweep.eval.stages import simulate
 from eventsweep.plugins.learned.training.config import NetworkName, TrainingConfig
 from eventsweep.plugins.learned.training.samples import SampleSet
 from eventsweep.plugins.learned.training.sequences import Part, TrainingSequence, sequences
 from eventsweep.plugins.learned.training.tasks import TASKS
-from eventsweep.sim.config import SimConfig
-from eventsweep.sim.rigs import rig
-from eventsweep.sim.sensor_presets import SensorConfig
-from eventsweep.sim.simulate import simulate
 
 PARTS: tuple[Part, ...] = ("training", "calibration")
 
@@ -47,13 +47,7 @@ def code_digest(network: NetworkName) -> str:
 def make(folder: Path, config: TrainingConfig, progress: Display) -> None:
     """Simulates the sequences and draws samples of their windows, as far as they are not there."""
     wanted = [(part, sequence) for part in PARTS for sequence in chosen(part, config)]
-    with progress.stage("sequences", len(wanted)) as update, _renderer() as renderer:
-        for done, (_, sequence) in enumerate(wanted):
-            update(done, sequence.name)
-            path = folder / "sequences" / sequence.name
-            if not path.exists():
-                renderer.submit(simulate_sequence, sequence, path).result()
-        update(len(wanted), f"{len(wanted)} sequences")
+    simulated([sequence for _, sequence in wanted], folder / "sequences", progress)
     with progress.stage("samples", len(wanted)) as update:
         for done, (part, sequence) in enumerate(wanted):
             update(done, sequence.name)
@@ -61,17 +55,28 @@ def make(folder: Path, config: TrainingConfig, progress: Display) -> None:
         update(len(wanted), f"{len(wanted)} sequences")
 
 
-def _renderer() -> ProcessPoolExecutor:
-    """A process that renders: torch and a software renderer each bring an LLVM of their own."""
-    start = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(1, mp_context=start, initializer=end_with_parent)
+def simulated(wanted: Iterable[TrainingSequence], folder: Path, progress: Display) -> None:
+    """Simulates sequences, each into a folder of its name, as far as they are not there.
+
+    The jobs are those of suites, in processes of their own: torch and a software renderer each
+    bring an LLVM.
+    """
+    store = Cache(default_cache())
+    jobs = {one: _job(one) for one in wanted if not (folder / one.name).exists()}
+    workers = partial(local_workers, default_workers(), store.folder)
+    outcomes = run_jobs(jobs.values(), workers, progress)
+    for sequence, job in jobs.items():
+        outcome, made = outcomes[job.name], stored(job, store)
+        if made is None:
+            raise InputError(getattr(outcome, "reason", f"{job.name}: its sequence is gone"))
+        with atomic_dir(folder / sequence.name, manifest=False) as place:
+            link_tree(made.path / SEQUENCE, place)
 
 
-def simulate_sequence(spec: TrainingSequence, path: Path) -> None:
-    """Simulates one sequence of the training set into a folder that is not there yet."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    config = SimConfig(duration_s=spec.seconds, sensor=SensorConfig(preset=spec.sensor))
-    simulate(scenes.load(spec.scene), rig(spec.rig), config, spec.seed, path)
+def _job(one: TrainingSequence) -> Job:
+    settings = {"duration_s": one.seconds, "sensor": {"preset": one.sensor}}
+    facts = simulate.sequence_parameters(one.scene, one.rig, one.seed, settings)
+    return Job(f"simulate/{one.name}", simulate.STAGE, facts)
 
 
 def _draw(folder: Path, part: Part, one: TrainingSequence, config: TrainingConfig) -> None:

@@ -28,13 +28,14 @@ from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.progress import SILENT
 from eventsweep.eval.scoring.run_folder import truth_of
 from eventsweep.plugins.learned.methods.learned import precision_of
 from eventsweep.plugins.learned.networks.network import NAME, network
 from eventsweep.plugins.learned.networks.weights import write_weights
 from eventsweep.plugins.learned.training import confidence
 from eventsweep.plugins.learned.training.confidence import Scored
-from eventsweep.plugins.learned.training.data import simulate_sequence
+from eventsweep.plugins.learned.training.data import simulated
 from eventsweep.plugins.learned.training.sequences import TrainingSequence, sequences
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.rigs import rig as named_rig
@@ -62,9 +63,7 @@ def calibrate(folder: Path, scenes: Sequence[str], methods: Sequence[str]) -> di
 
 def _simulated(folder: Path, scenes: Sequence[str]) -> list[TrainingSequence]:
     wanted = [one for one in sequences("calibration") if one.scene in scenes]
-    for one in wanted:
-        if not (folder / one.name).exists():
-            simulate_sequence(one, folder / one.name)
+    simulated(wanted, folder, SILENT)
     return wanted
 
 

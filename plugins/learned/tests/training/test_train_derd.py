@@ -8,6 +8,7 @@ from eventsweep.emvs.depth.depth_map import confidence_mask, without_border
 from eventsweep.emvs.mapper import map_window
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.progress import SILENT
 from eventsweep.eval.scoring.run_folder import truth_of
 from eventsweep.plugins.learned.methods.derd import DERD
 from eventsweep.plugins.learned.networks.derd import DepthRange, derd_net, selecting
@@ -24,8 +25,7 @@ WINDOW = training.TrainingWindow(0.0, 0.1, seed=3)
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("learning")
-    with data._renderer() as renderer:  # torch and a software renderer crash each other
-        renderer.submit(data.simulate_sequence, TINY, folder / TINY.name).result()
+    data.simulated([TINY], folder, SILENT)
     return folder
 
 

@@ -8,6 +8,7 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth.focus import estimate_in_focus
 from eventsweep.emvs.methods.method import FOCUS
+from eventsweep.eval.progress import SILENT
 from eventsweep.eval.suite import definition as suites
 from eventsweep.plugins.learned.networks.inputs import candidates
 from eventsweep.plugins.learned.training import data, samples
@@ -64,8 +65,7 @@ TINY = TrainingSequence("planes", "oblique", FIRST_SEED + 900, "ideal", 0.2)
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory):
     folder = tmp_path_factory.mktemp("learning")
-    with data._renderer() as renderer:  # torch and a software renderer crash each other
-        renderer.submit(data.simulate_sequence, TINY, folder / TINY.name).result()
+    data.simulated([TINY], folder, SILENT)
     return EventSequence.open(folder / TINY.name)
 
 
