@@ -8,6 +8,7 @@ holds a block, compressed or not. Written are `x`, `y`, `t_us`, `p`, `width_px` 
 from __future__ import annotations
 
 import io
+import shutil
 import struct
 import warnings
 import zipfile
@@ -403,9 +404,14 @@ class NpzWriter(StreamWriter):
             file.flush()
         with zipfile.ZipFile(self._path, "w", zipfile.ZIP_STORED) as archive:
             for name, (kind, _) in self.columns.items():
-                part = np.memmap(self._parts[name], kind, "r") if self._count else np.empty(0, kind)
-                with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as out:
-                    npy.write_array(out, part)
+                descr = npy.dtype_to_descr(np.dtype(kind))
+                header = {"descr": descr, "fortran_order": False, "shape": (self._count,)}
+                with (
+                    archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as out,
+                    self._parts[name].open("rb") as part,
+                ):
+                    npy.write_array_header_1_0(out, header)
+                    shutil.copyfileobj(part, out, 1 << 20)
             for name, value in self._size_px.items():
                 with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as out:
                     npy.write_array(out, np.array(value, np.int64))
