@@ -150,8 +150,7 @@ def test_a_shift_is_applied_and_printed(tmp_path, capsys):
     assert open_events(b).span_us("events") == (0, 1 << 33)
 
 
-@pytest.mark.parametrize("words", ["a --to npz", "a --to npz --force", "b --to nothing",
-                                   "b --to sequence"])  # fmt: skip
+@pytest.mark.parametrize("words", ["a --to npz", "b --to nothing", "b --to sequence"])
 def test_an_input_is_never_replaced_and_a_target_is_a_known_one(
     tmp_path, monkeypatch, capsys, words
 ):
@@ -159,6 +158,15 @@ def test_an_input_is_never_replaced_and_a_target_is_a_known_one(
     write_events(tmp_path / "a", "npz", 64, 64, {"e": [events()]})
     with untouched(tmp_path):
         command_refused(capsys, *converting("a", *words.split()))
+
+
+def test_an_input_in_the_place_of_its_output_is_kept_beside(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_events(tmp_path / "a", "npz", 64, 64, {"e": [events()]})
+    before = (tmp_path / "a").read_bytes()
+    assert main([*converting("a", "a", "--to", "evt3", "--force")]) == 0
+    assert (tmp_path / "a.kept-1").read_bytes() == before
+    assert "a.kept-1" in capsys.readouterr().err
 
 
 def test_depth_is_never_unpickled(tmp_path, capsys):

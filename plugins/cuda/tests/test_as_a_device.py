@@ -7,7 +7,7 @@ import pytest
 from eventsweep.emvs.dsi import fusion_kernels
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.cache import key_of
-from eventsweep.eval import pipeline
+from eventsweep.eval.stages import simulate
 from eventsweep.eval.suite.definition import read
 from eventsweep.eval.suite.plan import suite_jobs
 from eventsweep.plugins.cuda import device
@@ -50,7 +50,7 @@ def test_a_map_by_the_gpu_is_another_job_than_one_by_the_cpu(tmp_path, monkeypat
 
 def test_a_run_without_its_gpu_is_refused_before_it_simulates(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(device, "missing", lambda: "it is gone")
-    monkeypatch.setattr(pipeline, "simulate_scene", None)
+    monkeypatch.setattr(simulate, "simulate_scene", None)
     arguments = ["run", "planes", "--out", tmp_path / "o", "--device", "cuda"]
     assert "device cuda cannot be used: it is gone" in command_refused(capsys, *arguments)
     assert list(tmp_path.iterdir()) == []

@@ -35,9 +35,9 @@ AREAS = {
     "scoring": (2, (
         "eval/scoring/curves.py", "eval/scoring/metrics.py", "eval/scoring/pairing.py",
         "eval/scoring/pooling.py", "eval/scoring/regions.py", "eval/scoring/score.py",
-        "eval/suite/stages/score.py",
+        "eval/stages/score.py",
     )),
-    "gate": (1, ("eval/gate/compare.py", "eval/suite/series.py")),
+    "gate": (1, ("eval/gate/compare.py", "eval/results/series.py")),
 }  # fmt: skip
 """How many are drawn of each area, about as it has lines, and its files."""
 LEFT_OUT = (

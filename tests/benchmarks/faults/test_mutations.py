@@ -70,7 +70,7 @@ def test_the_nearest_unit_tests_come_first():
     assert (own, whole) == ("tests/sim/sensor/test_pixels.py", "tests/sim/sensor")
     assert widest == "tests/sim"
     assert {own, "tests/sim/sensor/test_sensor.py"} <= set(every.split())
-    assert mutation_runs.tests_of("eval/suite/stages/map.py")[-2:] == [
+    assert mutation_runs.tests_of("eval/stages/map.py")[-2:] == [
         "tests/eval/suite",
         "tests/eval",
     ]
