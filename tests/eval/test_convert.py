@@ -160,13 +160,13 @@ def test_an_input_is_never_replaced_and_a_target_is_a_known_one(
         command_refused(capsys, *converting("a", *words.split()))
 
 
-def test_an_input_in_the_place_of_its_output_is_kept_beside(tmp_path, monkeypatch, capsys):
+def test_an_input_in_the_place_of_its_output_is_kept_beside(tmp_path, monkeypatch, caplog):
     monkeypatch.chdir(tmp_path)
     write_events(tmp_path / "a", "npz", 64, 64, {"e": [events()]})
     before = (tmp_path / "a").read_bytes()
     assert main([*converting("a", "a", "--to", "evt3", "--force")]) == 0
     assert (tmp_path / "a.kept-1").read_bytes() == before
-    assert "a.kept-1" in capsys.readouterr().err
+    assert "a.kept-1" in caplog.text
 
 
 def test_depth_is_never_unpickled(tmp_path, capsys):

@@ -71,7 +71,7 @@ def test_the_nearest_unit_tests_come_first():
     assert widest == "tests/sim"
     assert {own, "tests/sim/sensor/test_sensor.py"} <= set(every.split())
     assert mutation_runs.tests_of("eval/stages/map.py")[-2:] == [
-        "tests/eval/suite",
+        "tests/eval/stages",
         "tests/eval",
     ]
     every, whole = mutation_runs.tests_of("emvs/reference_view.py")
