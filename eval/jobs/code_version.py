@@ -9,11 +9,19 @@ from __future__ import annotations
 import ast
 import hashlib
 import importlib.util
+import json
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from typing import Any
+
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.cache import default_cache
+from eventsweep.emvs.utils.files import write_text
 
 _PREFIX, _FOLDER = "eventsweep.", Path(__file__).parents[2]
+_NEW: set[str] = set()
 _NOT_MEANING = {"ctx", "kind", "type_comment", "type_params", "lineno", "col_offset"}
 
 
@@ -31,6 +39,7 @@ def source_digest(modules: Iterable[str], files: Iterable[Path] = ()) -> str:
     """Hashes the source of exactly these modules, and files."""
     lines = [f"{name.removeprefix(_PREFIX)} {_source(name)[1]}" for name in sorted(modules)]
     lines += [f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in files]
+    _keep()
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 
@@ -63,25 +72,67 @@ def _tree(name: str) -> ast.Module | None:
 
 @cache
 def _source(name: str) -> tuple[tuple[str, ...], str]:
-    """What a module imports of this project, and the hash of its source."""
+    """What a module imports of this project, and the hash of its source.
+
+    Both are kept in the user's cache while the file's size and time stay: parsing takes a second.
+    """
+    file = _file(name)
+    if file is None:
+        return (), "absent"
+    facts = file.stat()
+    state = [facts.st_mtime_ns, facts.st_size]
+    known = _kept().get(str(file))
+    if not isinstance(known, list) or len(known) != 4 or known[:2] != state:
+        imports, digest = _parsed(name)
+        _kept()[str(file)] = known = [*state, list(imports), digest]
+        _NEW.add(name)
+    modules = (module for module in known[2] if module[0] != "?" or _file(module[1:]))
+    return tuple(module.removeprefix("?") for module in modules), known[3]
+
+
+@cache
+def _kept() -> dict[str, list[Any]]:
+    with suppress(OSError, ValueError):
+        stored = json.loads(_place().read_text(encoding="utf-8"))
+        if isinstance(stored, dict):
+            return stored
+    return {}
+
+
+def _keep() -> None:
+    if _NEW:
+        with suppress(OSError, InputError):
+            _place().parent.mkdir(parents=True, exist_ok=True)
+            write_text(_place(), json.dumps(_kept()))
+        _NEW.clear()
+
+
+def _place() -> Path:
+    return default_cache() / "sources-1.json"
+
+
+def _parsed(name: str) -> tuple[tuple[str, ...], str]:
     tree = _tree(name)
-    return (tuple(sorted(set(_imported(tree)))), _hash(tree)) if tree else ((), "absent")
-
-
-def _hash(tree: ast.Module) -> str:
+    if tree is None:
+        return (), "absent"
     words: list[str] = []
-    _add_words(tree, words)
+    imports: list[ast.stmt] = []
+    _add_words(tree, words, imports)
+    return tuple(sorted(set(_imported(imports)))), _digest(words)
+
+
+def _digest(words: list[str]) -> str:
     return hashlib.sha256("\0".join(words).encode()).hexdigest()
 
 
-def _imported(tree: ast.Module) -> Iterator[str]:
-    for node in ast.walk(tree):
+def _imported(imports: Iterable[ast.stmt]) -> Iterator[str]:
+    """Modules of this project, and behind a question mark names that may be modules."""
+    for node in imports:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if _ours(alias.name))
         elif isinstance(node, ast.ImportFrom) and node.module and _ours(node.module):
             yield node.module
-            inner = (f"{node.module}.{alias.name}" for alias in node.names)
-            yield from (name for name in inner if _file(name))
+            yield from (f"?{node.module}.{alias.name}" for alias in node.names)
 
 
 def _ours(name: str) -> bool:
@@ -101,7 +152,9 @@ def _file(name: str) -> Path | None:
 
 @cache
 def _definition_hash(name: str) -> str:
-    return _hash(_WithoutImports().visit(_tree(name) or ast.Module([], [])))
+    words: list[str] = []
+    _add_words(_WithoutImports().visit(_tree(name) or ast.Module([], [])), words, [])
+    return _digest(words)
 
 
 class _WithoutImports(ast.NodeTransformer):
@@ -112,24 +165,27 @@ class _WithoutImports(ast.NodeTransformer):
         return None
 
 
-def _add_words(node: object, words: list[str]) -> None:
+def _add_words(node: object, words: list[str], imports: list[ast.stmt]) -> None:
     """Appends what a syntax tree says, without places, doc strings and what Pythons call anew.
 
-    Imports name modules by their place in the repository.
+    Imports name modules by their place in the repository; they are collected, too.
     """
     if isinstance(node, ast.AST):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            imports.append(node)
         words.append(f"({type(node).__name__}")
         for field in node._fields:
             value = None if field in _NOT_MEANING else getattr(node, field, None)
             if value is not None and value != []:
                 words.append(field)
                 is_module = field == "module" and isinstance(value, str)
-                _add_words(value.removeprefix(_PREFIX) if is_module else value, words)
+                text = value.removeprefix(_PREFIX) if is_module else value
+                _add_words(text, words, imports)
         words.append(")")
     elif isinstance(node, list):
         for item in node:
             if not _is_text(item):
-                _add_words(item, words)
+                _add_words(item, words, imports)
     else:
         words.append(repr(node))
 

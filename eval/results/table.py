@@ -98,7 +98,7 @@ def _check_columns(given: list[Any]) -> None:
 
 
 def _checked(column: pd.Series[Any], name: str) -> pd.Series[Any]:
-    if name not in _TYPES or column.dtype.kind not in "fiu" or name in ("seed", "support"):
+    if not _is_sound(column, name):
         good = _is_good(name)
         for k, (cell, is_missing) in enumerate(zip(column.tolist(), column.isna(), strict=True)):
             if not (good(cell) or (is_missing and name in _TYPES)):
@@ -107,6 +107,21 @@ def _checked(column: pd.Series[Any], name: str) -> pd.Series[Any]:
     dtype: Any = _TYPES.get(name, "str")
     checked: pd.Series[Any] = column.astype(dtype)
     return checked
+
+
+def _is_sound(column: pd.Series[Any], name: str) -> bool:
+    """Whether a column shows by its type alone that every cell is good: most do."""
+    import pandas as pd
+
+    if name in ("seed", "support"):
+        known = column.dropna()
+        whole = known.dtype.kind in "iu"
+        return whole and (known.empty or bool(known.min() >= 0))
+    if name in _TYPES:
+        return column.dtype.kind in "fiu"
+    if column.isna().any() or pd.api.types.infer_dtype(column, skipna=False) != "string":
+        return False
+    return name != "direction" or bool(column.isin(get_args(Direction)).all())
 
 
 def _is_good(name: str) -> Callable[[Any], bool]:
