@@ -133,7 +133,7 @@ def work_folder(place: Path, *, wait: bool = False, resume: bool = False) -> Ite
     if not os.access(place.parent, os.W_OK):
         raise InputError(f"cannot write to {place.parent}: no permission, choose another output")
     work = place.with_name(f".{place.name}{_ENDING}")
-    if os.path.lexists(work) and not is_work_folder(work):
+    if _is_foreign(work):
         move_aside(work, work, "has the name of unfinished work")
     lock = _locked(work, make=True, wait=wait)
     if lock is None:
@@ -159,6 +159,17 @@ def remove_leftovers(folder: Path) -> None:
         if lock is not None:
             _remove(work)
             os.close(lock)
+
+
+def _is_foreign(work: Path) -> bool:
+    """Whether something else has the name; one look, for others may be making or removing ours."""
+    try:
+        inside = [path.name for path in work.iterdir()]
+    except FileNotFoundError:
+        return work.is_symlink()
+    except OSError:  # no folder
+        return True
+    return work.is_symlink() or (bool(inside) and MARK not in inside)
 
 
 def is_work_folder(path: Path) -> bool:
