@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
+from uuid import uuid4
 
 from eventsweep import scenes
 from eventsweep.emvs import methods
@@ -114,6 +115,8 @@ def run_job(scene: str, settings: Settings, rig: str | None, seed: int, tracker:
     """The scoring job of a run's case: one sequence, one map folder, found poses if asked for."""
     case = scenes.case_name(scene)
     facts = simulate.sequence_parameters(scene, rig, seed, stated(settings.sim))
+    if settings.sim.model.controller:
+        facts["once"] = uuid4().hex  # what the user's code imports is not known: never found again
     sequence = Job(f"simulate/{case}", simulate.STAGE, facts)
     wanted = stated(settings.map)
     mapped = Job(f"map/{case}", mapping.STAGE, {"map": wanted}, (sequence,))

@@ -62,6 +62,16 @@ def test_another_method_does_not_simulate_again(done, tmp_path, monkeypatch):
     assert "Alg1/min" in set(run(tmp_path / "other", folder / "cache", other).rows["method"])
 
 
+def test_a_controller_runs_again_for_nobody_knows_what_it_imports():
+    model = {"motion": "dynamics", "controller": "drive.py:steer"}
+    driven = Settings(sim=SimConfig(model=model))
+    first, second = (run_job("robot.xml", driven, "rpg", 0, None).needs[0] for _ in range(2))
+    assert first.parameters != second.parameters
+    alone = Settings(sim=SimConfig(model={"motion": "dynamics"}))
+    first, second = (run_job("robot.xml", alone, "rpg", 0, None).needs[0] for _ in range(2))
+    assert first.parameters == second.parameters
+
+
 def test_an_edited_file_of_a_run_does_not_reach_another_run(done, tmp_path):
     """The files of a run may be hard links to those of the cache, whose hashes then tell."""
     results, folder = done
