@@ -65,11 +65,6 @@ def closure(roots: Iterable[str]) -> set[str]:
     return found
 
 
-def _tree(name: str) -> ast.Module | None:
-    file = _file(name)
-    return ast.parse(file.read_bytes()) if file else None
-
-
 @cache
 def _source(name: str) -> tuple[tuple[str, ...], str]:
     """What a module imports of this project, and the hash of its source.
@@ -82,12 +77,21 @@ def _source(name: str) -> tuple[tuple[str, ...], str]:
     facts = file.stat()
     state = [facts.st_mtime_ns, facts.st_size]
     known = _kept().get(str(file))
-    if not isinstance(known, list) or len(known) != 4 or known[:2] != state:
-        imports, digest = _parsed(name)
+    if not _is_of(known, state):
+        imports, digest = _parsed(file)
         _kept()[str(file)] = known = [*state, list(imports), digest]
         _NEW.add(name)
     modules = (module for module in known[2] if module[0] != "?" or _file(module[1:]))
     return tuple(module.removeprefix("?") for module in modules), known[3]
+
+
+def _is_of(known: Any, state: list[int]) -> bool:
+    """Whether what was kept is whole, and of a file in this state."""
+    if not isinstance(known, list) or len(known) != 4 or known[:2] != state:
+        return False
+    modules, digest = known[2:]
+    texts = [*modules, digest] if isinstance(modules, list) else [None]
+    return all(isinstance(text, str) and text for text in texts)
 
 
 @cache
@@ -111,10 +115,8 @@ def _place() -> Path:
     return default_cache() / "sources-1.json"
 
 
-def _parsed(name: str) -> tuple[tuple[str, ...], str]:
-    tree = _tree(name)
-    if tree is None:
-        return (), "absent"
+def _parsed(file: Path) -> tuple[tuple[str, ...], str]:
+    tree = ast.parse(file.read_bytes())
     words: list[str] = []
     imports: list[ast.stmt] = []
     _add_words(tree, words, imports)
@@ -153,7 +155,9 @@ def _file(name: str) -> Path | None:
 @cache
 def _definition_hash(name: str) -> str:
     words: list[str] = []
-    _add_words(_WithoutImports().visit(_tree(name) or ast.Module([], [])), words, [])
+    file = _file(name)
+    tree = ast.parse(file.read_bytes()) if file else ast.Module([], [])
+    _add_words(_WithoutImports().visit(tree), words, [])
     return _digest(words)
 
 

@@ -269,6 +269,25 @@ def test_each_stage_reaches_its_own_code_and_no_more(stage):
     assert [one for one in found if one.startswith(tuple(f"eventsweep.{x}" for x in foreign))] == []
 
 
+@pytest.mark.parametrize("damage", [
+    "", "[]", [], [1], ["x", 3], [[""], "x"], [["?"], ""], [[3], "x"],
+])  # fmt: skip
+def test_damaged_memory_of_parsed_sources_is_parsed_anew(tmp_path, monkeypatch, damage):
+    def version():
+        for memory in (versions_of_code._kept, versions_of_code._source):
+            memory.cache_clear()
+        return code_version(["eventsweep.scenes.planes"])
+
+    monkeypatch.setenv("EVENTSWEEP_CACHE", str(tmp_path))
+    right, place = version(), tmp_path / "sources-1.json"
+    if not isinstance(damage, str):
+        kept = json.loads(place.read_text())
+        assert kept
+        damage = json.dumps({path: [*state[:2], *damage] for path, state in kept.items()})
+    place.write_text(damage)
+    assert version() == right
+
+
 def test_a_scene_has_the_files_that_it_includes():
     from eventsweep import scenes
 
