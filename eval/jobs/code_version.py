@@ -76,7 +76,7 @@ def _source(name: str) -> tuple[tuple[str, ...], str]:
         return (), "absent"
     facts = file.stat()
     state = [facts.st_mtime_ns, facts.st_size]
-    known = _kept().get(str(file))
+    known: Any = _kept().get(str(file))
     if not _is_of(known, state):
         imports, digest = _parsed(file)
         _kept()[str(file)] = known = [*state, list(imports), digest]
