@@ -14,9 +14,9 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.files import write_text
 from eventsweep.eval.results.files import json_text, read_json
-from eventsweep.eval.results.series import SPEED_METRIC, Key, Measured, Series
+from eventsweep.eval.results.series import SPEED_METRIC, Key, Measured, Origin, Series
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 _CURE = "write it again with `eventsweep gate --update --reason ...`"
 
 
@@ -28,18 +28,25 @@ class BaselineChange(FrozenModel):
 
 
 class Baseline(FrozenModel):
-    """A baseline: series, the seeds they were measured with, and why it was written."""
+    """A baseline: series, the seeds they were measured with, and why it was written.
+
+    `origins` are by case and seed; versions 1 and 2 of this layout had none.
+    """
 
     schema_version: int = SCHEMA_VERSION
     name: str
     seeds: tuple[int, ...]
     history: tuple[BaselineChange, ...]
     versions: dict[str, str]
+    origins: dict[str, dict[int, Origin]] = Field(default_factory=dict)
     series: Annotated[tuple[Series, ...], Field(min_length=1)]
 
     def by_key(self) -> Mapping[Key, Series]:
         """The series, by what they are about."""
-        return {numbers.key: numbers for numbers in self.series}
+        return {
+            numbers.key: numbers.model_copy(update={"origins": self.origins.get(numbers.case, {})})
+            for numbers in self.series
+        }
 
 
 def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> Baseline:
@@ -68,6 +75,7 @@ def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> B
         seeds=measured.seeds,
         history=history if now in history[-1:] else (*history, now),
         versions=dict(measured.versions),
+        origins={numbers.case: numbers.origins for numbers in measured.series.values()},
         series=tuple(sorted(measured.series.values(), key=lambda numbers: numbers.key)),
     )
 
@@ -93,4 +101,6 @@ def write_baseline(path: Path, baseline: Baseline) -> None:
 
 def read_baseline(path: Path) -> Baseline:
     """Reads a baseline."""
-    return read_json(path, Baseline.model_validate, (1, SCHEMA_VERSION), _CURE, f"baseline {path}")
+    return read_json(
+        path, Baseline.model_validate, (1, 2, SCHEMA_VERSION), _CURE, f"baseline {path}"
+    )

@@ -1,8 +1,10 @@
-"""The gate: is a result worse than the baseline, by more than seeds differ?
+"""The gate: does a result differ from the baseline, by more than unchanged code differs?
 
-With the seeds of the baseline every value has its own counterpart: the same scene, the same motion.
-Only the code differs, so a small part of the spread between seeds counts. With other seeds the
-means are compared, and the spread decides how far two means of unchanged code may lie apart.
+How much that is depends on what the numbers were made of. Of the same sequences, by hash, unchanged
+code makes the same numbers. Of sequences that the same simulator drew anew from the same scene and
+settings, nearly the same: another processor or graphics library moves a few events. Else, with the
+seeds of the baseline, every value has its counterpart of the same motion, and a small part of the
+spread between seeds counts; with other seeds the spread decides how far two means may lie apart.
 """
 
 from __future__ import annotations
@@ -18,11 +20,20 @@ from scipy import stats
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.results.direction import change_of
-from eventsweep.eval.results.series import SPEED_METRIC, Key, Measured, Series
+from eventsweep.eval.results.series import (
+    SIGNED_ERRORS,
+    SPEED_METRIC,
+    Key,
+    Measured,
+    Origin,
+    Series,
+)
 from eventsweep.eval.results.table import EVENTS
 from eventsweep.eval.scoring.metrics import PRIMARY
 from eventsweep.eval.scoring.trajectories.metrics import PRIMARY_OF_TRAJECTORIES
 
+Alike = Literal["sequence", "recipe", "seeds", "nothing"]
+"""What baseline and result have in common: the sequences; what they were drawn from; the seeds."""
 Status = Literal["changed", "worse", "failed", "gone", "not comparable", "better", "new", "same"]
 LOST: tuple[Status, ...] = ("failed", "gone", "not comparable")
 """The baseline asks for a number, and there is none to hold against it."""
@@ -34,11 +45,13 @@ COMPARED: tuple[Status, ...] = ("changed", "worse", "better", "same")
 INPUT = ("events", "brighter_share")
 """What the mapper is given. Without a direction: a change says that depth is of other events."""
 DECIDING = (
-    *PRIMARY, "voting_share", "dropped_tail", *INPUT, SPEED_METRIC, *PRIMARY_OF_TRAJECTORIES,
+    *PRIMARY, *SIGNED_ERRORS, "voting_share", "dropped_tail", *INPUT, SPEED_METRIC,
+    *PRIMARY_OF_TRAJECTORIES,
 )  # fmt: skip
 """What decides unless others are chosen: how many depths and how wrong they are, in metres and as
-the share that the field calls bad; how many events took part; what went in; and what it cost. Of
-trajectories, how far off they are, how fast they drift, and how much of the time they cover."""
+the share that the field calls bad; whether they lie too near or too far, which makes some of them
+better; how many events took part; what went in; and what it cost. Of trajectories, how far off they
+are, how fast they drift, and how much of the time they cover."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +62,7 @@ class Choice:
         metrics: that decide; all others are shown and decide nothing.
         cases: the only ones to look at; empty: all.
         methods: likewise, beside the event statistics.
-        strict: let what does not decide be red as well where it is missing or not comparable.
+        strict: let every number decide, and make what is better red, too: a change is a change.
     """
 
     metrics: tuple[str, ...] = DECIDING
@@ -72,9 +85,13 @@ class Choice:
         in_method = not self.methods or key.method in (*self.methods, EVENTS)
         return in_method and (not self.cases or key.case in self.cases)
 
-    def decides(self, key: Key, status: Status) -> bool:
-        """Whether a verdict on a number counts."""
-        return key.metric in self.metrics or (self.strict and status in LOST)
+    def weighed(self, verdict: Judgement) -> Judgement:
+        """The verdict with whether it counts, and whether it is red."""
+        decides = self.strict or verdict.key.metric in self.metrics
+        # Nobody's time repeats: to be faster needs no new baseline.
+        any_change = self.strict and verdict.key.metric != SPEED_METRIC
+        red = (*RED, "better") if any_change else RED
+        return replace(verdict, decides=decides, is_red=decides and verdict.status in red)
 
 
 @dataclass(frozen=True)
@@ -82,6 +99,10 @@ class Tolerances:
     """How much is nothing.
 
     Attributes:
+        same_sequence: share of the baseline that counts as nothing where the sequences are the
+            same by hash. Unchanged code repeats each number to the last bit, whatever the threads
+            and the processor's name; a baseline keeps seven digits.
+        same_recipe: likewise where the same simulator drew them from the same scene and settings.
         paired: share of the seeds' standard deviation that a mean difference between equal seeds
             may reach.
         error_rate: chance that one of all compared numbers of unchanged code is called worse or
@@ -92,6 +113,8 @@ class Tolerances:
         speed: factor by which the mapper may slow down or speed up.
     """
 
+    same_sequence: float = 1e-5
+    same_recipe: float = 0.002
     paired: float = 0.1
     error_rate: float = 1e-3
     relative: float = 0.002
@@ -100,7 +123,7 @@ class Tolerances:
 
     def absolute(self, unit: str) -> float:
         """What counts as nothing in this unit."""
-        return {"m": 2e-4, "%": 0.02}.get(unit, 0.0)
+        return {"m": 2e-4, "%": 0.02, "cells": 0.002}.get(unit, 0.0)
 
 
 @dataclass(frozen=True)
@@ -112,7 +135,9 @@ class Judgement:
         value: mean of the result.
         tolerance: what `value` may differ by, either way.
         why: for people, where the numbers do not say it.
+        alike: what the compared numbers have in common; None where none were, or times.
         decides: whether it counts; else it is only shown.
+        is_red: whether it makes the gate fail.
     """
 
     key: Key
@@ -122,12 +147,9 @@ class Judgement:
     value: float = math.nan
     tolerance: float = math.nan
     why: str = ""
+    alike: Alike | None = None
     decides: bool = True
-
-    @property
-    def is_red(self) -> bool:
-        """Whether it makes the gate fail."""
-        return self.decides and self.status in RED
+    is_red: bool = False
 
     @property
     def change(self) -> float:
@@ -152,26 +174,27 @@ def compare(
 
     Where nothing that decides was compared, a verdict of its own says so, and is red.
     """
-    known = {key: one for key, one in (baseline or {}).items() if choice.has(key)}
-    tests = sum(not _common(one, measured.series.get(key)) for key, one in known.items())
-    found = [_judge(one, measured, tolerances, max(tests, 1)) for one in known.values()]
+    known = {key: series for key, series in (baseline or {}).items() if choice.has(key)}
+    tests = sum(not _common(series, measured.series.get(key)) for key, series in known.items())
+    judged = [_judge(series, measured, tolerances, max(tests, 1)) for series in known.values()]
     fresh = (key for key in measured.series if choice.has(key) and key not in known)
-    found += [_new(measured.series[key]) for key in fresh]
-    verdicts = [replace(one, decides=choice.decides(one.key, one.status)) for one in found]
+    judged += [_new(measured.series[key]) for key in fresh]
+    verdicts = [choice.weighed(verdict) for verdict in judged]
     verdicts += _failures(measured, choice)
     if baseline is not None and not measured.failures:
         verdicts += _nothing_compared(verdicts, choice)
-    order: Sequence[Status] = (*RED, "better", "new", "same")
-    return sorted(
-        verdicts,
-        key=lambda one: (
-            not one.is_red,
-            not one.decides,
-            order.index(one.status),
-            -one.severity,
-            one.key,
-        ),
-    )
+    return sorted(verdicts, key=_place)
+
+
+_ORDER: Sequence[Status] = (*RED, "better", "new", "same")
+
+
+def _place(verdict: Judgement) -> tuple[object, ...]:
+    """Where a verdict stands: what fails the gate first, then what changed, what decides before."""
+    return (
+        not verdict.is_red, not verdict.decides, _ORDER.index(verdict.status), -verdict.severity,
+        verdict.key,
+    )  # fmt: skip
 
 
 def is_red(verdicts: Iterable[Judgement]) -> bool:
@@ -182,7 +205,7 @@ def is_red(verdicts: Iterable[Judgement]) -> bool:
 def _failures(measured: Measured, choice: Choice) -> Iterator[Judgement]:
     for name, reason in measured.failures.items():
         if not choice.cases or any(f"/{case}/" in name for case in choice.cases):
-            yield Judgement(Key("(jobs)", name, ""), "failed", why=reason)
+            yield Judgement(Key("(jobs)", name, ""), "failed", why=reason, is_red=True)
 
 
 def _nothing_compared(verdicts: Sequence[Judgement], choice: Choice) -> Iterator[Judgement]:
@@ -194,7 +217,7 @@ def _nothing_compared(verdicts: Sequence[Judgement], choice: Choice) -> Iterator
     if deciding:
         lost = f"{deciding[0].key} is {deciding[0].status}, {deciding[0].why}"
         why = f"none of the {len(deciding)} numbers that decide could be compared: {lost}"
-    yield Judgement(Key("(gate)", "", ""), "failed", why=why)
+    yield Judgement(Key("(gate)", "", ""), "failed", why=why, is_red=True)
 
 
 def _new(series: Series) -> Judgement:
@@ -209,8 +232,7 @@ def _judge(base: Series, measured: Measured, tolerances: Tolerances, tests: int)
     if current is None:
         return _absent(base, measured)
     if current.identity != base.identity:
-        why = "another case, scene or metric than the baseline's"
-        return Judgement(base.key, "not comparable", base.unit, why=why)
+        return Judgement(base.key, "not comparable", base.unit, why=_unlike(base, current))
     undefined = sorted(seed for seed, value in current.values.items() if not math.isfinite(value))
     if undefined:
         why = f"undefined (NaN) for seed {', '.join(map(str, undefined))}"
@@ -221,10 +243,42 @@ def _judge(base: Series, measured: Measured, tolerances: Tolerances, tests: int)
         return Judgement(base.key, "failed", base.unit, why=why)
     if base.metric == SPEED_METRIC:
         return _judge_speed(base, current, tolerances)
-    before, now, tolerance = _compared(base, current, tolerances, tests)
-    return Judgement(
-        base.key, _status(base, now - before, tolerance), base.unit, before, now, tolerance
-    )
+    alike = _alike(base, current)
+    before, now, tolerance = _compared(base, current, alike, tolerances, tests)
+    status = _status(base, now - before, tolerance)
+    return Judgement(base.key, status, base.unit, before, now, tolerance, alike=alike)
+
+
+def _unlike(base: Series, current: Series) -> str:
+    """Why two series cannot be compared, as far as is known."""
+    origins = _origins(base, current)
+    if all(before.sequence and before.sequence == now.sequence for before, now in origins):
+        return "another way to score, or another metric, than the baseline's"
+    if all(before.recipe and before.recipe == now.recipe for before, now in origins):
+        return "another sequence than the baseline's, simulated with the same settings"
+    if all(before.sequence and now.sequence for before, now in origins):
+        return "another sequence than the baseline's"
+    return "another case, scene or metric than the baseline's"
+
+
+def _origins(base: Series, current: Series) -> list[tuple[Origin, Origin]]:
+    """What both were made of, for each seed of the result."""
+    unknown = Origin()
+    return [
+        (base.origins.get(seed, unknown), current.origins.get(seed, unknown))
+        for seed in current.values
+    ]
+
+
+def _alike(base: Series, current: Series) -> Alike:
+    if not _common(base, current):
+        return "nothing"
+    origins = _origins(base, current)
+    if all(before.sequence and before.sequence == now.sequence for before, now in origins):
+        return "sequence"
+    if all(before.recipe and before.recipe == now.recipe for before, now in origins):
+        return "recipe"
+    return "seeds"
 
 
 def _absent(base: Series, measured: Measured) -> Judgement:
@@ -249,22 +303,30 @@ def _judge_speed(base: Series, current: Series, tolerances: Tolerances) -> Judge
 
 
 def _compared(
-    base: Series, current: Series, tolerances: Tolerances, tests: int
+    base: Series, current: Series, alike: Alike, tolerances: Tolerances, tests: int
 ) -> tuple[float, float, float]:
+    """The two means, and how far they may lie apart."""
     common = _common(base, current)
-    spread = _spread(base)
-    if common:
+    if not common:
+        before, now = _mean(base.values.values()), _mean(current.values.values())
+        apart = _between_means(len(base.values), len(current.values), tests, tolerances)
+        by_spread = _spread(base) * apart
+    else:
         before = _mean(base.values[seed] for seed in common)
         now = _mean(current.values[seed] for seed in common)
-        by_spread = tolerances.paired * spread
-    else:
-        before, now = _mean(base.values.values()), _mean(current.values.values())
-        by_spread = spread * _between_means(
-            len(base.values), len(current.values), tests, tolerances
-        )
-    relative = tolerances.relative if len(base.values) > 1 else tolerances.relative_alone
-    least = max(tolerances.absolute(base.unit), relative * abs(before))
-    return before, now, max(by_spread, least)
+        by_spread = tolerances.paired * _spread(base) if alike == "seeds" else 0.0
+    relative = _relative(base, alike, tolerances)
+    # What counts as nothing shrinks with the share that does.
+    absolute = tolerances.absolute(base.unit) * min(1.0, relative / tolerances.same_recipe)
+    return before, now, max(by_spread, absolute, relative * abs(before))
+
+
+def _relative(base: Series, alike: Alike, tolerances: Tolerances) -> float:
+    if alike == "sequence":
+        return tolerances.same_sequence
+    if alike == "recipe":
+        return tolerances.same_recipe
+    return tolerances.relative if len(base.values) > 1 else tolerances.relative_alone
 
 
 def _common(base: Series, current: Series | None) -> list[int]:

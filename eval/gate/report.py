@@ -12,13 +12,19 @@ from xml.etree import ElementTree as xml
 
 from eventsweep.emvs.errors import significant
 from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.eval.gate.compare import COMPARED, INPUT, Judgement, is_red
+from eventsweep.eval.gate.compare import COMPARED, INPUT, Alike, Judgement, is_red
 from eventsweep.eval.numbers import display_unit, in_display_unit
 from eventsweep.eval.results.table import EVENTS
 
 HEADINGS = ("verdict", "case", "method", "metric", "baseline", "now", "change", "allowed", "why")
 CAPTION = "everything that changed; numbers in brackets are shown but do not decide"
 MOST_LINES = 25
+_ALIKE: dict[Alike, str] = {
+    "sequence": "of the same sequences (by hash)",
+    "recipe": "of other sequences, made from the same scene and settings by the same simulator",
+    "seeds": "of other sequences with the same seeds",
+    "nothing": "of other seeds",
+}
 VerdictLine = tuple[str, ...]
 # XML 1.0 has no way at all to write most control characters.
 _UNWRITABLE = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -26,37 +32,65 @@ _UNWRITABLE = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 def summary(verdicts: Sequence[Judgement]) -> str:
     """How many of each, which metrics decide, and who is to blame."""
-    counts = _counts(one for one in verdicts if one.decides)
-    beside = _counts(one for one in verdicts if not one.decides)
+    counts = _counts(verdict for verdict in verdicts if verdict.decides)
+    beside = _counts(verdict for verdict in verdicts if not verdict.decides)
     counts += f"; not deciding: {beside}" if beside else ""
-    red = [one for one in verdicts if one.is_red]
+    red = [verdict for verdict in verdicts if verdict.is_red]
+    ending = f"{_of_input(verdicts)}{_of_better(verdicts)}. {_of_tolerance(verdicts)}".rstrip()
     if not red:
-        return f"gate: green ({counts})"
-    by = Counter(one.key.metric for one in red if one.key.metric)
+        return f"gate: green ({counts}){ending}"
+    by = Counter(verdict.key.metric for verdict in red if verdict.key.metric)
     metrics = ", ".join(f"{metric} ({count})" for metric, count in by.most_common())
     decided = f"; decided by {metrics}" if metrics else ""
-    return f"gate: red ({counts}){decided}; first: {sentence(red[0])}{_of_input(red)}"
+    return f"gate: red ({counts}){decided}; first: {sentence(red[0])}{ending}"
 
 
 def _counts(verdicts: Iterable[Judgement]) -> str:
-    numbers = Counter(one.status for one in verdicts)
+    numbers = Counter(verdict.status for verdict in verdicts)
     return ", ".join(f"{count} {status}" for status, count in numbers.items())
 
 
-def _of_input(red: Sequence[Judgement]) -> str:
-    """Said loudly: with other events, no depth is better or worse than before."""
-    cases = {one.key.case: None for one in red if one.status == "changed" and _is_input(one)}
-    if not cases:
+def _of_better(verdicts: Sequence[Judgement]) -> str:
+    """What is better is a change as well, which the baseline should know of."""
+    better = sum(verdict.status == "better" and verdict.decides for verdict in verdicts)
+    if not better:
         return ""
-    return (
-        f". THE INPUT CHANGED ({', '.join(cases)}): the mapper received other events than the "
-        "baseline's, so these depths cannot judge it; if that is intended, write a new baseline "
-        "with the reason"
-    )
+    many = "1 number is" if better == 1 else f"{better} numbers are"
+    return f". {many} better by more than is allowed: if that is intended, write it with --update"
 
 
-def _is_input(one: Judgement) -> bool:
-    return one.key.method == EVENTS and one.key.metric in INPUT
+def _of_tolerance(verdicts: Sequence[Judgement]) -> str:
+    """Which tolerance applied, and why."""
+    numbers = Counter(verdict.alike for verdict in verdicts if verdict.alike)
+    if not numbers:
+        return ""
+    return "Compared: " + ", ".join(f"{count} {_ALIKE[kind]}" for kind, count in numbers.items())
+
+
+def _of_input(verdicts: Sequence[Judgement]) -> str:
+    """Said loudly: with other events, no depth is better or worse than before."""
+    changed = [
+        verdict for verdict in verdicts if verdict.status == "changed" and _is_input(verdict)
+    ]
+    lost = {verdict.key.case: verdict for verdict in changed if verdict.alike == "sequence"}
+    given = {verdict.key.case: None for verdict in changed if verdict.alike != "sequence"}
+    said = ""
+    if lost:
+        said += (
+            f". THE MAPPER TOOK OTHER EVENTS ({', '.join(lost)}) of the same sequence: other "
+            "windows, or events lost or counted twice"
+        )
+    if given:
+        said += (
+            f". THE INPUT CHANGED ({', '.join(given)}): the mapper received other events than the "
+            "baseline's, so these depths cannot judge it; if that is intended, write a new "
+            "baseline with the reason"
+        )
+    return said
+
+
+def _is_input(verdict: Judgement) -> bool:
+    return verdict.key.method == EVENTS and verdict.key.metric in INPUT
 
 
 def sentence(one: Judgement) -> str:
@@ -106,6 +140,7 @@ def as_json(verdicts: Sequence[Judgement]) -> str:
             "value": _defined(one.value),
             "tolerance": _defined(one.tolerance),
             "why": one.why,
+            "alike": one.alike,
         }
         for one in verdicts
     ]

@@ -21,6 +21,8 @@ from eventsweep.eval.results.table import POOLED, Value, each, tidy
 if TYPE_CHECKING:
     import pandas as pd
 
+SIGNED_ERRORS = ("bias", "bias_px", "bias_cells")
+"""What a gate looks at whatever a suite's definition names: a shift makes some depths better."""
 SPEED_METHOD, SPEED_METRIC = "mapper", "cpu_time_ratio"
 
 
@@ -35,6 +37,18 @@ class Key(NamedTuple):
         return f"{self.case} {self.method} {self.metric}"
 
 
+class Origin(FrozenModel):
+    """What the numbers of a case with one seed were made of, as hashes; empty where unknown.
+
+    Attributes:
+        sequence: over the files of the sequence that was mapped.
+        recipe: over what that was made from: scene, settings and the simulator's code.
+    """
+
+    sequence: str = ""
+    recipe: str = ""
+
+
 class Series(FrozenModel):
     """One metric of one method on one case.
 
@@ -42,6 +56,7 @@ class Series(FrozenModel):
         identity: hash over what must be equal for two series to be comparable: the definition of
             the case, its scene, and what the metric means.
         values: by seed; by repetition where speed is measured.
+        origins: by seed; a baseline keeps them by case.
     """
 
     case: str
@@ -51,6 +66,7 @@ class Series(FrozenModel):
     direction: Direction = Field(validation_alias=AliasChoices("direction", "better"))
     identity: str
     values: dict[int, Value]
+    origins: dict[int, Origin] = Field(default_factory=dict, exclude=True)
 
     @property
     def key(self) -> Key:
@@ -102,7 +118,8 @@ def measured_of(results: Results) -> Measured:
     """The pooled numbers: of a suite, of the metrics that it names."""
     rows = results.rows[results.rows["window"] == POOLED]
     if results.suite:
-        rows = rows[rows["metric"].isin(results.definition["metrics"])]
+        signed = rows["metric"].isin(SIGNED_ERRORS) & rows["value"].notna()
+        rows = rows[rows["metric"].isin(results.definition["metrics"]) | signed]
     else:
         # What is undefined is as good as missing: gone, where the baseline has a number.
         rows = rows[rows["value"].notna()].fillna({"seed": results.seed or 0})
@@ -119,6 +136,7 @@ def measured_of(results: Results) -> Measured:
 def _series(rows: pd.DataFrame, results: Results) -> Iterable[Series]:
     """The rows by what they are about, with one value for each seed."""
     samples = {(sample.case, sample.seed): sample for sample in results.samples}
+    origins = _origins(results)
     seedless = {sample.case: sample for sample in reversed(results.samples)}
     for about, seeds in rows.groupby(list(Key._fields), sort=False):
         key = Key(*map(str, about))
@@ -131,7 +149,26 @@ def _series(rows: pd.DataFrame, results: Results) -> Iterable[Series]:
         yield Series(
             **key._asdict(), unit=seeds["unit"].iloc[0], direction=seeds["direction"].iloc[0],
             identity=identities.pop(), values=dict(zip(seeds["seed"], seeds["value"], strict=True)),
+            origins=origins.get(key.case, {}),
         )  # fmt: skip
+
+
+def _origins(results: Results) -> dict[str, dict[int, Origin]]:
+    """What every case and seed was made of."""
+    origins: dict[str, dict[int, Origin]] = {}
+    for sample in results.samples:
+        seed = sample.seed if sample.seed is not None else results.seed or 0
+        origin = Origin(sequence=sample.sequence, recipe=_recipe(results, sample))
+        origins.setdefault(sample.case, {})[seed] = origin
+    return origins
+
+
+def _recipe(results: Results, sample: Sample) -> str:
+    """What the sequence was made from; empty where it was found, or nobody says by which code."""
+    if not results.suite:
+        return _hash([sample.sim, sample.seed]) if sample.sim else ""
+    code = "" if results.archive else results.code.get("simulate", "")
+    return _hash([results.cases.get(sample.case), sample.scene, sample.seed, code]) if code else ""
 
 
 def _identity(results: Results, sample: Sample, row: Any) -> str:

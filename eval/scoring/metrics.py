@@ -38,7 +38,8 @@ class Pairs:
         truth_m: (N,) true depth, m.
         truth_count: number of pixels with valid ground truth, N or more.
         baseline_focal_px_m: baseline times focal length, px·m; NaN for a rig of one camera.
-        cells: (N,) error in depth cells; None where no planes are known.
+        signed_cells: (N,) depth cells from truth to estimate, positive where that is nearer; None
+            where no planes are known.
         confidence: (N,) confidence of the estimates, larger is surer; None where there is none.
     """
 
@@ -46,7 +47,7 @@ class Pairs:
     truth_m: FloatArray
     truth_count: int
     baseline_focal_px_m: float
-    cells: FloatArray | None = None
+    signed_cells: FloatArray | None = None
     confidence: FloatArray | None = None
 
     @property
@@ -55,9 +56,19 @@ class Pairs:
         return len(self.estimate_m)
 
     @property
+    def signed_error_m(self) -> FloatArray:
+        """E - g, m: positive where the estimate is too far."""
+        return self.estimate_m - self.truth_m
+
+    @property
     def error_m(self) -> FloatArray:
         """|e - g|, m."""
-        return np.abs(self.estimate_m - self.truth_m)
+        return np.abs(self.signed_error_m)
+
+    @property
+    def cells(self) -> FloatArray | None:
+        """Depth cells between e and g; None where no planes are known."""
+        return None if self.signed_cells is None else np.abs(self.signed_cells)
 
     @property
     def log_ratio(self) -> FloatArray:
@@ -65,9 +76,14 @@ class Pairs:
         return np.log(self.truth_m) - np.log(self.estimate_m)
 
     @property
+    def signed_disparity_px(self) -> FloatArray:
+        """(1/e - 1/g) b f, px: positive where the estimate is too near."""
+        return (1 / self.estimate_m - 1 / self.truth_m) * self.baseline_focal_px_m
+
+    @property
     def disparity_error_px(self) -> FloatArray:
         """|1/e - 1/g| b f, px."""
-        return np.abs(1 / self.estimate_m - 1 / self.truth_m) * self.baseline_focal_px_m
+        return np.abs(self.signed_disparity_px)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -178,21 +194,28 @@ METRICS: tuple[Metric, ...] = (
            _bad_published),
     Metric("outlier_share", "outliers", "%", "lower", "share with |e - g| / g > 0.10",
            lambda p: 100 * np.mean(p.error_m / p.truth_m > OUTLIER_RELATIVE_ERROR)),
+    # Medians: of a mean, a few outliers would decide the sign.
+    Metric("bias", "bias", "m", "none", "median of e - g; above 0 is too far",
+           lambda p: np.median(p.signed_error_m), pooling="order"),
+    Metric("bias_px", "bias, disparity", "px", "none",
+           "median of (1/e - 1/g) b f; above 0 is too near",
+           lambda p: np.median(p.signed_disparity_px), pooling="order"),
 )
 
 # fmt: on
 
 
-def cell_error(
+def cell_offset(
     estimate_m: FloatArray, truth_m: FloatArray, rho: NDArray[np.floating]
 ) -> FloatArray:
-    """Counts the planes between estimate and truth, in whole and parts of a cell: (N,) depth cells.
+    """Counts the planes from truth to estimate, in whole and parts of a cell: (N,) depth cells.
 
-    Between two planes, position is linear in inverse depth; beyond the outermost ones it goes on
-    with the step of the outermost cell. `rho` holds 2 or more inverse depths in either order, 1/m.
+    Positive where the estimate is nearer. Between two planes, position is linear in inverse depth;
+    beyond the outermost ones it goes on with the step of the outermost cell. `rho` holds 2 or more
+    inverse depths in either order, 1/m.
     """
     planes = np.sort(rho.astype(np.float64))
-    return np.abs(_position(1 / estimate_m, planes) - _position(1 / truth_m, planes))
+    return _position(1 / estimate_m, planes) - _position(1 / truth_m, planes)
 
 
 def _position(rho: FloatArray, planes: FloatArray) -> FloatArray:
@@ -217,4 +240,8 @@ CELL_METRICS: tuple[Metric, ...] = (
     Metric("median_cells", "median cells", "cells", "lower", "median depth cells between",
            lambda p: NAN if p.cells is None else np.median(p.cells), pooling="order"),
     *(_bad_cells_metric(cells) for cells in CELL_THRESHOLDS),
+    Metric("bias_cells", "bias, cells", "cells", "none",
+           "median of depth cells from g to e; above 0 is too near",
+           lambda p: NAN if p.signed_cells is None else np.median(p.signed_cells),
+           pooling="order"),
 )  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.eval.scoring.metrics import OUTLIER_RELATIVE_ERROR, Pairs, cell_error
+from eventsweep.eval.scoring.metrics import OUTLIER_RELATIVE_ERROR, Pairs, cell_offset
 from eventsweep.eval.scoring.regions import away_from_border
 
 REFERENCE = "Alg1/H"
@@ -133,7 +133,7 @@ def pair(
         truth_m,
         int(np.count_nonzero(scored)),
         truth.baseline_focal_px_m,
-        None if rho is None else cell_error(estimate_m, truth_m, rho),
+        None if rho is None else cell_offset(estimate_m, truth_m, rho),
         None if confidence is None else confidence[both].astype(np.float64),
     )
 

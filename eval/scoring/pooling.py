@@ -79,9 +79,12 @@ class _Column:
     def numbers(self) -> FloatArray:
         return np.concatenate([np.empty(0), *(part() for part in self._parts or ())])
 
-    def median(self) -> float:
+    def medians(self) -> tuple[float, float]:
+        """Of the numbers without their signs, and with them."""
         numbers = self.numbers()
-        return float(np.median(numbers)) if numbers.size else NAN
+        if not numbers.size:
+            return NAN, NAN
+        return float(np.median(np.abs(numbers))), float(np.median(numbers))
 
 
 class Pool:
@@ -96,7 +99,9 @@ class Pool:
         self.baseline_focal_px_m = NAN
         self._sums = dict.fromkeys(metrics, 0.0)
         self._log_ratio: list[tuple[int, float]] = []
-        self._errors, self._cells, self._confidence = (_Column(store) for _ in range(3))
+        self._errors, self._disparities, self._cells, self._confidence = (
+            _Column(store) for _ in range(4)
+        )
         self._windows = 0
 
     def add(self, pairs: Pairs, values: Mapping[str, float]) -> None:
@@ -111,19 +116,23 @@ class Pool:
         if pairs.count:
             self._log_ratio.append((pairs.count, float(np.mean(pairs.log_ratio))))
         if {"median_error", "aurc"} & self._metrics.keys():
-            self._errors.add(pairs.error_m)
+            self._errors.add(pairs.signed_error_m)
+        if "bias_px" in self._metrics:
+            self._disparities.add(pairs.signed_disparity_px)
         if "median_cells" in self._metrics:
-            self._cells.add(pairs.cells)
+            self._cells.add(pairs.signed_cells)
         if "aurc" in self._metrics:
             self._confidence.add(pairs.confidence)
 
     def values(self) -> dict[str, float]:
         """Every metric of all windows' pixels together; NaN where it is undefined."""
         found = {name: self._value(metric) for name, metric in self._metrics.items()}
-        found |= {"median_error": self._errors.median(), "median_cells": self._cells.median()}
+        found["median_error"], found["bias"] = self._errors.medians()
+        found["median_cells"], found["bias_cells"] = self._cells.medians()
+        found["bias_px"] = self._disparities.medians()[1]
         if "aurc" in self._metrics:
             confidence = self._confidence.numbers() if self._confidence.is_defined else None
-            found |= coverage_scores(self._errors.numbers(), confidence, self.truth_points)
+            found |= coverage_scores(np.abs(self._errors.numbers()), confidence, self.truth_points)
         return {name: found[name] for name in self._metrics}
 
     def _check_rig(self, pairs: Pairs) -> None:

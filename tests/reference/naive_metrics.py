@@ -31,13 +31,14 @@ def all_metrics(depth, mask, truth, valid, baseline_focal, confidence, rho):
 def _errors(pairs, baseline_focal):
     n = len(pairs)
     absolute = sorted(abs(e - g) for e, g in pairs)
-    middle = (absolute[(n - 1) // 2] + absolute[n // 2]) / 2
     d = [math.log(g) - math.log(e) for e, g in pairs]
     mean_square = sum(x * x for x in d) / n
     return {
         "points": n,
         "mean_error": sum(absolute) / n,
-        "median_error": middle,
+        "median_error": _median(absolute),
+        "bias": _median([e - g for e, g in pairs]),
+        "bias_px": _median([(g - e) / (e * g) * baseline_focal for e, g in pairs]),
         "rmse": math.sqrt(sum(x * x for x in absolute) / n),
         "abs_rel": 100 * sum(abs(e - g) / g for e, g in pairs) / n,
         "aerr_r": 100 * sum(abs(e - g) / e for e, g in pairs) / n,
@@ -110,11 +111,17 @@ def _cells(pairs, rho):
         k = min(max(k, 0), len(planes) - 2)
         return k + (r - planes[k]) / (planes[k + 1] - planes[k])
 
-    between = sorted(abs(position(1 / e) - position(1 / g)) for e, g in pairs)
+    offsets = [position(1 / e) - position(1 / g) for e, g in pairs]
+    between = sorted(map(abs, offsets))
     n = len(between)
     found = {f"bad_{c}cell": 100 * sum(1 for x in between if x > c) / n for c in (1, 2, 5)}
-    middle = (between[(n - 1) // 2] + between[n // 2]) / 2
-    return {**found, "mean_cells": sum(between) / n, "median_cells": middle}
+    found |= {"mean_cells": sum(between) / n, "median_cells": _median(between)}
+    return {**found, "bias_cells": _median(offsets)}
+
+
+def _median(numbers):
+    ordered, n = sorted(numbers), len(numbers)
+    return (ordered[(n - 1) // 2] + ordered[n // 2]) / 2
 
 
 def _coverage(pairs, sure, truth_count):
@@ -145,7 +152,7 @@ def pooled(parts):
     return Pairs(
         joined(part.estimate_m for part in parts), joined(part.truth_m for part in parts),
         sum(part.truth_count for part in parts), parts[0].baseline_focal_px_m,
-        joined(part.cells for part in parts), joined(part.confidence for part in parts),
+        joined(part.signed_cells for part in parts), joined(part.confidence for part in parts),
     )  # fmt: skip
 
 

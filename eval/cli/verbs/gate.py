@@ -55,7 +55,7 @@ class GateFlags:
     "Let only this metric decide, repeatable; by default those on the page `gate`."
 
     tolerance: float | None = None
-    "Relative difference that counts as no change, such as 0.05, whatever the spread."
+    "Relative difference that counts as no change, such as 0.05, in place of those on the page."
 
     case: Annotated[tuple[str, ...], NO_NEGATIVE, RARE] = ()
     "Compare only this case of the baseline, repeatable."
@@ -70,7 +70,7 @@ class GateFlags:
     "File for the summary; it also goes to $GITHUB_STEP_SUMMARY where that is set."
 
     strict: Annotated[bool, NO_NEGATIVE, RARE] = False
-    "Also fail if numbers that do not decide are missing or cannot be compared."
+    "Let every number decide, and fail if one is better, too: for code that should not change any."
 
     update: Annotated[bool, NO_NEGATIVE] = False
     "Write the result as the new baseline."
@@ -123,7 +123,8 @@ class GateFlags:
 
         if self.tolerance is None:
             return Tolerances()
-        return Tolerances(relative=self.tolerance, relative_alone=self.tolerance)
+        names = ("same_sequence", "same_recipe", "relative", "relative_alone")
+        return Tolerances(**dict.fromkeys(names, self.tolerance))
 
     def seed_numbers(self) -> tuple[int, ...] | None:
         """The seeds; None for the suite's own."""

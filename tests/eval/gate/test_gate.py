@@ -18,10 +18,12 @@ from eventsweep.eval.gate.compare import DECIDING, Choice, Judgement, Tolerances
 from eventsweep.eval.gate.report import write_junit
 from eventsweep.eval.results.results import Results, write_results
 from eventsweep.eval.results.series import (
+    SIGNED_ERRORS,
     SPEED_METHOD,
     SPEED_METRIC,
     Key,
     Measured,
+    Origin,
     Series,
     read_measured,
 )
@@ -76,6 +78,50 @@ def test_equal_seeds_are_compared_one_by_one():
     one = verdict(BASE, series([0.10, 0.12, 0.14]))  # the baseline is that of its seeds
     assert (one.baseline, one.value) == (pytest.approx(0.12), pytest.approx(0.12))
     assert one.status == "same"
+
+
+@pytest.mark.parametrize(("before", "now", "alike", "allowed"), [
+    (Origin(sequence="a", recipe="r"), Origin(sequence="a", recipe="r"), "sequence", 1e-5),
+    (Origin(sequence="a"), Origin(sequence="a", recipe="s"), "sequence", 1e-5),
+    (Origin(sequence="a", recipe="r"), Origin(sequence="b", recipe="r"), "recipe", 2e-3),
+    (Origin(sequence="a", recipe="r"), Origin(sequence="b", recipe="s"), "seeds", 2e-2),
+    (Origin(), Origin(), "seeds", 2e-2),
+])  # fmt: skip
+@pytest.mark.parametrize("direction", ["lower", "higher"])
+def test_the_more_is_the_same_the_less_may_change(before, now, alike, allowed, direction):
+    """A change of a number is one in either direction; only a strict gate forbids the good one."""
+    base = series([0.7], direction=direction).model_copy(update={"origins": {0: before}})
+    for share in (0.9 * allowed, -0.9 * allowed, 1.1 * allowed, -1.1 * allowed):
+        changed = series([0.7 * (1 + share)], direction=direction)
+        current = measured(changed.model_copy(update={"origins": {0: now}}), seeds=(0,))
+        (free,) = compare({base.key: base}, current, TOLERANCES)
+        (strict,) = compare({base.key: base}, current, TOLERANCES, Choice(strict=True))
+        good = (share < 0) == (direction == "lower")
+        beyond = "better" if good else "worse"
+        assert free.status == strict.status == (beyond if abs(share) > allowed else "same")
+        assert free.alike == alike
+        assert (free.is_red, strict.is_red) == (free.status == "worse", free.status != "same")
+
+
+def test_a_baseline_keeps_what_its_numbers_were_made_of(tmp_path):
+    origins = {0: Origin(sequence="a", recipe="r"), 1: Origin(sequence="b")}
+    numbers = series([1, 2]).model_copy(update={"origins": origins})
+    write_baseline(tmp_path / "b", make_baseline(measured(numbers, seeds=(0, 1)), "why", None))
+    assert read_baseline(tmp_path / "b").by_key()[numbers.key].origins == origins
+
+
+@pytest.mark.parametrize(("before", "now", "why"), [
+    (Origin(sequence="a"), Origin(sequence="a"), "another way to score"),
+    (Origin(sequence="a", recipe="r"), Origin(sequence="b", recipe="r"), "with the same settings"),
+    (Origin(sequence="a", recipe="r"), Origin(sequence="b", recipe="s"), "another sequence"),
+    (Origin(), Origin(sequence="b"), "another case, scene or metric"),
+])  # fmt: skip
+def test_what_cannot_be_compared_says_what_differs(before, now, why):
+    base = series([1]).model_copy(update={"origins": {0: before}})
+    other = series([1], identity="j").model_copy(update={"origins": {0: now}})
+    (_, lost) = compare({base.key: base}, measured(other, seeds=(0,)), TOLERANCES)
+    assert lost.status == "not comparable"
+    assert why in lost.why
 
 
 def test_what_is_undefined_or_missing_is_red():
@@ -152,7 +198,7 @@ def test_what_decides_nothing_may_be_lost_unless_strict(lost):
     found = [] if lost else [other.model_copy(update={"identity": "other"})]
     changed = [other.model_copy(update={"values": dict.fromkeys(range(3), 2)})]
     known = {BASE.key: BASE, other.key: other}
-    for now, strict, red in ((found, False, False), (found, True, True), (changed, True, False)):
+    for now, strict, red in ((found, False, False), (found, True, True), (changed, True, True)):
         choice = Choice(strict=strict)
         assert is_red(compare(known, measured(BASE, *now), TOLERANCES, choice)) == red
 
@@ -169,8 +215,11 @@ def test_what_decides_is_green_or_red_whatever_descriptive_numbers_say():
         ("cause_other", "changed", False), ("mean_cells", "worse", False),
         ("mean_error_top_1pct", "worse", False),
     ]  # fmt: skip
-    told = report.summary(verdicts)
-    assert told == "gate: green (1 better, 1 same; not deciding: 1 changed, 2 worse)"
+    assert report.summary(verdicts) == (
+        "gate: green (1 better, 1 same; not deciding: 1 changed, 2 worse). 1 number is better by "
+        "more than is allowed: if that is intended, write it with --update. Compared: 5 of other "
+        "sequences with the same seeds"
+    )
     rows = [row[0] for row in report.lines(verdicts)]
     assert rows == ["better", "(changed)", "(worse)", "(worse)"]
     chosen = judged(("mean_cells", "lower", 2), choice=Choice(metrics=("mean_cells",)))
@@ -197,13 +246,19 @@ def test_other_events_are_red_and_said_loudly():
     assert "THE INPUT CHANGED (desk)" in report.summary(verdicts)
     only_depth = Choice(metrics=("mean_error",))
     assert not is_red(compare(known, measured(better, now), TOLERANCES, only_depth))
+    same = {"origins": {k: Origin(sequence="a") for k in range(5)}}
+    known = {key: numbers.model_copy(update=same) for key, numbers in known.items()}
+    verdicts = compare(known, measured(now.model_copy(update=same)), TOLERANCES)
+    said = report.summary(verdicts)
+    assert "THE MAPPER TOOK OTHER EVENTS (desk) of the same sequence" in said
+    assert "THE INPUT CHANGED" not in said
 
 
 def test_every_direction_of_the_projects_primary_numbers_is_known():
     """Only the input has none: of all else that decides, more or less is better."""
     known = read_baseline(BASELINE).series
     trajectories = set(PRIMARY_OF_TRAJECTORIES)
-    assert {one.metric for one in known} >= set(DECIDING) - trajectories
+    assert {one.metric for one in known} >= set(DECIDING) - trajectories - set(SIGNED_ERRORS)
     assert "none" not in {KNOWN_METRICS[name].direction for name in trajectories}
     undirected = {one.metric for one in known if one.metric in DECIDING and one.direction == "none"}
     assert undirected == {"events", "brighter_share"}
@@ -335,10 +390,11 @@ def test_a_damaged_baseline_is_one_line(tmp_path, text):
 VERDICTS = [
     Judgement(Key("desk", "Alg1/H", "mean_error"), "worse", "m", 0.1, 0.2, 0.01),
     Judgement(Key("desk", "a|b <&>\x00", "bad"), "failed", "%", why="undefined (NaN) for seed 1"),
-    Judgement(Key("desk", "Alg1/A", "bad"), "not comparable", why="another scene", decides=False),
+    Judgement(Key("desk", "Alg1/A", "points"), "not comparable", why="another scene"),
     Judgement(Key("desk", "Alg1/G", "bad"), "better", "%", 3.0, 2.0, 0.5),
     Judgement(Key("desk", "Alg1/min", "bad"), "same", "%", 3.0, 3.0, 0.5),
 ]
+VERDICTS = list(map(Choice(metrics=("mean_error", "bad")).weighed, VERDICTS))
 
 
 def test_junit_has_a_case_for_each_number(tmp_path):

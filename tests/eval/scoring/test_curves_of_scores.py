@@ -14,7 +14,7 @@ from eventsweep.eval.results.results import Results, read_results, write_results
 from eventsweep.eval.results.table import each
 from eventsweep.eval.scoring.curves import coverage_curve
 from eventsweep.eval.scoring.method_scores import REGION_NAMES, score_method, score_pairs
-from eventsweep.eval.scoring.metrics import Pairs, cell_error
+from eventsweep.eval.scoring.metrics import Pairs, cell_offset
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
 from eventsweep.eval.scoring.regions import REGIONS
@@ -58,8 +58,8 @@ def test_coverage_by_hand():
 
 def test_cells_by_hand():
     rho = np.array([1.0, 0.5, 0.25])  # 1 m, 2 m, 4 m: cells of 0.5 and 0.25 1/m
-    got = cell_error(np.array([1.0, 2.0, 4.0, 1 / 0.75, 8.0]), np.full(5, 2.0), rho)
-    np.testing.assert_allclose(got, [1, 0, 1, 0.5, 1.5])
+    got = cell_offset(np.array([1.0, 2.0, 4.0, 1 / 0.75, 8.0]), np.full(5, 2.0), rho)
+    np.testing.assert_allclose(got, [1, 0, -1, 0.5, -1.5])
 
 
 @given(st.integers(2, 60), st.data())
@@ -68,10 +68,10 @@ def test_on_equal_steps_cells_are_inverse_depth(count, data):
     depths = hnp.arrays(np.float64, 5, elements=st.floats(0.3, 9))
     e, g = data.draw(depths), data.draw(depths)
     step = (float(rho[0]) - float(rho[-1])) / (count - 1)
-    expected = np.abs(1 / e - 1 / g) / step
-    np.testing.assert_allclose(cell_error(e, g, rho), expected, rtol=1e-3, atol=1e-3)
-    np.testing.assert_array_equal(cell_error(e, g, rho), cell_error(e, g, rho[::-1]))
-    np.testing.assert_array_equal(cell_error(e, g, rho), cell_error(g, e, rho))
+    expected = (1 / e - 1 / g) / step
+    np.testing.assert_allclose(cell_offset(e, g, rho), expected, rtol=1e-3, atol=1e-3)
+    np.testing.assert_array_equal(cell_offset(e, g, rho), cell_offset(e, g, rho[::-1]))
+    np.testing.assert_array_equal(cell_offset(e, g, rho), -cell_offset(g, e, rho))
 
 
 @st.composite

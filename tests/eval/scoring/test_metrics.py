@@ -20,7 +20,7 @@ METRE_METRICS = ("mean_error", "median_error", "rmse")
 RELATIVE_METRICS = (
     "abs_rel", "aerr_r", "silog", "log_rmse", "delta_1", "delta_2", "delta_3", "outlier_share",
 )  # fmt: skip
-DISPARITY_METRICS = ("bad_1px", "bad_2px", "bad_3px", "bad_5px", "bad_published")
+DISPARITY_METRICS = ("bad_1px", "bad_2px", "bad_3px", "bad_5px", "bad_published", "bias_px")
 
 depths = st.floats(0.25, 100.0)
 
@@ -284,7 +284,7 @@ def test_every_metric_says_what_it_is():
         assert metric.title
         assert metric.formula
         assert metric.unit
-        assert metric.direction in ("lower", "higher")
+        assert (metric.direction == "none") == metric.name.startswith("bias")
     registries = (METRICS, CELL_METRICS, CURVE_METRICS, COVERAGE_METRICS)
     assert len(ALL_METRICS) == sum(map(len, registries))
 
