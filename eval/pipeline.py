@@ -162,11 +162,12 @@ def score_folder(
 
     Writes `results.json` and `results.csv` into the folder, and predictions beside them as they
     were scored: folders with depth maps of others, `DIR` or `NAME=DIR`. Windows without ground
-    truth at their reference time are left out, and counted in the configuration of their case.
+    truth at their reference time are left out, and counted in the configuration of their case. Of
+    a recording without any, the maps are only described (`eval.scoring.case.describe_case`).
 
     Raises:
-        InputError: no map there, a recording without ground truth, damaged files, or a prediction
-            that is not complete.
+        InputError: no map there, predictions for a recording without ground truth, damaged files,
+            or a prediction that is not complete.
     """
     from eventsweep.eval.results.results import write_results
     from eventsweep.eval.scoring import run_folder
@@ -210,10 +211,14 @@ def _scored(
 ) -> Results:  # fmt: skip
     from eventsweep.eval.results.results import DEFAULT_MAPPER, joined
     from eventsweep.eval.scoring import run_folder
-    from eventsweep.eval.scoring.case import CaseMaps, score_case
+    from eventsweep.eval.scoring.case import CaseMaps, describe_case, score_case
 
     parts = []
     for name, stored in maps.items():
+        recording = run_folder.verified(stored)
+        if not folders and not run_folder.has_any_truth(recording):
+            parts.append(describe_case(CaseMaps.of_map(name, recording, stored)))
+            continue
         recording = run_folder.sequence_of(stored)
         case = CaseMaps.of_map(name, recording, stored, run_folder.tracked(folder, name))
         windows = case.with_truth(config).windows[DEFAULT_MAPPER]

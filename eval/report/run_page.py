@@ -50,7 +50,7 @@ from eventsweep.eval.report.ranking import (
 )
 from eventsweep.eval.report.run_data import CaseData, RunData, WindowData, best_first, load_run
 from eventsweep.eval.report.window_page import COLUMNS, events_cap, seconds, window_blocks
-from eventsweep.eval.results.table import POOLED, RIG, each
+from eventsweep.eval.results.table import EVENTS, POOLED, RIG, each
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.metrics import NAN
 from eventsweep.eval.scoring.run_folder import TRACK_FOLDER
@@ -146,7 +146,7 @@ def _case(data: RunData, case: CaseData, position: int) -> Section:
     shown = (*_windows(data, case, methods), *_plots(rows, methods, f"case{position}"))
     blocks.append(Choice(f"case{position}", "Method", tuple(methods), shown))
     if len(rows):
-        measured = rows.loc[rows["method"] != RIG, "metric"].unique()
+        measured = rows.loc[~rows["method"].isin((RIG, EVENTS)), "metric"].unique()
         of_curves = ("precision", "recall", "f1")
         every = table(rows, metric, [n for n in measured if not n.startswith(of_curves)])
         blocks.append(Details("Every metric", (every.by_metric(),)))

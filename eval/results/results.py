@@ -20,7 +20,7 @@ from eventsweep.emvs.utils.files import write_text
 from eventsweep.emvs.utils.inputs import file_in
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.results.files import json_text, read_json
-from eventsweep.eval.results.table import RIG, Rows, tidy, together, unit_fault, write_csv
+from eventsweep.eval.results.table import EVENTS, RIG, Rows, tidy, together, unit_fault, write_csv
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -245,7 +245,7 @@ class Results:
         cases, methods, metrics = (
             list(self.rows[name].unique()) for name in ("case", "method", "metric")
         )
-        methods = [method for method in methods if method != RIG]
+        methods = [method for method in methods if method not in (RIG, EVENTS)]
         return (
             f"Results({len(self.rows)} numbers of {', '.join(cases) or 'no case'}: "
             f"{len(metrics)} metrics of {', '.join(methods) or 'no method'})"

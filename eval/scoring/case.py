@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
 from eventsweep.eval.config import EvalConfig
@@ -35,7 +37,7 @@ class CaseMaps:
     """What there is to score of a case.
 
     Attributes:
-        recording: with ground truth.
+        recording: what was mapped; with ground truth, but for `describe_case`.
         windows: by mapper.
         own: by mapper, the map on poses that were found from events.
         poses: those poses, or why there are none; None where nobody looked for them.
@@ -76,9 +78,9 @@ def score_case(
 ) -> Results:
     """Scores every window, all of them pooled, and their mean, for each mapper.
 
-    In a suite there are rows about the events, and every window must have ground truth. In a run
-    there are rows about the rig's parallax, all methods are compared with the reference method on
-    common pixels, and windows without ground truth are left out and counted.
+    There are rows about the events, which a gate looks at. In a suite every window must have ground
+    truth. In a run there are rows about the rig's parallax, too, all methods are compared with the
+    reference method on common pixels, and windows without ground truth are left out and counted.
 
     Args:
         case: what there is.
@@ -105,21 +107,63 @@ def score_case(
     return Results(together(tables), {case.name: configuration}, (sample,), {}, "")
 
 
+def describe_case(case: CaseMaps) -> Results:
+    """What can be said of maps without ground truth: the events that made them, and their depths.
+
+    Of each method the number of pixels with a depth, `reported`, and `median_depth`, m, of all
+    windows together: enough to see that a program's maps of a recording have changed.
+    """
+    (windows,) = case.windows.values()
+    depths_m = (
+        (method, _depths_m([window.depth_map(method) for window in windows]))
+        for method in windows[0].info.methods
+    )
+    rows = together([event_rows(case.name, windows), _depth_rows(case.name, depths_m)])
+    settings = {"rig": case.recording.rig.name, **_map_settings(case)}
+    settings["windows"] = {"scored": 0, "without_truth": len(windows)}
+    return Results(rows, {case.name: settings}, (sample_of(case, {}),), {}, "")
+
+
+def _depths_m(maps: Sequence[DepthMap]) -> NDArray[np.float32]:
+    return np.concatenate([one.depth_m[one.mask] for one in maps])
+
+
+def _depth_rows(case: str, depths_m: Iterable[tuple[str, NDArray[np.float32]]]) -> pd.DataFrame:
+    rows: list[dict[str, Any]] = []
+    for method, depth_m in depths_m:
+        about = {"case": case, "window": POOLED, "method": method}
+        count, median_m = depth_m.size, float(np.median(depth_m)) if depth_m.size else math.nan
+        rows += [
+            {**about, "metric": "reported", "value": count, "unit": "px", "direction": "higher"},
+            {
+                **about,
+                "metric": "median_depth",
+                "value": median_m,
+                "unit": "m",
+                "direction": "none",
+            },
+        ]
+    return tidy(rows)
+
+
 def _context_rows(case: CaseMaps, *, in_suite: bool) -> pd.DataFrame:
     first = next(iter(case.windows.values()))
+    events = event_rows(case.name, first)
     if in_suite:
-        return event_rows(case.name, first)
-    return rig_rows(case.name, case.recording, [window.info for window in first])
+        return events
+    return together([events, rig_rows(case.name, case.recording, [w.info for w in first])])
 
 
 def _settings_of(case: CaseMaps, scored: CaseMaps) -> dict[str, Any]:
-    settings = provenance(case.recording)
-    if case.config is not None:
-        settings["map"] = case.config.model_dump(mode="json")
+    settings = provenance(case.recording) | _map_settings(case)
     counts = [sum(map(len, maps.windows.values())) for maps in (scored, case)]
     if counts[0] < counts[1]:
         settings["windows"] = {"scored": counts[0], "without_truth": counts[1] - counts[0]}
     return settings
+
+
+def _map_settings(case: CaseMaps) -> dict[str, Any]:
+    return {} if case.config is None else {"map": case.config.model_dump(mode="json")}
 
 
 def _tracking_of(case: CaseMaps, notes: Sequence[str]) -> dict[str, Any]:

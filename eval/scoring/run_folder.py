@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -107,7 +107,12 @@ def existing_recording(stored: StoredMap) -> Recording | None:
 def sequence_of(stored: StoredMap) -> Scored:
     """Opens a map's recording, which must have ground truth, and checks its hashes."""
     check_view(stored.info.config, str(stored.path))
-    recording = with_ground_truth(recording_of(stored))
+    return with_ground_truth(verified(stored))
+
+
+def verified(stored: StoredMap) -> Recording:
+    """Opens a map's recording and checks its hashes, where it has any."""
+    recording = recording_of(stored)
     if isinstance(recording, EventSequence):
         recording.verify()
     return recording
@@ -122,11 +127,16 @@ def check_view(config: MapperConfig, what: str) -> None:
         )
 
 
+def has_any_truth(recording: Recording) -> TypeGuard[Scored]:
+    """Whether there is ground truth at some time."""
+    return isinstance(recording, EventSequence) or (
+        isinstance(recording, PosedRecording) and len(recording.truth_times_us(0)) > 0
+    )
+
+
 def with_ground_truth(recording: Recording) -> Scored:
     """The recording itself, which must have ground truth."""
-    if isinstance(recording, EventSequence):
-        return recording
-    if isinstance(recording, PosedRecording) and len(recording.truth_times_us(0)):
+    if has_any_truth(recording):
         return recording
     raise InputError(
         f"{recording.name}: a recording without ground truth; needs one that `simulate` made, "

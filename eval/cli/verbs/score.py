@@ -140,6 +140,9 @@ def _rankings(results: Results, metric: str) -> Iterator[Part]:
     pooled = results.rows[results.rows["window"] == POOLED]
     for case in pooled["case"].unique():
         rows = pooled[pooled["case"] == case]
+        if "reported" in set(rows["metric"]):
+            yield _without_truth(case, rows)
+            continue
         yield _ranking(case, rows, metric)
         yield from map(dim, ranking.findings(rows, metric))
         counts = results.configuration.get(case, {}).get("windows")
@@ -149,6 +152,22 @@ def _rankings(results: Results, metric: str) -> Iterator[Part]:
                 f"{scored} of {scored + lacking} windows scored: {lacking} have no ground truth "
                 "at their reference time."
             )
+
+
+def _without_truth(case: str, rows: pd.DataFrame) -> Table:
+    from eventsweep.eval.cli.console import table
+    from eventsweep.eval.numbers import displayed
+    from eventsweep.eval.results.table import EVENTS
+
+    of_methods = rows[rows["method"] != EVENTS].pivot(
+        index="method", columns="metric", values="value"
+    )
+    lines = (
+        (method, f"{depths['reported']:,.0f}", displayed(depths["median_depth"], "m"))
+        for method, depths in of_methods.iterrows()
+    )
+    title = f"{case}: no ground truth, so no errors"
+    return table(title, ("method", ">points\nreported", ">median depth\ncm"), lines)
 
 
 def _ranking(case: str, rows: pd.DataFrame, metric: str) -> Table:

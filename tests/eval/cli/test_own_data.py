@@ -1,5 +1,6 @@
 """Data of one's own that cannot be used: one clear line of the command, and nothing is left."""
 
+import json
 import re
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 import rover
 from dataset_world import TRUTH_US, rewritten, write_sequence
 from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.maps.folder import read_map
 from eventsweep.eval.cli.main import main
+from eventsweep.eval.results.results import read_results
 from refusals import command_refused, untouched
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -83,3 +86,25 @@ def test_truth_of_another_size_or_unit_is_refused(here, capsys, spoil, message):
     with untouched(here):
         said = command_refused(capsys, "score", "map", "--score.truth-tolerance-s", "0.001")
     assert message in said
+
+
+def test_maps_of_a_recording_without_truth_are_described_and_gated(here, capsys):
+    """Events that the mapper lost are seen where no error is known."""
+    rewritten(write_sequence(here / "plane", "kb4"), here / "recording", "npz")
+    gate = ["gate", "--baseline", "base.json", "--result", "map"]
+    assert main(["map", "recording", "--out", "map", *MAP]) == 0
+    assert main(["score", "map"]) == 0
+    assert "no ground truth" in capsys.readouterr().out
+    rows = read_results("map").rows.set_index(["method", "metric"])["value"]
+    stored = read_map("map").windows[0]
+    assert rows["Alg1/H", "reported"] == stored.info.points["Alg1/H"] > 0
+    depth_map = stored.depth_map("Alg1/H")
+    assert rows["Alg1/H", "median_depth"] == np.median(depth_map.depth_m[depth_map.mask])
+    assert rows["events", "events"] == sum(c["events"] for c in stored.info.counts.values())
+    assert main([*gate, "--update", "--reason", "first", "--quiet"]) == 0
+    assert main([*gate, "--quiet"]) == 0
+    assert main(["map", "recording", "--out", "map", *MAP, "--map.start-s", "0.1", "--force"]) == 0
+    assert main(["score", "map", "--quiet"]) == 0
+    assert main([*gate, "--json"]) == 1
+    verdicts = json.loads(capsys.readouterr().out)
+    assert ("events", "changed") in {(v["metric"], v["status"]) for v in verdicts}
