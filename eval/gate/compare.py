@@ -44,15 +44,16 @@ COMPARED: tuple[Status, ...] = ("changed", "worse", "better", "same")
 
 INPUT = ("events", "brighter_share")
 """What the mapper is given. Without a direction: a change says that depth is of other events."""
+WITHOUT_TRUTH = ("reported", "median_depth")
+"""Of maps without ground truth: how many depths there are, and how far away."""
 DECIDING = (
-    *PRIMARY, *SIGNED_ERRORS, "reported", "median_depth", "voting_share", "dropped_tail", *INPUT, SPEED_METRIC,
-    *PRIMARY_OF_TRAJECTORIES,
+    *PRIMARY, *SIGNED_ERRORS, *WITHOUT_TRUTH, "voting_share", "dropped_tail", *INPUT,
+    SPEED_METRIC, *PRIMARY_OF_TRAJECTORIES,
 )  # fmt: skip
 """What decides unless others are chosen: how many depths and how wrong they are, in metres and as
 the share that the field calls bad; whether they lie too near or too far, which makes some of them
 better; how many events took part; what went in; and what it cost. Of trajectories, how far off they
-are, how fast they drift, and how much of the time they cover. Of maps without ground truth, how many
-depths there are, and how far away."""
+are, how fast they drift, and how much of the time they cover."""
 
 
 @dataclass(frozen=True)

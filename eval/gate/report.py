@@ -135,6 +135,7 @@ def as_json(verdicts: Sequence[Judgement]) -> str:
             **one.key._asdict(),
             "status": one.status,
             "decides": one.decides,
+            "is_red": one.is_red,
             "unit": one.unit,
             "baseline": _defined(one.baseline),
             "value": _defined(one.value),

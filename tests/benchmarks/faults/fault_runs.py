@@ -23,7 +23,6 @@ BASELINE = Path(os.environ.get("EVENTSWEEP_BASELINE", ROOT / "reports" / "baseli
 """What is held against; `EVENTSWEEP_BASELINE` names another one than the project's."""
 LIMIT_S = 1800
 """For one run of `quick` and its gate: about a minute where nobody else works."""
-RED = ("changed", "worse", "failed", "gone", "not comparable")
 
 
 class TooSlow(Exception):
@@ -80,7 +79,7 @@ def timeless(baseline, path):
 
 def red(verdicts):
     """The verdicts that make a gate fail."""
-    return [verdict for verdict in verdicts if verdict["decides"] and verdict["status"] in RED]
+    return [verdict for verdict in verdicts if verdict["is_red"]]
 
 
 def line(fault: Fault, verdicts):

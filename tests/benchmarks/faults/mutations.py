@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 from planted_faults import ROOT
 
+Areas = dict[str, tuple[int, tuple[str, ...]]]
 SEED = 35
-AREAS = {
+AREAS: Areas = {
     "simulator": (6, (
         "sim/simulate.py", "sim/motion/curves.py", "sim/motion/head_motion.py",
         "sim/rendering/adaptive_sampling.py", "sim/rendering/lens.py",
@@ -97,13 +98,13 @@ class _Change(NamedTuple):
     text: str
 
 
-def drawn(seed: int = SEED) -> list[tuple[str, Mutation]]:
+def drawn(seed: int = SEED, areas: Areas = AREAS) -> list[tuple[str, Mutation]]:
     """Areas and mutations: as many as each area has, no line twice, in the order of their lots.
 
     Lots are hashes of seed and mutation: an edit elsewhere changes no other line's lot.
     """
     chosen = []
-    for area, (count, patterns) in AREAS.items():
+    for area, (count, patterns) in areas.items():
         files = sorted({path for pattern in patterns for path in ROOT.glob(pattern)})
         names = [path.relative_to(ROOT).as_posix() for path in files]
         ours = [mutation for name in names if name not in LEFT_OUT for mutation in candidates(name)]
