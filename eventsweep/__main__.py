@@ -17,7 +17,11 @@ def _leave(_number: int, _frame: object) -> None:
 def _is_worker() -> bool:
     """Whether this process was started by another of ours, which ends it as it sees fit."""
     processes = sys.modules.get("multiprocessing.process")
-    return processes is not None and processes.parent_process() is not None
+    if processes is None:
+        return False
+    # While a spawned process imports its main module it knows no parent yet.
+    is_starting = getattr(processes.current_process(), "_inheriting", False)
+    return is_starting or processes.parent_process() is not None
 
 
 # Imports take a quarter of a second, in which Ctrl-C would show where it struck. `exit_code` of

@@ -229,6 +229,28 @@ def test_an_interrupted_run_leaves_nothing(tmp_path, kind):
     assert list(tmp_path.iterdir()) == []
 
 
+SPAWNING = """
+import multiprocessing, os, sys
+import eventsweep.__main__
+
+def work():
+    os.kill(os.getpid(), 15)
+
+if __name__ == "__main__":
+    worker = multiprocessing.get_context("spawn").Process(target=work)
+    worker.start()
+    worker.join()
+    sys.exit(worker.exitcode != -15)
+"""
+
+
+def test_a_worker_that_is_ended_says_nothing_of_an_interrupt(tmp_path):
+    """It imports the command's module before it knows that it is one."""
+    (tmp_path / "main.py").write_text(SPAWNING)
+    done = python("main.py", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 HEEDED = """
 import signal, sys, time
 from eventsweep.eval.cli.exit_codes import exit_code
