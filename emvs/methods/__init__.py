@@ -176,11 +176,12 @@ def check_methods(config: MapperConfig, chosen: Sequence[AnyMethod]) -> None:
 def known_methods(n_cameras: int, *, mcemvs: bool = False) -> tuple[Method, ...]:
     """Lists what `all` stands for: Algorithm 1, the single cameras and our own `Focus/H`.
 
-    With one camera there is nothing to fuse. The compatibility setting has no method of ours.
+    With one camera there is nothing to fuse: `Focus/cam0`. The compatibility setting has no method
+    of ours.
     """
     single = tuple(map(single_camera, range(n_cameras)))
     if n_cameras == 1:
-        return single
+        return (*single, *(() if mcemvs else (FOCUS.build("Focus/cam0"),)))
     words = {name: f"fused across cameras by the {mean.words}" for name, mean in MEANS.items()}
     fused = (
         Method(f"Alg1/{name}", words[name], Fusion(code_of(name, "c", mcemvs))) for name in MEANS

@@ -192,10 +192,10 @@ _ORDER: Sequence[Status] = (*RED, "better", "new", "same")
 
 
 def _place(verdict: Judgement) -> tuple[object, ...]:
-    """Where a verdict stands: what fails the gate first, then what changed, what decides before."""
+    """Where a verdict stands: first what fails the gate, of that what is of the events."""
     return (
-        not verdict.is_red, not verdict.decides, _ORDER.index(verdict.status), -verdict.severity,
-        verdict.key,
+        not verdict.is_red, not verdict.decides, verdict.key.method != EVENTS,
+        _ORDER.index(verdict.status), -verdict.severity, verdict.key,
     )  # fmt: skip
 
 

@@ -69,11 +69,9 @@ def _of_tolerance(verdicts: Sequence[Judgement]) -> str:
 
 def _of_input(verdicts: Sequence[Judgement]) -> str:
     """Said loudly: with other events, no depth is better or worse than before."""
-    changed = [
-        verdict for verdict in verdicts if verdict.status == "changed" and _is_input(verdict)
-    ]
-    lost = {verdict.key.case: verdict for verdict in changed if verdict.alike == "sequence"}
-    given = {verdict.key.case: None for verdict in changed if verdict.alike != "sequence"}
+    red = [verdict for verdict in verdicts if verdict.is_red and verdict.key.method == EVENTS]
+    lost = {verdict.key.case: None for verdict in red if verdict.alike == "sequence"}
+    given = {verdict.key.case: None for verdict in red if _is_of_input(verdict)}
     said = ""
     if lost:
         said += (
@@ -89,8 +87,9 @@ def _of_input(verdicts: Sequence[Judgement]) -> str:
     return said
 
 
-def _is_input(verdict: Judgement) -> bool:
-    return verdict.key.method == EVENTS and verdict.key.metric in INPUT
+def _is_of_input(verdict: Judgement) -> bool:
+    is_input = verdict.key.metric in INPUT and verdict.status == "changed"
+    return is_input and verdict.alike != "sequence"
 
 
 def sentence(one: Judgement) -> str:

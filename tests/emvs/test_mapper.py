@@ -116,7 +116,7 @@ def test_the_reference_view_is_camera_0_at_the_middle():
 
 def test_one_camera_alone():
     result = map_window(fronto_parallel(1.23, cameras=1), CONFIG)
-    assert (list(result.depth_maps), len(result.counts)) == (["EMVS/cam0"], 1)
+    assert (list(result.depth_maps), len(result.counts)) == (["EMVS/cam0", "Focus/cam0"], 1)
     assert steps_off(result, "EMVS/cam0", 1.23) < 0.5
 
 
