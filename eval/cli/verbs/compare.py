@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, app
+from eventsweep.eval.cli.table_flags import TABLE_FLAGS, TableFlags
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -18,20 +20,40 @@ if TYPE_CHECKING:
 
 @app.command
 def compare(
-    results: Annotated[tuple[Path, ...], NO_NEGATIVE], /, *, out: Path, common: Common = COMMON
+    results: Annotated[tuple[Path, ...], NO_NEGATIVE],
+    /,
+    *,
+    out: Path | None = None,
+    case: Annotated[tuple[str, ...], NO_NEGATIVE] = (),
+    force: Force = False,
+    table: TableFlags = TABLE_FLAGS,
+    common: Common = COMMON,
 ) -> None:
-    """Compare two or more results: what differs, and how sure that is; writes compare.html.
+    """Compare results: what differs, and how sure that is; and methods in a table for a paper.
 
     Args:
-        results: Folders of `run`, `score` or `suite`, or their results.json or suite.json.
+        results: Folders of `run`, `score` or `suite`, or their results.json or suite.json; with
+            --table one will do.
         out: Folder to write: compare.html and tables/.
+        case: Only this case in the table, repeatable.
     """
     from eventsweep.eval.report.compare.page import HTML_NAME, facts_of, write_comparison
+    from eventsweep.eval.report.compare.results import names_of
+    from eventsweep.eval.results.results import read_results
 
+    if out is None and not table.table:
+        raise InputError("compare writes a page or a table: add --out DIR or --table FILE.tex")
+    table.check(force=force, cases=case)
     console = common.console()
-    comparison = write_comparison(results, out)
-    console.result(facts_of(comparison), _summary(comparison))
-    console.wrote(out / HTML_NAME)
+    if out is not None:
+        comparison = write_comparison(results, out)
+        console.result(facts_of(comparison), _summary(comparison))
+        console.wrote(out / HTML_NAME)
+    if table.table:
+        table.write(
+            dict(zip(names_of(results), map(read_results, results), strict=True)), console,
+            force=force, cases=case,
+        )  # fmt: skip
 
 
 def _summary(comparison: Comparison) -> Iterator[Part]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, Predictions, SuiteName, app
 from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
+from eventsweep.eval.cli.table_flags import TABLE_FLAGS, TableFlags
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -40,6 +41,7 @@ def suite(
     speed: bool = True,
     cost: Annotated[bool, NO_NEGATIVE] = False,
     force: Force = False,
+    table: TableFlags = TABLE_FLAGS,
     job_flags: JobFlags = JOB_FLAGS,
     common: Common = COMMON,
 ) -> int:
@@ -61,6 +63,7 @@ def suite(
     from eventsweep.eval.suite.output import assignments
     from eventsweep.eval.suite.source import open_source
 
+    table.check(force=force)
     source = open_source(archive) if archive else None
     parts = Parts(*load(name), seed_numbers(seeds, "--seeds"), case, source)
     if list_cases and (out is not None or prediction):
@@ -72,7 +75,7 @@ def suite(
     if out is None:
         raise InputError("suite without --out: name a folder to write, or add --list-cases")
     return _run(
-        parts, out, job_flags, common,
+        parts, out, job_flags, common, table,
         prediction=prediction, speed=speed, cost=cost, force=force,
     )  # fmt: skip
 
@@ -100,6 +103,7 @@ def _run(
     out: Path,
     job_flags: JobFlags,
     common: Common,
+    table: TableFlags,
     *,
     prediction: tuple[str, ...],
     speed: bool,
@@ -135,6 +139,7 @@ def _run(
         )
     console.result(_facts(result), _summary(result, cache))
     console.wrote(folder / "suite.json")
+    table.write({suite.name: result}, console, force=force)
     return _FAILED if result.failures else 0
 
 

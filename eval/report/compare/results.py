@@ -115,16 +115,21 @@ def read_compared(paths: Sequence[Path]) -> tuple[ComparedResult, ...]:
     """Reads results of runs or suites, given as files or folders, and names them after folders."""
     if len(paths) < 2:
         raise InputError(f"{len(paths)} result given, needs two or more to compare")
-    folders = [path.resolve() if path.is_dir() else path.resolve().parent for path in paths]
-    names = [folder.name for folder in folders]
-    if len(set(names)) < len(names):
-        names = [f"{k + 1}: {'/'.join(folder.parts[-2:])}" for k, folder in enumerate(folders)]
     return tuple(
         read_results(
             path, partial(compared, name=name, folder=path if path.is_dir() else path.parent)
         )
-        for path, name in zip(paths, names, strict=True)
+        for path, name in zip(paths, names_of(paths), strict=True)
     )
+
+
+def names_of(paths: Sequence[Path]) -> list[str]:
+    """What pages and tables call results: their folders' names, told apart where they are equal."""
+    folders = [path.resolve() if path.is_dir() else path.resolve().parent for path in paths]
+    names = [folder.name for folder in folders]
+    if len(set(names)) < len(names):
+        names = [f"{k + 1}: {'/'.join(folder.parts[-2:])}" for k, folder in enumerate(folders)]
+    return names
 
 
 def compared(results: Results, name: str, folder: Path) -> ComparedResult:
