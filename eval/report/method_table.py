@@ -36,7 +36,7 @@ _TEX_ARROWS = {"lower": r" $\downarrow$", "higher": r" $\uparrow$", "none": ""}
 _TEX_SIGNS = str.maketrans({
     "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}",
-    "·": r"$\cdot$", "×": r"$\times$", "°": r"$^\circ$", "–": "--", "±": r"$\pm$",
+    "·": r"$\cdot$", "×": r"$\times$", "°": r"$^\circ$", "–": "--", "±": r"$\pm$", "−": "$-$",
 })  # fmt: skip
 
 
@@ -241,7 +241,7 @@ def _shown(estimate: Estimate, unit: str, *, sign: bool = False) -> str:
     """A mean, and half its interval, which is symmetric."""
     if math.isnan(estimate.mean):
         return "–"
-    mean = displayed(estimate.mean, unit)
+    mean = displayed(estimate.mean, unit).replace("-", "−")  # no hyphen
     mean = f"+{mean}" if sign and estimate.mean > 0 else mean
     half = estimate.high - estimate.mean
     return mean if math.isnan(half) else f"{mean} ± {displayed(half, unit)}"

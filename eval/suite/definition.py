@@ -18,7 +18,6 @@ from pydantic import (
     Field,
     SerializerFunctionWrapHandler,
     ValidationError,
-    field_validator,
     model_serializer,
     model_validator,
 )
@@ -38,6 +37,7 @@ ALL = "all"
 Condition = Literal["noise", "light", "motion", "occlusion", "geometry"]
 """What is hard about a case: noise of the sensor, light, moving things or fast motion, things in
 front of each other, and imperfect geometry."""
+_MOST_CHARS = 4096
 _LATER = ("imperfection", "conditions", "track", "change")
 _Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
 _Seeds = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
@@ -59,6 +59,8 @@ class WindowSpec(FrozenModel):
 class CaseSpec(FrozenModel):
     """One scene, rig and length, and how it is mapped.
 
+    `scene` is a name, or the file of a model; `rig` likewise, or the model's own cameras,
+    `model:NAME,NAME`; settings of a model's mount and motion are in `sim.model`.
     `imperfection` is what is wrong with the calibration, the poses and the clocks that the mapper
     is given: the name of a preset, kept as what that stands for, or amounts of a `Perturbation`.
     `conditions` say what is hard about it, for tables; they decide no number. With `track`, a
@@ -83,15 +85,6 @@ class CaseSpec(FrozenModel):
         """Leaves out what older suites do not say, so that their digests stay."""
         values: dict[str, Any] = given(self)
         return {k: v for k, v in values.items() if k not in _LATER or v}
-
-    @field_validator("scene")
-    @classmethod
-    def _by_name(cls, scene: str) -> str:
-        if is_model_file(scene):
-            raise ValueError(
-                "suites name their scenes (`eventsweep list scenes`), files are not allowed"
-            )
-        return scene
 
     @model_validator(mode="after")
     def _windows_inside(self) -> CaseSpec:
@@ -120,6 +113,7 @@ class Suite(FrozenModel):
         spread_seeds: seeds that a baseline measures the spread with; the first ones are `seeds`.
         metrics: what a gate compares.
         speed_case: case whose mapping is timed.
+        predictions: per name of a method of others, the folder of its depth maps.
     """
 
     name: _Name
@@ -133,6 +127,13 @@ class Suite(FrozenModel):
     mappers: dict[str, dict[str, Any]] = Field({"default": {}})
     cases: dict[_Name, CaseSpec]
     subsets: dict[_Name, Subset] = Field(default_factory=dict)
+    predictions: dict[_Name, str] = Field(default_factory=dict)
+
+    @model_serializer(mode="wrap")
+    def _without_predictions(self, given: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out what older suites do not say, so that their digests stay."""
+        values: dict[str, Any] = given(self)
+        return {k: v for k, v in values.items() if k != "predictions" or v}
 
     @model_validator(mode="after")
     def _known(self) -> Suite:
@@ -189,12 +190,30 @@ class Suite(FrozenModel):
             "score": self.score,
             "mappers": {name: self.mappers[name] for name in spec.mappers},
         }
-        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+        return _digest(json.dumps(_by_content(facts), sort_keys=True))
 
     @property
     def digest(self) -> str:
-        """A hash over the whole definition."""
-        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
+        """A hash over the whole definition, but for where predictions lie."""
+        text = self.model_dump_json(exclude={"predictions"})
+        content = json.loads(text)
+        portable = _by_content(content)
+        return _digest(text if portable == content else json.dumps(portable))
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _by_content(value: Any) -> Any:
+    """The value with files named by what they hold: wherever they lie, they are the same."""
+    if isinstance(value, Mapping):
+        return {key: _by_content(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_by_content(part) for part in value]
+    if isinstance(value, str) and Path(value).is_absolute() and Path(value).is_file():
+        return [Path(value).name, hashlib.sha256(Path(value).read_bytes()).hexdigest()]
+    return value
 
 
 def load(name: str) -> tuple[Suite, str]:
@@ -231,11 +250,46 @@ def _extent(subset: Subset) -> str:
 
 
 def read(path: Path) -> Suite:
-    """Reads a suite's definition."""
+    """Reads a suite's definition; files that it names lie beside it."""
     try:
-        return Suite.model_validate(read_toml(path))
+        return Suite.model_validate(_beside(read_toml(path), path.resolve().parent))
     except ValidationError as error:
         raise fault(error, Settings, f"{path}: ") from error
+
+
+_NAMING = ("scene", "rig", "sim", "mappers")
+"""Keys of a suite, or of its cases, whose texts may name files."""
+
+
+def _beside(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The values with absolute paths where a text names what lies in the suite's folder."""
+    placed = {
+        key: _placed(part, folder) if key in _NAMING else part for key, part in values.items()
+    }
+    cases, predictions = placed.get("cases"), placed.get("predictions")
+    if isinstance(predictions, Mapping):
+        placed["predictions"] = {
+            name: str(folder / place) if isinstance(place, str) else place
+            for name, place in predictions.items()
+        }
+    if isinstance(cases, Mapping):
+        placed["cases"] = {
+            name: _beside(case, folder) if isinstance(case, Mapping) else case
+            for name, case in cases.items()
+        }
+    return placed
+
+
+def _placed(value: Any, folder: Path) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _placed(part, folder) for key, part in value.items()}
+    if isinstance(value, list):
+        return [_placed(part, folder) for part in value]
+    # A name has no suffix and no slash: a file called like a scene is not taken for it.
+    if isinstance(value, str) and (Path(value).suffix or "/" in value) and len(value) < _MOST_CHARS:
+        place = folder / value
+        return str(place) if place.exists() or is_model_file(value) else value
+    return value
 
 
 def _refuse_unknown(where: str, names: tuple[str, ...], known: Mapping[str, Any]) -> None:

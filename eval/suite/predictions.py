@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from eventsweep import scenes
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.utils.output_manifest import hashed
 from eventsweep.eval.jobs.job import Job
 from eventsweep.eval.results.results import DEFAULT_MAPPER
@@ -34,7 +35,9 @@ from eventsweep.eval.scoring.predictions import (
     timed_files,
 )
 from eventsweep.eval.stages import predict
-from eventsweep.eval.suite.definition import Suite
+from eventsweep.eval.suite.definition import CaseSpec, Suite
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.mjcf import is_model_file
 from eventsweep.sim.rigs import rig as named_rig
 
 if TYPE_CHECKING:
@@ -108,8 +111,7 @@ class Assignment:
 def assignment(suite: Suite, case: str, seed: int) -> Assignment:
     """What a sequence is to be predicted for: the windows of the case's first mapper."""
     spec = suite.cases[case]
-    mapper, scene = suite.mappers[spec.mappers[0]], scenes.load(spec.scene)
-    rig = named_rig(spec.rig or scene.rig)
+    mapper, rig, depth_range_m = suite.mappers[spec.mappers[0]], *_seen(suite, spec, seed)
     times = [window.times_us(mapper) for window in spec.windows]
     return Assignment(
         case=case,
@@ -117,9 +119,19 @@ def assignment(suite: Suite, case: str, seed: int) -> Assignment:
         windows={f"w{number:03d}": one for number, one in enumerate(times)},
         camera=rig.cameras[0].undistorted(),
         baseline_m=rig.baseline_m() if len(rig) > 1 else None,
-        depth_range_m=scene.depth_range_m,
+        depth_range_m=depth_range_m,
         imperfection=spec.imperfection,
     )
+
+
+def _seen(suite: Suite, spec: CaseSpec, seed: int) -> tuple[Rig, tuple[float, float]]:
+    """The cameras of a case, and how near and far what they see is, m."""
+    if not is_model_file(spec.scene):
+        scene = scenes.load(spec.scene)
+        return named_rig(spec.rig or scene.rig), scene.depth_range_m
+    config = SimConfig.model_validate(suite.sim_of(spec))
+    made = scenes.prepared(spec.scene, spec.rig, config, seed)
+    return made.rig, made.scene.depth_range_m
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,9 @@ def run_suite(
     """
     its_cases, its_seeds = extent(suite, subset, seeds, cases, archive)
     jobs = suite_jobs(suite, its_cases, its_seeds, archive)
-    asked = [assignment(suite, job.parameters["case"], job.parameters["seed"]) for job in jobs]
+    # Of a model one must look around to say what is asked for: seconds for each case and seed.
+    facts = (job.parameters for job in jobs) if predictions else ()
+    asked = [assignment(suite, each["case"], each["seed"]) for each in facts]
     others = open_predictions(predictions, suite, asked)
     jobs += [other.job(job) for job in jobs for other in others]
     outcomes = run_jobs(jobs, workers, progress)

@@ -119,7 +119,8 @@ def _run(
     from eventsweep.eval.suite.predictions import perfect_scores
 
     suite, cache, console = parts.suite, job_flags.cache_folder(), common.console()
-    entered = [NamedFolder.of(one) for one in prediction]
+    own = (f"{name}={folder}" for name, folder in suite.predictions.items())
+    entered = [NamedFolder.of(given) for given in (*own, *prediction)]
     given, stated = open_packages(entered, parts.wanted(), Cache(cache))
     with output.prepare_folder(out, force=force) as folder:
         result = run_with_flags(

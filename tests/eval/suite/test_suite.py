@@ -92,7 +92,6 @@ def test_a_suite_is_frozen(name):
 @pytest.mark.parametrize(("old", "new", "words"), [
     ("seeds = [0, 1]\nspread", "seeds = []\nspread", "seeds"),
     ('scene = "planes"', 'scen = "planes"', "cases.wall.scen"),
-    ('scene = "planes"', 'scene = "m.xml"', "suites name their scenes"),
     ("sim = {", "sim = { model = { controller = 'x.py:go' }, ", "no file may name code to run"),
     ("planes = 30", "plane = 30", "plane"), ("planes = 30", "planes = 1", "planes"),
     ("duration_s = 0.02 }]", "duration_s = 0.03 }]", "the case has 0.04 s"),
