@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from eventsweep.emvs.data.poses import read_poses, write_kitti, write_tum
+from eventsweep.emvs.data.recording import Recording, has_poses
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.export import RecordingExport, kinds, write_recording
 from eventsweep.emvs.datasets.posed import EventSource
@@ -126,7 +127,7 @@ def _events(
             share = sum(source.share for _, source in chosen) / len(chosen)
             update(share, f"{done:,} events")
 
-        if readable.recording is not None and not options.stream:
+        if readable.recording is not None and _is_whole(readable.recording, out, options):
             sources = tuple(source for _, source in chosen)
             job = RecordingExport(readable.recording, sources, shift_us, report_progress)
             write_recording(job, out, options.to, force=options.force, inputs=inputs)
@@ -137,6 +138,16 @@ def _events(
             what = f"{count:,} events as {options.to}"
     moved = f", all times shifted by {shift_us} µs" if shift_us else ", times as they were"
     return Written(what + moved, tuple(_notes(chosen)))
+
+
+def _is_whole(recording: Recording, out: Path, options: Options) -> bool:
+    """Whether a recording's folder is written, and not a file of its events.
+
+    Without poses a name that ends as the format's files do asks for the events alone.
+    """
+    suffix = FORMATS[options.to].suffix if options.to in FORMATS else ""
+    named = bool(suffix) and out.suffix.lower() == suffix
+    return not options.stream and (has_poses(recording) or not named)
 
 
 def _windows(
@@ -194,33 +205,47 @@ def _event_file(
     shift_us: int,
     report_progress: Callable[[int], None],
 ) -> int:
-    if options.to == "sequence" or not FORMATS[options.to].writes:
-        raise InputError(
-            f"{readable.path}: has events but no poses; cannot be converted to {options.to}"
-        )
+    if options.to not in FORMATS:
+        why = "has events but no calibration" if readable.recording is None else "is one stream"
+        raise InputError(f"{readable.path}: {why}; --to {options.to} needs a whole recording")
     if len(chosen) > 1 and FORMATS[options.to].limits.streams == 1:
         raise InputError(
             f"{readable.path}: {len(chosen)} streams ({', '.join(dict(chosen))}) into "
             f"{options.to}, which holds one: choose with --stream"
         )
-    sizes = zip(readable.streams, readable.sizes_px, strict=True)
-    own = [size for (name, _), size in sizes if name == options.stream]
-    known = next((size for size in (*own, *readable.sizes_px) if size), (None, None))
-    width, height = options.width_px or known[0], options.height_px or known[1]
-    if width is None or height is None:
-        raise InputError(
-            f"{readable.path}: does not say the sensor's size; add --width-px and --height-px"
-        )
+    sizes_px = _sizes_px(readable, [name for name, _ in chosen], options)
+    width, height = next(iter(sizes_px.values()))
     streams = {
         name: (events.shifted(shift_us) for events in source.chunks()) for name, source in chosen
     }
-    return write_events(out, options.to, width, height, streams, report_progress)
+    return write_events(out, options.to, width, height, streams, report_progress, sizes_px)
+
+
+def _sizes_px(
+    readable: Readable, names: Sequence[str], options: Options
+) -> dict[str, tuple[int, int]]:
+    """Width and height of each stream's sensor: as asked, as the input says, or as a neighbour's.
+
+    A file often says a size once for all streams.
+    """
+    own = dict(zip(dict(readable.streams), readable.sizes_px, strict=True))
+    any_px = next((size_px for size_px in readable.sizes_px if size_px), (None, None))
+    sizes_px = {}
+    for name in names:
+        known = own[name] or any_px
+        width, height = options.width_px or known[0], options.height_px or known[1]
+        if width is None or height is None:
+            raise InputError(
+                f"{readable.path}: does not say the sensor's size; add --width-px and --height-px"
+            )
+        sizes_px[name] = width, height
+    return sizes_px
 
 
 def _start_us(readable: Readable) -> int:
     """The earliest event or pose."""
     first = [source.span_us()[0] for _, source in readable.streams]
-    if readable.recording is not None:
+    if readable.recording is not None and has_poses(readable.recording):
         first.append(readable.recording.trajectory.span_us[0])
     return min(first)
 

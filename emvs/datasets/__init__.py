@@ -45,7 +45,7 @@ def open_recording(path: str | Path) -> Recording:
     missing = [name for name in FILES if not (path / name).exists()]
     if not missing:
         return EventCameraDataset(path)
-    if len(missing) < len(FILES):
+    if missing != list(FILES):
         raise InputError(
             f"{path}: looks like the Event Camera Dataset, but lacks {', '.join(missing)}"
         )

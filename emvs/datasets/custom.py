@@ -101,7 +101,7 @@ class Descriptor(FrozenModel):
     name: str | None = None
     depth_range_m: tuple[float, float] | None = None
     calibration: CalibrationTable
-    poses: PosesTable
+    poses: PosesTable | None = None
     events: tuple[EventsTable, ...] = Field(min_length=1, max_length=64)
     truth: TruthTable | None = None
 
@@ -118,17 +118,17 @@ def read_descriptor(path: Path) -> Descriptor:
 
 
 def assembled(
-    folder: Path, what: Descriptor, layout: str, rig: Rig | None = None
+    folder: Path, what: Descriptor, layout: str, rig: Rig | None = None, lacks: str = ""
 ) -> PosedRecording:
     """Opens the recording that a descriptor describes, relative to a folder.
 
-    Without a rig it reads the calibration that the descriptor names.
+    Without a rig it reads the calibration that the descriptor names. `lacks` says what is missing
+    where it names no poses.
     """
     rig = _rig(folder / what.calibration.file, what) if rig is None else rig
-    poses = _poses(folder / what.poses.file, what.poses)
-    if what.poses.hand_eye is not None:
-        imu_cam = None if what.poses.imu_cam is None else folder / what.poses.imu_cam
-        poses = poses.times(read_hand_eye(folder / what.poses.hand_eye, imu_cam))
+    poses = lacks or f"no table [poses] in {FILE_NAME}"
+    if what.poses is not None:
+        poses = _poses(folder, what.poses)
     sources = tuple(events.source(folder) for events in what.events)
     truth = None if what.truth is None else open_truth(folder, what.truth, rig, poses)
     return PosedRecording(
@@ -136,16 +136,18 @@ def assembled(
         layout=layout,
         name=what.name or folder.resolve().name,
         rig=rig,
-        trajectory=poses,
+        poses=poses,
         sources=sources,
         truth=truth,
         depth_range_m=what.depth_range_m,
     )
 
 
-def described(folder: Path, layout: str, rig: Rig | None = None, **tables: Any) -> PosedRecording:
+def described(
+    folder: Path, layout: str, rig: Rig | None = None, lacks: str = "", **tables: Any
+) -> PosedRecording:
     """Opens the recording that the tables of a descriptor describe, as plain values."""
-    return assembled(folder, Descriptor(**tables), layout, rig)
+    return assembled(folder, Descriptor(**tables), layout, rig, lacks)
 
 
 def _rig(path: Path, what: Descriptor) -> Rig:
@@ -156,7 +158,16 @@ def _rig(path: Path, what: Descriptor) -> Rig:
     return read_bag_rig(path, [events.stream for events in what.events])
 
 
-def _poses(path: Path, table: PosesTable) -> Trajectory:
+def _poses(folder: Path, table: PosesTable) -> Trajectory:
+    """The first camera's poses."""
+    poses = _stored_poses(folder / table.file, table)
+    if table.hand_eye is None:
+        return poses
+    imu_cam = None if table.imu_cam is None else folder / table.imu_cam
+    return poses.times(read_hand_eye(folder / table.hand_eye, imu_cam))
+
+
+def _stored_poses(path: Path, table: PosesTable) -> Trajectory:
     if not is_bag(path):
         return read_poses(path, table.unit, table.time_offset_us)
     from eventsweep.emvs.datasets.bags import read_bag_poses

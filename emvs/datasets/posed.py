@@ -6,7 +6,7 @@ Every data set is one of these; the modules beside this one only say which file 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events, count_late
-from eventsweep.emvs.data.recording import summary
+from eventsweep.emvs.data.recording import no_poses, summary
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import open_events
 from eventsweep.emvs.formats.blocks import BlockReader
@@ -104,6 +104,7 @@ class PosedRecording:
     Attributes:
         path: the folder or file that was opened.
         layout: what it was recognised as.
+        poses: `T_world_body` over time, or what is missing where nobody knows it.
         sources: events per camera, in the order of the rig.
         truth: ground truth of camera 0, if there is some.
         depth_range_m: nearest and farthest depth, where known.
@@ -113,7 +114,7 @@ class PosedRecording:
     layout: str
     name: str
     rig: Rig
-    trajectory: Trajectory
+    poses: Trajectory | str
     sources: tuple[EventSource, ...]
     truth: DepthTruth | None = None
     depth_range_m: tuple[float, float] | None = None
@@ -127,6 +128,23 @@ class PosedRecording:
 
     def __repr__(self) -> str:
         return f"PosedRecording({self.layout}: {summary(self)})"
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """`T_world_body` over time.
+
+        Raises:
+            InputError: nobody knows it.
+        """
+        if isinstance(self.poses, str):
+            raise no_poses(self.path, self.poses, self.rig)
+        return self.poses
+
+    def tracked_at(self, T_body_camera: NDArray[np.float64]) -> PosedRecording:
+        """The recording whose poses were of a body that carries the first camera there."""
+        if isinstance(self.poses, str):
+            return self
+        return replace(self, poses=self.poses.times(T_body_camera))
 
     def event_span_us(self, camera: int) -> tuple[int, int]:
         """Times of the first and the last event, µs."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.errors import InputError, quoted, refused
 from eventsweep.emvs.formats import event_packets
-from eventsweep.emvs.formats.base import StreamWriter
+from eventsweep.emvs.formats.base import Sizes, StreamWriter
 from eventsweep.emvs.formats.blocks import BlockReader, BoundedPath, BoundedZstd, unpacked, within
 from eventsweep.emvs.formats.prophesee import opened
 from eventsweep.emvs.formats.prophesee_kernels import State, initial_state
@@ -55,7 +55,8 @@ class RosbagReader(BlockReader):
                 t: sum(c.msgcount for c in bag.connections if c.topic == t) for t in self.streams
             }
             self._span_ns = (int(bag.start_time), int(bag.end_time))
-            self._first_size(bag)
+            size_px = self._size_of(bag, self.streams[0])
+            self.width_px, self.height_px = size_px or (None, None)
 
     def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
         """Reads a topic's messages in the order of their recording."""
@@ -129,17 +130,21 @@ class RosbagReader(BlockReader):
                     events = array_events(data, self._ros2, where)
                 yield stamp_ns, before, events
 
-    def _first_size(self, bag: Any) -> None:
-        """Takes the sensor's size from the first message of the first stream."""
-        wanted = [c for c in bag.connections if c.topic == self.streams[0]]
+    def size_px(self, stream: str) -> tuple[int, int] | None:
+        """Width and height of a stream's sensor, as its first message says."""
+        if stream == self.streams[0]:
+            return super().size_px(stream)
+        with opened_bag(self.path) as bag:
+            return self._size_of(bag, stream)
+
+    def _size_of(self, bag: Any, stream: str) -> tuple[int, int] | None:
+        wanted = [c for c in bag.connections if c.topic == stream]
         for _, _, data in bag.messages(wanted):
-            where = f"{self.path}, topic {quoted(self.streams[0])}"
-            is_packed = self.streams[0] in self._packed
-            read = event_packets.packet_head if is_packed else array_head
+            where = f"{self.path}, topic {quoted(stream)}"
+            read = event_packets.packet_head if stream in self._packed else array_head
             head: Any = read(data, self._ros2, where)
-            if head.width_px and head.height_px:
-                self.width_px, self.height_px = head.width_px, head.height_px
-            return
+            return (head.width_px, head.height_px) if head.width_px and head.height_px else None
+        return None
 
 
 def is_ros2(path: Path) -> bool:
@@ -259,8 +264,8 @@ class RosbagWriter(StreamWriter):
 
     packet = 1 << 14
 
-    def __init__(self, path: Path, width_px: int, height_px: int, names: Sequence[str]) -> None:
-        self._size_px = (width_px, height_px)
+    def __init__(self, path: Path, sizes_px: Sizes) -> None:
+        self._sizes_px = dict(sizes_px)
         store = get_typestore(Stores.ROS1_NOETIC)
         store.register(
             get_types_from_msg(_EVENT, "dvs_msgs/msg/Event") | get_types_from_msg(_ARRAY, TYPES[0])
@@ -269,15 +274,15 @@ class RosbagWriter(StreamWriter):
         self._bag = Writer(path)
         self._bag.open()
         self._topics = {
-            name: self._bag.add_connection(name, TYPES[0], typestore=store) for name in names
+            name: self._bag.add_connection(name, TYPES[0], typestore=store) for name in sizes_px
         }
-        self._last_us = dict.fromkeys(names, 0)
-        self._sequence = dict.fromkeys(names, 0)
+        self._last_us = dict.fromkeys(sizes_px, 0)
+        self._sequence = dict.fromkeys(sizes_px, 0)
 
     def _put(self, stream: str, events: Events) -> None:
         """Writes a message, recorded when its last event happened."""
         self._last_us[stream] = max(self._last_us[stream], int(events.t_us.max()))
-        data = array_bytes(events, self._sequence[stream], *self._size_px)
+        data = array_bytes(events, self._sequence[stream], *self._sizes_px[stream])
         self._bag.write(self._topics[stream], self._last_us[stream] * 1000, data)
         self._sequence[stream] += 1
 

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.data.recording import Recording, events_span_us
+from eventsweep.emvs.data.recording import Recording, events_span_us, has_poses
 from eventsweep.emvs.datasets import NoRecordingError, opened
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.runtime import Progress, silent
@@ -91,14 +91,6 @@ def _checked(
     if readable and len(recording.rig) > 1:
         findings += _try("rectification", lambda: [_rectification(recording)], unchecked)
     return Report(recording.name, tuple(findings), tuple(unchecked))
-
-
-def has_poses(recording: Recording) -> bool:
-    """Whether a recording has poses."""
-    try:
-        return len(recording.trajectory) > 0
-    except InputError:
-        return False
 
 
 def _events(recording: Recording, thorough: bool, progress: Progress) -> list[Finding]:
