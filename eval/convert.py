@@ -88,8 +88,9 @@ def convert_file(source: Path, out: Path, options: Options, progress: Display) -
         if to in POSES:
             return Written(_poses(source, place, options))
         if to in calibration_writers.WRITERS:
-            calibration_writers.WRITERS[to](place, _rig(source))
-            return Written(f"calibration as {to}")
+            rig, notes = _rig(source)
+            calibration_writers.WRITERS[to](place, rig)
+            return Written(f"calibration as {to}", notes)
         return Written((_cloud if to in CLOUDS else _depth)(source, place, options))
 
 
@@ -273,12 +274,15 @@ def _trajectory(source: Path, unit: str) -> Trajectory:
     return read_poses(source, unit)
 
 
-def _rig(source: Path) -> Rig:
-    from eventsweep.emvs.formats.calibration import read_rig
+def _rig(source: Path) -> tuple[Rig, tuple[str, ...]]:
+    """A rig, and what of its file is not in it."""
+    from eventsweep.emvs.formats.calibration import left_out, read_rig
 
     if source.is_dir() or source.suffix in (".toml", ".bag", ".mcap"):
-        return open_recording(source).rig
-    return read_rig(source)
+        return open_recording(source).rig, ()
+    rig = read_rig(source)
+    note = left_out(source)
+    return rig, (f"{source.name}: {note}",) if note else ()
 
 
 def _depth(source: Path, out: Path, options: Options) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from os.path import realpath
+from os.path import lexists, realpath
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -83,7 +83,7 @@ def read(folder: Path) -> Manifest:
         )
     for name, entry in manifest.files.items():
         _check_inside(folder, name)
-        if name != _MAY_LACK or (folder / name).exists():
+        if not _is_left_out(folder, name):
             _check_size(folder / name, entry)
     return manifest
 
@@ -91,12 +91,14 @@ def read(folder: Path) -> Manifest:
 def check_hashes(folder: Path, manifest: Manifest) -> None:
     """Reads every file and compares its hash."""
     for name, entry in manifest.files.items():
-        if name == _MAY_LACK and not (folder / name).exists():
-            continue
-        if hashed(folder / name).sha256 != entry.sha256:
+        if not _is_left_out(folder, name) and hashed(folder / name).sha256 != entry.sha256:
             raise InputError(
                 f"{folder / name}: content changed since it was made; create the sequence again"
             )
+
+
+def _is_left_out(folder: Path, name: str) -> bool:
+    return name == _MAY_LACK and not lexists(folder / name)
 
 
 def _check_inside(folder: Path, name: str) -> None:

@@ -74,7 +74,11 @@ def no_poses(where: object, lacks: str, rig: Rig) -> InputError:
         lacks: what is not there.
         rig: events alone give the poses of two cameras, but not those of one.
     """
-    found = "the trajectory.txt that `eventsweep track` writes" if len(rig) > 1 and points(TRACKERS) else ""
+    found = (
+        "the trajectory.txt that `eventsweep track` writes"
+        if len(rig) > 1 and points(TRACKERS)
+        else ""
+    )
     return InputError(
         f"{where}: has no poses ({lacks}): name {found or 'a file of them'} as poses.file in a "
         "recording.toml"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from os.path import lexists
 from pathlib import Path
 from typing import TypeVar
 
@@ -62,7 +63,7 @@ class Sequence:
     @property
     def has_poses(self) -> bool:
         """Whether poses are stored: a video may have none, and they may be taken away or added."""
-        return (self.path / POSES_FILE).exists()
+        return lexists(self.path / POSES_FILE)
 
     @property
     def trajectory(self) -> Trajectory:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 
 from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.datasets.own_truth import TruthTable, open_truth
@@ -62,15 +62,22 @@ class EventsTable(FrozenModel):
         return EventSource(folder / self.file, self.stream, self.time_offset_us, columns)
 
 
+def _as_list(value: object) -> object:
+    return [value] if isinstance(value, str) else value
+
+
 class CalibrationTable(FrozenModel):
     """The rig.
 
     Attributes:
-        file: whatever `emvs.formats.calibration.read_rig` reads, or a ROS bag with `camera_info`.
+        file: whatever `emvs.formats.calibration.read_rig` reads, or a ROS bag with `camera_info`;
+            or a list of files of one camera each, in the order of the events.
         cameras: which of its cameras, in the order of the events; by default its event cameras.
     """
 
-    file: FileName
+    file: Annotated[
+        tuple[FileName, ...], Field(min_length=1, max_length=64), BeforeValidator(_as_list)
+    ]
     cameras: tuple[int | str, ...] = ()
 
 
@@ -125,7 +132,7 @@ def assembled(
     Without a rig it reads the calibration that the descriptor names. `lacks` says what is missing
     where it names no poses.
     """
-    rig = _rig(folder / what.calibration.file, what) if rig is None else rig
+    rig = _rig(folder, what) if rig is None else rig
     poses = lacks or f"no table [poses] in {FILE_NAME}"
     if what.poses is not None:
         poses = _poses(folder, what.poses)
@@ -150,12 +157,13 @@ def described(
     return assembled(folder, Descriptor(**tables), layout, rig, lacks)
 
 
-def _rig(path: Path, what: Descriptor) -> Rig:
-    if not is_bag(path):
-        return read_rig(path, what.calibration.cameras)
+def _rig(folder: Path, what: Descriptor) -> Rig:
+    paths = [folder / name for name in what.calibration.file]
+    if len(paths) > 1 or not is_bag(paths[0]):
+        return read_rig(paths, what.calibration.cameras)
     from eventsweep.emvs.datasets.bags import read_bag_rig
 
-    return read_bag_rig(path, [events.stream for events in what.events])
+    return read_bag_rig(paths[0], [events.stream for events in what.events])
 
 
 def _poses(folder: Path, table: PosesTable) -> Trajectory:

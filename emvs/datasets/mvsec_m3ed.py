@@ -142,9 +142,12 @@ def _matrices(path: Path, stack: _Stack) -> tuple[NDArray[np.int64], NDArray[np.
     turned = T[:, :3, :3]
     with np.errstate(over="ignore", invalid="ignore"):  # damage may be of any size
         wrong = np.abs(turned @ turned.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    if not np.isfinite(T).all() or not (wrong < 1e-3).all():
-        bad = int(np.argmax(~(wrong < 1e-3)))
-        raise InputError(f"{path}: pose {bad} is not a rigid motion; download the file again")
+    if not np.isfinite(T).all() or not (wrong < se3.ROUNDED).all():
+        bad = int(np.argmax(~(wrong < se3.ROUNDED)))
+        why = se3.fault(T[bad], se3.ROUNDED) or f"R R^T differs from 1 by {wrong[bad]:.2g}"
+        raise InputError(
+            f"{path}: pose {bad} is not a rigid motion ({why}); download the file again"
+        )
     return t_us, T
 
 

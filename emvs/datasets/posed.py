@@ -123,7 +123,8 @@ class PosedRecording:
         if len(self.sources) != len(self.rig):
             raise InputError(
                 f"{self.path}: {len(self.sources)} event streams for {len(self.rig)} calibrated "
-                "cameras; needs one per camera: choose the calibration's cameras"
+                "cameras; needs one per camera: choose the calibration's cameras, or name a file "
+                "of each as calibration.file = [...]"
             )
 
     def __repr__(self) -> str:
