@@ -278,7 +278,7 @@ def _rig(source: Path) -> tuple[Rig, tuple[str, ...]]:
     """A rig, and what of its file is not in it."""
     from eventsweep.emvs.formats.calibration import left_out, read_rig
 
-    if source.is_dir() or source.suffix in (".toml", ".bag", ".mcap"):
+    if source.is_dir() or source.suffix in (".toml", ".bag", ".mcap", ".db3"):
         return open_recording(source).rig, ()
     rig = read_rig(source)
     note = left_out(source)

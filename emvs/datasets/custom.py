@@ -184,8 +184,10 @@ def _stored_poses(path: Path, table: PosesTable) -> Trajectory:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a ROS1 bag, a lone MCAP file, or the folder of a ROS2 bag."""
-    return path.suffix in (".bag", ".mcap") or (path / "metadata.yaml").exists()
+    """Whether a path is a ROS1 bag, a lone file of a ROS2 bag, or the folder of one."""
+    from eventsweep.emvs.formats.rosbag import bag_at
+
+    return bag_at(path) is not None
 
 
 def read_hand_eye(path: Path, imu_cam: Path | None = None) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from eventsweep.emvs.data.recording import Recording, has_poses
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets import bag_of, open_recording
 from eventsweep.emvs.datasets.ecd import EventCameraDataset
 from eventsweep.emvs.datasets.evimo2 import INFO, TIMES
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
@@ -45,9 +45,10 @@ def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
             "a recording.toml"
         )
     alone = (path / TIMES).exists() and not (path / INFO).exists()
-    is_events = alone or (path / "metadata.yaml").exists()
-    if path.suffix == ".toml" or (path.is_dir() and not is_events):
+    bag = bag_of(path) if path.is_dir() and not alone else None
+    if path.suffix == ".toml" or (path.is_dir() and not alone and bag is None):
         return _recording(path)
+    path = bag or path
     reader, why = open_events(path, columns), f"no {INFO}" if alone else ""
     if reader.format.startswith("rosbag"):
         from eventsweep.emvs.datasets.rosbag import lacks

@@ -14,11 +14,13 @@ from eventsweep.emvs.datasets.posed import PosedRecording, find_optional
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import open_events
 from eventsweep.emvs.formats.base import Sizes
-from eventsweep.emvs.formats.rosbag import RosbagWriter, is_ros2
+from eventsweep.emvs.formats.rosbag import METADATA, SUFFIXES, RosbagWriter, bag_at, is_ros2
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
+
+__all__ = ["METADATA", "SUFFIXES", "RecordingBag", "bag_at", "lacks", "open_bag_recording"]
 
 POSE_TOPIC = "/T_world_cam0"
 _LENS = {"pinhole": "plumb_bob", "radtan": "plumb_bob", "kb4": "equidistant"}
@@ -94,7 +96,7 @@ def lacks(path: Path) -> str:
     `open_bag_recording`.
     """
     if not is_bag(path):
-        return "its name ends in neither .bag nor .mcap"
+        return f"its name ends in none of {', '.join(SUFFIXES)}"
     kinds, streams = topics(path), sorted(open_events(path).streams)
     calibration = find_optional(path.parent, _CALIBRATIONS, "the calibration")
     missing = [name for name in map(info_topic, streams) if name not in kinds]

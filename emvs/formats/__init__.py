@@ -30,7 +30,7 @@ from eventsweep.emvs.utils.files import atomic_path
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAT = b"MATLAB 5.0 MAT-f"
-_MCAP = b"\x89MCAP0\r\n"
+_MCAP, _SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _OLD_AEDAT = b"#!AER-DAT"
 _SPAN_US = 1 << 36
 _PER_MS = "an index entry per millisecond"
@@ -179,14 +179,17 @@ def _plain(path: Path, reader: BlockReader, columns: ColumnMap | None) -> BlockR
 
 
 def _folder(path: Path) -> BlockReader:
-    from eventsweep.emvs.formats.rosbag import RosbagReader
+    from eventsweep.emvs.formats.rosbag import RosbagReader, bag_at
     from eventsweep.emvs.formats.tables.npz import FOLDER_FILES, NpyFolderReader
 
     if (path / FOLDER_FILES["t"]).exists():
         return NpyFolderReader(path)
-    if not (path / "metadata.yaml").exists():
-        raise InputError(f"{path}: a folder without metadata.yaml; needs a file, or a ROS2 bag")
-    return RosbagReader(path)
+    bag = bag_at(path)
+    if bag is None:
+        raise InputError(
+            f"{path}: a folder without the files of a ROS2 bag; needs these, or a file of events"
+        )
+    return RosbagReader(bag)
 
 
 def _file(path: Path, head: bytes, columns: ColumnMap | None) -> BlockReader:
@@ -208,7 +211,7 @@ def _file(path: Path, head: bytes, columns: ColumnMap | None) -> BlockReader:
         from eventsweep.emvs.formats.tables.parquet import ParquetReader
 
         return ParquetReader(path, columns)
-    if head.startswith((b"#ROSBAG V", _MCAP)):
+    if head.startswith((b"#ROSBAG V", _MCAP, _SQLITE)):
         from eventsweep.emvs.formats.rosbag import RosbagReader
 
         return _plain(path, RosbagReader(path), columns)

@@ -131,7 +131,9 @@ def test_files_that_dsec_lacks_are_named(sequence, tmp_path, gone, message):
     folder = rewritten(sequence.path, tmp_path / "d", "dsec")
     (folder / gone).unlink()
     asked = "trajectory" if gone == "poses.txt" else "truth_any_time"
-    refused(message, lambda: (getattr(found := open_recording(folder), asked), found.truth_times_us(0)))
+    refused(
+        message, lambda: (getattr(found := open_recording(folder), asked), found.truth_times_us(0))
+    )
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
