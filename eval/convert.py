@@ -80,6 +80,7 @@ def convert_file(source: Path, out: Path, options: Options, progress: Display) -
     _refuse_unused(options)
     inputs = inputs_of(source, options.inputs)
     check_output(out, force=options.force)
+    _refuse_own(out, inputs)
     if to == WINDOWS:
         return _windows(source, out, options, inputs, progress)
     if to in kinds():
@@ -92,6 +93,14 @@ def convert_file(source: Path, out: Path, options: Options, progress: Display) -
             calibration_writers.WRITERS[to](place, rig)
             return Written(f"calibration as {to}", notes)
         return Written((_cloud if to in CLOUDS else _depth)(source, place, options))
+
+
+def _refuse_own(out: Path, inputs: Sequence[Path]) -> None:
+    """Refuses to put what was made of a source in the place of one of its own files."""
+    place = out.resolve()
+    own = [path for path in inputs if path.resolve() in (place, *place.parents)]
+    if own and out.exists():
+        raise InputError(f"{out}: is part of the input {own[0]}: choose another name")
 
 
 def _refuse_unused(options: Options) -> None:

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationError
 
-from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.datasets.own_truth import TruthTable, open_truth
-from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
+from eventsweep.emvs.datasets.posed import EventSource, PosedRecording, recorded_poses
 from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.formats.calibration import read_imu_cam, read_rig
 from eventsweep.emvs.formats.calibration_values import matrix, parsed, pose_of
@@ -177,7 +176,7 @@ def _poses(folder: Path, table: PosesTable) -> Trajectory:
 
 def _stored_poses(path: Path, table: PosesTable) -> Trajectory:
     if not is_bag(path):
-        return read_poses(path, table.unit, table.time_offset_us)
+        return recorded_poses(path, table.unit, table.time_offset_us)
     from eventsweep.emvs.datasets.bags import read_bag_poses
 
     return read_bag_poses(path, table.topic, table.time_offset_us)

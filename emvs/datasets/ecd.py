@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.recording import no_poses, summary
+from eventsweep.emvs.datasets.posed import recorded_poses
 from eventsweep.emvs.errors import InputError, located, refused
 from eventsweep.emvs.formats.depth import read_grey
 from eventsweep.emvs.formats.prophesee import STREAM
@@ -45,7 +45,7 @@ class EventCameraDataset:
         camera = _read_calibration(self.path / "calib.txt", _sensor_size(self.path))
         self.rig = Rig("DAVIS240C", (camera,), (np.eye(4),))
         poses = self.path / _POSES
-        self._trajectory = read_poses(poses) if poses.exists() else None
+        self._trajectory = recorded_poses(poses) if poses.exists() else None
 
     def __repr__(self) -> str:
         return f"EventCameraDataset({summary(self)})"

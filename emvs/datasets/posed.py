@@ -6,6 +6,7 @@ Every data set is one of these; the modules beside this one only say which file 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events, count_late
+from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.recording import no_poses, summary
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import open_events
@@ -191,6 +193,25 @@ class PosedRecording:
         if not 0 <= camera < len(self.sources):
             raise InputError(f"{self.path}: no camera {camera}, there are {len(self.sources)}")
         return self.sources[camera]
+
+
+def recorded_poses(path: Path, unit: str = "s", shift_us: int = 0) -> Trajectory:
+    """The poses of a recording's file, whose unit only a `recording.toml` can state."""
+    with unit_stated("name it in a recording.toml with poses.unit ="):
+        return read_poses(path, unit, shift_us)
+
+
+@contextmanager
+def unit_stated(how: str) -> Iterator[None]:
+    """Says how a unit of poses can be stated where nothing is called `unit`."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(str(error).replace("set unit to", how)) from error
+
+
+CONVERTED = "run `eventsweep convert FILE OUT --to tum` with unit"
+"""How, where poses are given as a file alone."""
 
 
 def find_one(folder: Path, patterns: Iterable[str], what: str) -> Path:
