@@ -71,7 +71,7 @@ def is_opencv(values: dict[str, Any]) -> bool:
 
 def unused_places(values: dict[str, Any]) -> tuple[str, ...]:
     """What a file of one camera says of another, which is of no use without that one's file."""
-    said = [key for key in ("T_right_left", "T_BS") if key in values]
+    said: list[str] = [key for key in ("T_right_left", "T_BS") if key in values]
     if is_opencv(values) and "projection_matrix" in values and _rectified_m(values):
         said.append(f"the baseline of {abs(_rectified_m(values)):.4g} m in projection_matrix")
     return tuple(said)
