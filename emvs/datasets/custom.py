@@ -132,7 +132,7 @@ def assembled(
     where it names no poses.
     """
     rig = _rig(folder, what) if rig is None else rig
-    poses = lacks or f"no table [poses] in {FILE_NAME}"
+    poses: Trajectory | str = lacks or f"no table [poses] in {FILE_NAME}"
     if what.poses is not None:
         poses = _poses(folder, what.poses)
     sources = tuple(events.source(folder) for events in what.events)
