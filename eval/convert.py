@@ -153,11 +153,12 @@ def _events(
 def _is_whole(recording: Recording, out: Path, options: Options) -> bool:
     """Whether a recording's folder is written, and not a file of its events.
 
-    Without poses a name that ends as the format's files do asks for the events alone.
+    Without poses one camera's events become a file, those of several where `out` is named as one.
     """
-    suffix = FORMATS[options.to].suffix if options.to in FORMATS else ""
-    named = bool(suffix) and out.suffix.lower() == suffix
-    return not options.stream and (has_poses(recording) or not named)
+    if options.stream or has_poses(recording) or options.to not in FORMATS:
+        return not options.stream
+    suffix = FORMATS[options.to].suffix
+    return len(recording.rig) > 1 and not (suffix and out.suffix.lower() == suffix)
 
 
 def _windows(

@@ -120,8 +120,8 @@ def test_info_and_convert_know_a_sequence_of_a_video(tmp_path, folder, capsys):
     assert readable.what == "sequence of eventsweep; no poses"
     assert main(["info", str(tmp_path / "seq"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["streams"][0]["sensor_px"] == [40, 30]
-    assert main(["convert", str(tmp_path / "seq"), str(tmp_path / "c.h5"), "--to", "tumvie"]) == 0
-    assert (tmp_path / "c.h5").is_file()
+    assert main(["convert", str(tmp_path / "seq"), str(tmp_path / "c"), "--to", "tumvie"]) == 0
+    assert (tmp_path / "c").is_file()
     assert main(["convert", str(tmp_path / "seq"), str(tmp_path / "r"), "--to", "rig"]) == 0
     assert main(["convert", str(tmp_path / "seq"), str(tmp_path / "s"), "--to", "sequence"]) == 0
     assert not open_recording(tmp_path / "s").has_poses
