@@ -80,7 +80,8 @@ def convert_file(source: Path, out: Path, options: Options, progress: Display) -
     _refuse_unused(options)
     inputs = inputs_of(source, options.inputs)
     check_output(out, force=options.force)
-    _refuse_own(out, inputs)
+    if source.is_dir() or source.suffix == ".toml":
+        _refuse_own(out, inputs)
     if to == WINDOWS:
         return _windows(source, out, options, inputs, progress)
     if to in kinds():
@@ -96,7 +97,7 @@ def convert_file(source: Path, out: Path, options: Options, progress: Display) -
 
 
 def _refuse_own(out: Path, inputs: Sequence[Path]) -> None:
-    """Refuses to put what was made of a source in the place of one of its own files."""
+    """Refuses to put what was made of a recording in the place of one of its own files."""
     place = out.resolve()
     own = [path for path in inputs if path.resolve() in (place, *place.parents)]
     if own and out.exists():
