@@ -134,6 +134,8 @@ def first_fault(error: ValidationError) -> str:
 
 def _suggestion(model: type[BaseModel], place: tuple[int | str, ...]) -> str:
     known = list(getattr(_annotation(model, place[:-1]), "model_fields", ()))
+    if not known:  # such as an entry of a list: what it may hold is not looked up
+        return ""
     close = difflib.get_close_matches(str(place[-1]), known, n=1)
     return f"; did you mean {close[0]}?" if close else f"; known are {', '.join(sorted(known))}"
 

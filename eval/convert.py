@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from eventsweep.emvs.data.poses import read_poses, write_kitti, write_tum
+from eventsweep.emvs.data.recording import Recording, has_poses
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.export import RecordingExport, kinds, write_recording
 from eventsweep.emvs.datasets.posed import EventSource
@@ -79,6 +80,8 @@ def convert_file(source: Path, out: Path, options: Options, progress: Display) -
     _refuse_unused(options)
     inputs = inputs_of(source, options.inputs)
     check_output(out, force=options.force)
+    if source.is_dir() or source.suffix == ".toml":
+        _refuse_own(out, inputs)
     if to == WINDOWS:
         return _windows(source, out, options, inputs, progress)
     if to in kinds():
@@ -87,9 +90,18 @@ def convert_file(source: Path, out: Path, options: Options, progress: Display) -
         if to in POSES:
             return Written(_poses(source, place, options))
         if to in calibration_writers.WRITERS:
-            calibration_writers.WRITERS[to](place, _rig(source))
-            return Written(f"calibration as {to}")
+            rig, notes = _rig(source)
+            calibration_writers.WRITERS[to](place, rig)
+            return Written(f"calibration as {to}", notes)
         return Written((_cloud if to in CLOUDS else _depth)(source, place, options))
+
+
+def _refuse_own(out: Path, inputs: Sequence[Path]) -> None:
+    """Refuses to put what was made of a recording in the place of one of its own files."""
+    place = out.resolve()
+    own = [path for path in inputs if path.resolve() in (place, *place.parents)]
+    if own and out.exists():
+        raise InputError(f"{out}: is part of the input {own[0]}: choose another name")
 
 
 def _refuse_unused(options: Options) -> None:
@@ -126,7 +138,7 @@ def _events(
             share = sum(source.share for _, source in chosen) / len(chosen)
             update(share, f"{done:,} events")
 
-        if readable.recording is not None and not options.stream:
+        if readable.recording is not None and _is_whole(readable.recording, out, options):
             sources = tuple(source for _, source in chosen)
             job = RecordingExport(readable.recording, sources, shift_us, report_progress)
             write_recording(job, out, options.to, force=options.force, inputs=inputs)
@@ -137,6 +149,17 @@ def _events(
             what = f"{count:,} events as {options.to}"
     moved = f", all times shifted by {shift_us} µs" if shift_us else ", times as they were"
     return Written(what + moved, tuple(_notes(chosen)))
+
+
+def _is_whole(recording: Recording, out: Path, options: Options) -> bool:
+    """Whether a recording's folder is written, and not a file of its events.
+
+    Without poses one camera's events become a file, those of several where `out` is named as one.
+    """
+    if options.stream or has_poses(recording) or options.to not in FORMATS:
+        return not options.stream
+    suffix = FORMATS[options.to].suffix
+    return len(recording.rig) > 1 and not (suffix and out.suffix.lower() == suffix)
 
 
 def _windows(
@@ -194,33 +217,47 @@ def _event_file(
     shift_us: int,
     report_progress: Callable[[int], None],
 ) -> int:
-    if options.to == "sequence" or not FORMATS[options.to].writes:
-        raise InputError(
-            f"{readable.path}: has events but no poses; cannot be converted to {options.to}"
-        )
+    if options.to not in FORMATS:
+        why = "has events but no calibration" if readable.recording is None else "is one stream"
+        raise InputError(f"{readable.path}: {why}; --to {options.to} needs a whole recording")
     if len(chosen) > 1 and FORMATS[options.to].limits.streams == 1:
         raise InputError(
             f"{readable.path}: {len(chosen)} streams ({', '.join(dict(chosen))}) into "
             f"{options.to}, which holds one: choose with --stream"
         )
-    sizes = zip(readable.streams, readable.sizes_px, strict=True)
-    own = [size for (name, _), size in sizes if name == options.stream]
-    known = next((size for size in (*own, *readable.sizes_px) if size), (None, None))
-    width, height = options.width_px or known[0], options.height_px or known[1]
-    if width is None or height is None:
-        raise InputError(
-            f"{readable.path}: does not say the sensor's size; add --width-px and --height-px"
-        )
+    sizes_px = _sizes_px(readable, [name for name, _ in chosen], options)
+    width, height = next(iter(sizes_px.values()))
     streams = {
         name: (events.shifted(shift_us) for events in source.chunks()) for name, source in chosen
     }
-    return write_events(out, options.to, width, height, streams, report_progress)
+    return write_events(out, options.to, width, height, streams, report_progress, sizes_px)
+
+
+def _sizes_px(
+    readable: Readable, names: Sequence[str], options: Options
+) -> dict[str, tuple[int, int]]:
+    """Width and height of each stream's sensor: as asked, as the input says, or as a neighbour's.
+
+    A file often says a size once for all streams.
+    """
+    own = dict(zip(dict(readable.streams), readable.sizes_px, strict=True))
+    any_px = next((size_px for size_px in readable.sizes_px if size_px), (None, None))
+    sizes_px = {}
+    for name in names:
+        known = own[name] or any_px
+        width, height = options.width_px or known[0], options.height_px or known[1]
+        if width is None or height is None:
+            raise InputError(
+                f"{readable.path}: does not say the sensor's size; add --width-px and --height-px"
+            )
+        sizes_px[name] = width, height
+    return sizes_px
 
 
 def _start_us(readable: Readable) -> int:
     """The earliest event or pose."""
     first = [source.span_us()[0] for _, source in readable.streams]
-    if readable.recording is not None:
+    if readable.recording is not None and has_poses(readable.recording):
         first.append(readable.recording.trajectory.span_us[0])
     return min(first)
 
@@ -248,12 +285,15 @@ def _trajectory(source: Path, unit: str) -> Trajectory:
     return read_poses(source, unit)
 
 
-def _rig(source: Path) -> Rig:
-    from eventsweep.emvs.formats.calibration import read_rig
+def _rig(source: Path) -> tuple[Rig, tuple[str, ...]]:
+    """A rig, and what of its file is not in it."""
+    from eventsweep.emvs.formats.calibration import left_out, read_rig
 
-    if source.is_dir() or source.suffix in (".toml", ".bag", ".mcap"):
-        return open_recording(source).rig
-    return read_rig(source)
+    if source.is_dir() or source.suffix in (".toml", ".bag", ".mcap", ".db3"):
+        return open_recording(source).rig, ()
+    rig = read_rig(source)
+    note = left_out(source)
+    return rig, (f"{source.name}: {note}",) if note else ()
 
 
 def _depth(source: Path, out: Path, options: Options) -> str:

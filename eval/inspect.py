@@ -10,9 +10,10 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.recording import Recording, has_poses
 from eventsweep.emvs.datasets.raw_streams import Readable, open_readable
 from eventsweep.emvs.formats.tables.columns import ColumnMap
+from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.eval.event_statistics import StreamCount
 from eventsweep.eval.progress import Display
 
@@ -90,9 +91,6 @@ def stream_facts(count: StreamCount) -> dict[str, Any]:
 
 def recording_facts(recording: Recording, counts: Sequence[StreamCount]) -> dict[str, Any]:
     """Cameras, poses and truth."""
-    first, last = recording.trajectory.span_us
-    steps_us = np.diff(recording.trajectory.t_us)
-    typical_us = float(np.median(steps_us)) if len(steps_us) else 0.0
     return {
         "name": recording.name,
         "cameras": [
@@ -100,7 +98,19 @@ def recording_facts(recording: Recording, counts: Sequence[StreamCount]) -> dict
             for name, camera in zip(recording.rig.camera_names, recording.rig.cameras, strict=True)
         ],
         "baseline_m": recording.rig.baseline_m() if len(recording.rig) > 1 else None,
-        "poses": len(recording.trajectory),
+        **(_pose_facts(recording.trajectory, counts) if has_poses(recording) else {"poses": 0}),
+        "truth_times": len(getattr(recording, "truth_times_us", lambda _: ())(0)),
+        "renderer": getattr(getattr(recording, "manifest", None), "renderer", None),
+    }
+
+
+def _pose_facts(poses: Trajectory, counts: Sequence[StreamCount]) -> dict[str, Any]:
+    """How many, how often, and how much of the events they cover."""
+    first, last = poses.span_us
+    steps_us = np.diff(poses.t_us)
+    typical_us = float(np.median(steps_us)) if len(steps_us) else 0.0
+    return {
+        "poses": len(poses),
         "poses_us": [first, last],
         "pose_rate_hz": 1e6 / typical_us if typical_us else None,
         "pose_gaps": int(np.count_nonzero(steps_us > _POSE_GAP_FACTOR * typical_us)),
@@ -109,8 +119,6 @@ def recording_facts(recording: Recording, counts: Sequence[StreamCount]) -> dict
             for c in counts
         ),
         "poses_share_of_events_span": [_covered(c, first, last) for c in counts],
-        "truth_times": len(getattr(recording, "truth_times_us", lambda _: ())(0)),
-        "renderer": getattr(getattr(recording, "manifest", None), "renderer", None),
     }
 
 
@@ -140,6 +148,8 @@ def warnings(description: dict[str, Any]) -> list[str]:
                 "size"
             )
     recording = description["recording"]
+    if recording and not recording["poses"]:
+        return notes
     if recording and not recording["poses_cover_events"]:
         least = min(recording["poses_share_of_events_span"])
         notes.append(f"poses cover {least:.1%} of the events' time; the rest cannot be mapped")
@@ -187,11 +197,19 @@ def _recording(facts: dict[str, Any]) -> Table:
         table.add_row(camera["name"], f"{size}, f {camera['fx_px']:.1f} px")
     if facts["baseline_m"] is not None:
         table.add_row("baseline", f"{facts['baseline_m'] * 100:.2f} cm")
-    first, last = (t * 1e-6 for t in facts["poses_us"])
-    rate = "" if facts["pose_rate_hz"] is None else f", {facts['pose_rate_hz']:.1f} Hz"
-    table.add_row("poses", f"{facts['poses']:,} from {first:.6f} to {last:.6f} s{rate}")
-    table.add_row("poses cover events", "yes" if facts["poses_cover_events"] else "no")
+    for title, value in _pose_rows(facts):
+        table.add_row(title, value)
     table.add_row("ground truth", f"at {facts['truth_times']:,} times")
     if facts["renderer"] is not None:
         table.add_row("drawn by", facts["renderer"])
     return table
+
+
+def _pose_rows(facts: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    if not facts["poses"]:
+        yield "poses", "none"
+        return
+    first, last = (t * 1e-6 for t in facts["poses_us"])
+    rate = "" if facts["pose_rate_hz"] is None else f", {facts['pose_rate_hz']:.1f} Hz"
+    yield "poses", f"{facts['poses']:,} from {first:.6f} to {last:.6f} s{rate}"
+    yield "poses cover events", "yes" if facts["poses_cover_events"] else "no"

@@ -307,9 +307,10 @@ def _camera_name(model: Any, mount: str) -> str:
 
 
 def _pose(T: Pose | None) -> Pose:
-    if T is not None and not se3.is_rigid(np.asarray(T)):
+    if T is not None and (fault := se3.fault(np.asarray(T))):
         raise InputError(
-            "T_mount_body is not a rigid (4, 4) transform: give a rotation and a translation"
+            f"T_mount_body is not a rigid (4, 4) transform ({fault}): give a rotation and a "
+            "translation"
         )
     return np.eye(4) if T is None else np.asarray(T, np.float64)
 

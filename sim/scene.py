@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.poses import read_poses
+from eventsweep.emvs.datasets.posed import CONVERTED, unit_stated
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -159,7 +160,8 @@ def replayed(scene: Scene, config: SimConfig) -> tuple[Scene, SimConfig]:
     path = config.replay.trajectory
     if path is None:
         return scene, config
-    recorded, digest = read_poses(path), hashlib.sha256(path.read_bytes()).hexdigest()
+    with unit_stated(CONVERTED):
+        recorded, digest = read_poses(path), hashlib.sha256(path.read_bytes()).hexdigest()
     if config.replay.sha256 not in ("", digest):
         raise InputError(f"{path}: its SHA-256 is not {config.replay.sha256}: restore that file")
     noted = config.replay.model_copy(update={"sha256": digest})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from os.path import realpath
+from os.path import lexists, realpath
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -15,6 +15,7 @@ from eventsweep.emvs.utils.output_manifest import digest_of, files_below, hashed
 
 SCHEMA_VERSION = 1
 FILE_NAME = "manifest.json"
+_MAY_LACK = "poses.txt"  # whoever shares a sequence for tracking takes its poses away
 
 
 class FileEntry(FrozenModel):
@@ -82,17 +83,22 @@ def read(folder: Path) -> Manifest:
         )
     for name, entry in manifest.files.items():
         _check_inside(folder, name)
-        _check_size(folder / name, entry)
+        if not _is_left_out(folder, name):
+            _check_size(folder / name, entry)
     return manifest
 
 
 def check_hashes(folder: Path, manifest: Manifest) -> None:
     """Reads every file and compares its hash."""
     for name, entry in manifest.files.items():
-        if hashed(folder / name).sha256 != entry.sha256:
+        if not _is_left_out(folder, name) and hashed(folder / name).sha256 != entry.sha256:
             raise InputError(
                 f"{folder / name}: content changed since it was made; create the sequence again"
             )
+
+
+def _is_left_out(folder: Path, name: str) -> bool:
+    return name == _MAY_LACK and not lexists(folder / name)
 
 
 def _check_inside(folder: Path, name: str) -> None:

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.plugins import TRACKERS, points
 
 
 class Recording(Protocol):
-    """Calibrated, posed event streams that are read lazily, by time slice."""
+    """Calibrated event streams, posed or not, that are read lazily, by time slice."""
 
     @property
     def name(self) -> str:
@@ -25,7 +27,11 @@ class Recording(Protocol):
 
     @property
     def trajectory(self) -> Trajectory:
-        """`T_world_body` over time."""
+        """`T_world_body` over time.
+
+        Raises:
+            InputError: nobody knows it; only what needs poses asks for it.
+        """
 
     @property
     def depth_range_m(self) -> tuple[float, float] | None:
@@ -43,10 +49,39 @@ class Recording(Protocol):
 
 def summary(recording: Recording) -> str:
     """A recording's name, cameras and poses in one line, without reading its events."""
+    if not has_poses(recording):
+        return f"{recording.name!r}, {recording.rig.sizes()}, no poses"
     first_us, last_us = recording.trajectory.span_us
     return (
         f"{recording.name!r}, {recording.rig.sizes()}, {len(recording.trajectory)} poses from "
         f"{first_us} to {last_us} µs"
+    )
+
+
+def has_poses(recording: Recording) -> bool:
+    """Whether anybody knows where the recording's cameras were."""
+    try:
+        return len(recording.trajectory) > 0
+    except InputError:
+        return False
+
+
+def no_poses(where: object, lacks: str, rig: Rig) -> InputError:
+    """What a recording without poses says to whom asks for them.
+
+    Args:
+        where: file or folder.
+        lacks: what is not there.
+        rig: events alone give the poses of two cameras, but not those of one.
+    """
+    found = (
+        "the trajectory.txt that `eventsweep track` writes"
+        if len(rig) > 1 and points(TRACKERS)
+        else ""
+    )
+    return InputError(
+        f"{where}: has no poses ({lacks}): name {found or 'a file of them'} as poses.file in a "
+        "recording.toml"
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from os.path import lexists
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,7 +15,7 @@ from eventsweep.emvs.data.event_store import EventStoreReader
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.image_stores import FRAMES_FILE, FrameReader, Photo, TruthReader
 from eventsweep.emvs.data.poses import POSES_FILE, read_poses
-from eventsweep.emvs.data.recording import summary
+from eventsweep.emvs.data.recording import no_poses, summary
 from eventsweep.emvs.data.tables import IMU_FILE, Geom, ImuSamples, read_geoms, read_imu
 from eventsweep.emvs.errors import InputError, check_path, located, refused
 from eventsweep.emvs.geometry import se3
@@ -52,8 +53,7 @@ class Sequence:
 
     def __repr__(self) -> str:
         events = " + ".join(map(str, self.manifest.event_counts))
-        what = summary(self) if self.has_poses else f"{self.name!r}, {self.rig.sizes()}, no poses"
-        return f"Sequence({what}, {events} events)"
+        return f"Sequence({summary(self)}, {events} events)"
 
     @property
     def name(self) -> str:
@@ -62,8 +62,8 @@ class Sequence:
 
     @property
     def has_poses(self) -> bool:
-        """Whether poses are stored; a video may have none."""
-        return POSES_FILE in self.manifest.files
+        """Whether poses are stored: a video may have none, and they may be taken away or added."""
+        return lexists(self.path / POSES_FILE)
 
     @property
     def trajectory(self) -> Trajectory:
@@ -73,9 +73,7 @@ class Sequence:
             InputError: no poses are stored.
         """
         if self._trajectory is None:
-            raise InputError(
-                f"{self.path}: has no poses: convert the video again with calibration and poses"
-            )
+            raise no_poses(self.path, f"no {POSES_FILE}", self.rig)
         return self._trajectory
 
     @property

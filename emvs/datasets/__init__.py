@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -39,13 +40,16 @@ def open_recording(path: str | Path) -> Recording:
         return Sequence.open(path)
     if (path / DESCRIPTOR).exists():
         return _file(path / DESCRIPTOR)
-    recording = _data_set(path)
-    if recording is not None:
-        return recording
+    layout = _layout(path)
+    if layout is not None:
+        return layout(path)
+    bag = _bag_in(path)
+    if bag is not None:
+        return _file(bag)
     missing = [name for name in FILES if not (path / name).exists()]
     if not missing:
         return EventCameraDataset(path)
-    if len(missing) < len(FILES):
+    if missing != list(FILES):
         raise InputError(
             f"{path}: looks like the Event Camera Dataset, but lacks {', '.join(missing)}"
         )
@@ -82,21 +86,35 @@ def _file(path: Path) -> Recording:
 
     if path.suffix == ".toml":
         return assembled(path.parent, read_descriptor(path), DESCRIPTOR)
-    if path.suffix in (".bag", ".mcap"):
-        from eventsweep.emvs.datasets.rosbag import open_bag_recording
+    from eventsweep.emvs.datasets.rosbag import SUFFIXES, open_bag_recording
 
+    if path.is_dir() or path.suffix in SUFFIXES:
         return open_bag_recording(path)
     raise NoRecordingError(
         f"{path}: is a file; needs the folder of a recording, a ROS bag or a {DESCRIPTOR}"
     )
 
 
-def _data_set(path: Path) -> Recording | None:
-    """A data set with a module of its own, if the folder looks like one."""
-    from eventsweep.emvs.datasets import described, dsec, evimo2, mvsec_m3ed, rosbag
-    from eventsweep.emvs.datasets.posed import find_optional
+def bag_of(path: Path) -> Path | None:
+    """The ROS bag that `open_recording` opens at a folder; None where it is something else."""
+    ours = (path / FILE_NAME).exists() or (path / DESCRIPTOR).exists()
+    return None if ours or _layout(path) is not None else _bag_in(path)
 
-    layouts = {
+
+def _bag_in(path: Path) -> Path | None:
+    from eventsweep.emvs.datasets.posed import find_optional
+    from eventsweep.emvs.datasets.rosbag import METADATA, bag_at
+
+    if (path / METADATA).exists():
+        return bag_at(path) or path
+    return find_optional(path, ["*.bag"], "the bag") or bag_at(path)
+
+
+def _layout(path: Path) -> Callable[[Path], Recording] | None:
+    """What opens a data set with a module of its own, if the folder looks like one."""
+    from eventsweep.emvs.datasets import described, dsec, evimo2, mvsec_m3ed
+
+    layouts: dict[str, Callable[[Path], Recording]] = {
         dsec.LEFT: dsec.open_dsec,
         described.TUMVIE_LEFT: described.open_tumvie,
         described.VECTOR_LEFT: described.open_vector,
@@ -104,10 +122,5 @@ def _data_set(path: Path) -> Recording | None:
         mvsec_m3ed.MVSEC_DATA: mvsec_m3ed.open_mvsec,
         mvsec_m3ed.M3ED_DATA: mvsec_m3ed.open_m3ed,
         evimo2.TIMES: evimo2.open_evimo2,
-        "metadata.yaml": rosbag.open_bag_recording,
     }
-    for pattern, opened in layouts.items():
-        if any(path.glob(pattern)):
-            return opened(path)
-    bag = find_optional(path, ["*.bag", "*.mcap"], "the bag")
-    return None if bag is None else rosbag.open_bag_recording(bag)
+    return next((opens for pattern, opens in layouts.items() if any(path.glob(pattern))), None)

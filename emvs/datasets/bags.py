@@ -160,7 +160,7 @@ def pose_topic(kinds: Mapping[str, str], streams: Sequence[str]) -> tuple[str, s
     if own in names or len(names) == 1:
         return own if own in names else names[0], ""
     if not names:
-        return "", "no poses: no pose topic in it, no poses.txt beside it"
+        return "", "no pose topic in it, no poses.txt beside it"
     return "", f"poses in {quoted(*names)}: choose one with poses.topic in a recording.toml"
 
 

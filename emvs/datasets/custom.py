@@ -7,11 +7,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 
-from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.datasets.own_truth import TruthTable, open_truth
-from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
+from eventsweep.emvs.datasets.posed import EventSource, PosedRecording, recorded_poses
 from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.formats.calibration import read_imu_cam, read_rig
 from eventsweep.emvs.formats.calibration_values import matrix, parsed, pose_of
@@ -62,15 +61,22 @@ class EventsTable(FrozenModel):
         return EventSource(folder / self.file, self.stream, self.time_offset_us, columns)
 
 
+def _as_list(value: object) -> object:
+    return [value] if isinstance(value, str) else value
+
+
 class CalibrationTable(FrozenModel):
     """The rig.
 
     Attributes:
-        file: whatever `emvs.formats.calibration.read_rig` reads, or a ROS bag with `camera_info`.
+        file: whatever `emvs.formats.calibration.read_rig` reads, or a ROS bag with `camera_info`;
+            or a list of files of one camera each, in the order of the events.
         cameras: which of its cameras, in the order of the events; by default its event cameras.
     """
 
-    file: FileName
+    file: Annotated[
+        tuple[FileName, ...], Field(min_length=1, max_length=64), BeforeValidator(_as_list)
+    ]
     cameras: tuple[int | str, ...] = ()
 
 
@@ -101,7 +107,7 @@ class Descriptor(FrozenModel):
     name: str | None = None
     depth_range_m: tuple[float, float] | None = None
     calibration: CalibrationTable
-    poses: PosesTable
+    poses: PosesTable | None = None
     events: tuple[EventsTable, ...] = Field(min_length=1, max_length=64)
     truth: TruthTable | None = None
 
@@ -118,17 +124,17 @@ def read_descriptor(path: Path) -> Descriptor:
 
 
 def assembled(
-    folder: Path, what: Descriptor, layout: str, rig: Rig | None = None
+    folder: Path, what: Descriptor, layout: str, rig: Rig | None = None, lacks: str = ""
 ) -> PosedRecording:
     """Opens the recording that a descriptor describes, relative to a folder.
 
-    Without a rig it reads the calibration that the descriptor names.
+    Without a rig it reads the calibration that the descriptor names. `lacks` says what is missing
+    where it names no poses.
     """
-    rig = _rig(folder / what.calibration.file, what) if rig is None else rig
-    poses = _poses(folder / what.poses.file, what.poses)
-    if what.poses.hand_eye is not None:
-        imu_cam = None if what.poses.imu_cam is None else folder / what.poses.imu_cam
-        poses = poses.times(read_hand_eye(folder / what.poses.hand_eye, imu_cam))
+    rig = _rig(folder, what) if rig is None else rig
+    poses: Trajectory | str = lacks or f"no table [poses] in {FILE_NAME}"
+    if what.poses is not None:
+        poses = _poses(folder, what.poses)
     sources = tuple(events.source(folder) for events in what.events)
     truth = None if what.truth is None else open_truth(folder, what.truth, rig, poses)
     return PosedRecording(
@@ -136,37 +142,51 @@ def assembled(
         layout=layout,
         name=what.name or folder.resolve().name,
         rig=rig,
-        trajectory=poses,
+        poses=poses,
         sources=sources,
         truth=truth,
         depth_range_m=what.depth_range_m,
     )
 
 
-def described(folder: Path, layout: str, rig: Rig | None = None, **tables: Any) -> PosedRecording:
+def described(
+    folder: Path, layout: str, rig: Rig | None = None, lacks: str = "", **tables: Any
+) -> PosedRecording:
     """Opens the recording that the tables of a descriptor describe, as plain values."""
-    return assembled(folder, Descriptor(**tables), layout, rig)
+    return assembled(folder, Descriptor(**tables), layout, rig, lacks)
 
 
-def _rig(path: Path, what: Descriptor) -> Rig:
-    if not is_bag(path):
-        return read_rig(path, what.calibration.cameras)
+def _rig(folder: Path, what: Descriptor) -> Rig:
+    paths = [folder / name for name in what.calibration.file]
+    if len(paths) > 1 or not is_bag(paths[0]):
+        return read_rig(paths, what.calibration.cameras)
     from eventsweep.emvs.datasets.bags import read_bag_rig
 
-    return read_bag_rig(path, [events.stream for events in what.events])
+    return read_bag_rig(paths[0], [events.stream for events in what.events])
 
 
-def _poses(path: Path, table: PosesTable) -> Trajectory:
+def _poses(folder: Path, table: PosesTable) -> Trajectory:
+    """The first camera's poses."""
+    poses = _stored_poses(folder / table.file, table)
+    if table.hand_eye is None:
+        return poses
+    imu_cam = None if table.imu_cam is None else folder / table.imu_cam
+    return poses.times(read_hand_eye(folder / table.hand_eye, imu_cam))
+
+
+def _stored_poses(path: Path, table: PosesTable) -> Trajectory:
     if not is_bag(path):
-        return read_poses(path, table.unit, table.time_offset_us)
+        return recorded_poses(path, table.unit, table.time_offset_us)
     from eventsweep.emvs.datasets.bags import read_bag_poses
 
     return read_bag_poses(path, table.topic, table.time_offset_us)
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a ROS1 bag, a lone MCAP file, or the folder of a ROS2 bag."""
-    return path.suffix in (".bag", ".mcap") or (path / "metadata.yaml").exists()
+    """Whether a path is a ROS1 bag, a lone file of a ROS2 bag, or the folder of one."""
+    from eventsweep.emvs.formats.rosbag import bag_at
+
+    return bag_at(path) is not None
 
 
 def read_hand_eye(path: Path, imu_cam: Path | None = None) -> NDArray[np.float64]:

@@ -7,7 +7,6 @@ et al., CVPR 2022): one event camera, Kalibr's chain, its poses.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -51,16 +50,15 @@ def open_tumvie(folder: Path) -> PosedRecording:
     calibration = _relative(folder, find_one(folder, _CAMERAS, "the camera calibration"))
     mocap = find_optional(folder, _MOCAP, "the mocap poses")
     file = mocap or find_optional(folder, _VIO, "the VIO poses")
-    if file is None:
-        raise InputError(f"{folder}: no poses; needs {_MOCAP[0]} or {_VIO[0]}")
-    poses = {"file": _relative(folder, file), "unit": "us"}
-    if mocap is not None:
+    poses = None if file is None else {"file": _relative(folder, file), "unit": "us"}
+    if poses and mocap is not None:
         marker = find_one(folder, _MARKER, "the marker calibration")
         poses |= {"hand_eye": _relative(folder, marker), "imu_cam": calibration}
     right = find_one(folder, [_TUMVIE_RIGHT], "the right events")
     recording = described(
         folder,
         "TUM-VIE",
+        lacks=f"neither {_MOCAP[0]} nor {_VIO[0]}",
         name=left.name.removesuffix("events_left.h5").rstrip("-_") or folder.resolve().name,
         calibration={"file": calibration},
         poses=poses,
@@ -69,7 +67,7 @@ def open_tumvie(folder: Path) -> PosedRecording:
     if mocap is not None:
         return recording
     T_imu_cam = read_imu_cam(folder / calibration)  # VIO poses are the IMU's
-    return replace(recording, trajectory=recording.trajectory.times(T_imu_cam))
+    return recording.tracked_at(T_imu_cam)
 
 
 def open_vector(folder: Path) -> PosedRecording:
@@ -87,7 +85,7 @@ def open_vector(folder: Path) -> PosedRecording:
     T_cam0_event = [_motion(joint, f"cam{k}", f"T_cam0_cam{k}") for k in (2, 3)]
     cameras = [read_rig(find_one(lenses, [name], "a lens")).cameras[0] for name in _VECTOR_LENSES]
     T_first = se3.inverse(T_cam0_event[0])
-    poses = find_one(folder, [_VECTOR_TRUTH], "the poses")
+    poses = find_optional(folder, [_VECTOR_TRUTH], "the poses")
     right = find_one(folder, [_VECTOR_RIGHT], "the right events")
     recording = described(
         folder,
@@ -95,23 +93,24 @@ def open_vector(folder: Path) -> PosedRecording:
         Rig("VECtor", tuple(cameras), tuple(T_first @ T for T in T_cam0_event)),
         name=left.name.partition(".")[0],
         calibration={"file": _VECTOR_LENSES[0]},
-        poses={"file": poses.name},
+        lacks=f"no {_VECTOR_TRUTH}",
+        poses=None if poses is None else {"file": poses.name},
         events=[{"file": left.name}, {"file": right.name}],
     )
-    T_tracked_event = se3.inverse(T_cam0_tracked) @ T_cam0_event[0]
-    return replace(recording, trajectory=recording.trajectory.times(T_tracked_event))
+    return recording.tracked_at(se3.inverse(T_cam0_tracked) @ T_cam0_event[0])
 
 
 def open_eds(folder: Path) -> PosedRecording:
     """Opens a sequence: `events.h5`, poses of the event camera, and a chain of Kalibr's."""
-    poses = find_one(folder, [_EDS_POSES], "the poses")
+    poses = find_optional(folder, [_EDS_POSES], "the poses")
     chain = find_one(calibration_folder(folder, _EDS_CHAIN), [_EDS_CHAIN], "the calibration")
     return described(
         folder,
         "EDS",
         read_rig(chain, (_EDS_CAMERA,)),
         calibration={"file": chain.name, "cameras": (_EDS_CAMERA,)},
-        poses={"file": poses.name},
+        lacks=f"no {_EDS_POSES}",
+        poses=None if poses is None else {"file": poses.name},
         events=[{"file": EDS_EVENTS}],
     )
 

@@ -45,17 +45,18 @@ Array = NDArray[np.float64]
 
 
 def open_dsec(folder: Path) -> PosedRecording:
-    """Opens a sequence; the set has no poses, so a file of `T_world_cam0` must be beside it."""
+    """Opens a sequence; the set has no poses, but a file of `T_world_cam0` may be beside it."""
     calibration = find_one(folder, _CAMERAS, "the calibration")
-    poses = find_one(folder, _POSES, "poses (T_world_cam of the left event camera, TUM format)")
+    poses = find_optional(folder, _POSES, "the poses")
     right = find_one(folder, ["events/right/events.h5"], "the right events")
-    names = [path.relative_to(folder).as_posix() for path in (calibration, poses, right)]
+    names = [path.relative_to(folder).as_posix() for path in (calibration, right)]
     recording = described(
         folder,
         "DSEC",
         calibration={"file": names[0]},
-        poses={"file": names[1]},
-        events=[{"file": LEFT}, {"file": names[2]}],
+        lacks=f"no {_POSES[1]} with T_world_cam of the left event camera",
+        poses=None if poses is None else {"file": poses.relative_to(folder).as_posix()},
+        events=[{"file": LEFT}, {"file": names[1]}],
     )
     camera = recording.rig.cameras[0]
     if (folder / _RECTIFY).exists():

@@ -1,7 +1,8 @@
 """Reads the Event Camera Dataset (Mueggler et al., IJRR 2017) as its publisher lays it out.
 
 A folder with `events.txt` (t_s x y p), `calib.txt` (fx fy cx cy k1 k2 p1 p2 k3) and
-`groundtruth.txt` (t_s x y z qx qy qz qw of T_world_cam); optionally frames, listed in `images.txt`.
+`groundtruth.txt` (t_s x y z qx qy qz qw of T_world_cam), which may be missing; optionally frames,
+listed in `images.txt`.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.data.poses import read_poses
-from eventsweep.emvs.data.recording import summary
+from eventsweep.emvs.data.recording import no_poses, summary
+from eventsweep.emvs.datasets.posed import recorded_poses
 from eventsweep.emvs.errors import InputError, located, refused
 from eventsweep.emvs.formats.depth import read_grey
 from eventsweep.emvs.formats.prophesee import STREAM
@@ -26,7 +27,8 @@ from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, read_text
 
-FILES = ("events.txt", "calib.txt", "groundtruth.txt")
+FILES = ("events.txt", "calib.txt")
+_POSES = "groundtruth.txt"
 # Every sequence of the data set comes from a DAVIS240C; frames, where there are any, say it again.
 _SENSOR_PX = (240, 180)
 _LINES = TextLayout("text", 0, (0, 1, 2, 3), power=6, whole_times=False)
@@ -42,10 +44,22 @@ class EventCameraDataset:
         self.name = self.path.resolve().name
         camera = _read_calibration(self.path / "calib.txt", _sensor_size(self.path))
         self.rig = Rig("DAVIS240C", (camera,), (np.eye(4),))
-        self.trajectory: Trajectory = read_poses(self.path / "groundtruth.txt")
+        poses = self.path / _POSES
+        self._trajectory = recorded_poses(poses) if poses.exists() else None
 
     def __repr__(self) -> str:
         return f"EventCameraDataset({summary(self)})"
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """`T_world_cam` over time.
+
+        Raises:
+            InputError: nobody knows it.
+        """
+        if self._trajectory is None:
+            raise no_poses(self.path, f"no {_POSES}", self.rig)
+        return self._trajectory
 
     def event_span_us(self, camera: int) -> tuple[int, int]:
         """Times of the first and the last event, µs."""

@@ -51,6 +51,7 @@ _OPCODES = b"".join([
     pickle.APPENDS, pickle.EMPTY_DICT, pickle.SETITEM, pickle.SETITEMS, pickle.BINPUT,
     pickle.LONG_BINPUT, pickle.MEMOIZE, pickle.BINGET, pickle.LONG_BINGET,
 ])  # fmt: skip
+_POSES = "full_trajectory"
 _FAULTS = (
     pickle.UnpicklingError, EOFError, ValueError, LookupError, TypeError, AttributeError,
     struct.error, MemoryError,
@@ -76,7 +77,7 @@ def open_evimo2(folder: Path) -> PosedRecording:
         layout="EVIMO2",
         name=folder.resolve().name,
         rig=Rig("EVIMO2", tuple(cameras), tuple(T_first @ place for place in places)),
-        trajectory=_trajectory(folder / INFO, metas[0]),
+        poses=_trajectory(folder / INFO, metas[0]),
         sources=tuple(sources),
         truth=truth if (folder / _DEPTH).exists() else None,
     )
@@ -132,12 +133,13 @@ def _offset_us(path: Path, meta: dict[str, Any]) -> int:
         return _time_us(entry_of(meta, "meta", "meta", dict), "ros_time_offset", "meta")
 
 
-def _trajectory(path: Path, meta: dict[str, Any]) -> Trajectory:
+def _trajectory(path: Path, meta: dict[str, Any]) -> Trajectory | str:
     """`T_world_cam` at 200 Hz, but where the motion capture lost the camera."""
     with located(f"{path}, meta"):
-        poses = list(_poses(entry_of(meta, "full_trajectory", "meta", list)))
+        entries = entry_of(meta, _POSES, "meta", list) if _POSES in meta else []
+        poses = list(_poses(entries))
         if not poses:
-            raise InputError("full_trajectory has no camera pose; download it again")
+            return f"no camera in {_POSES} of {INFO}"
         t_us, positions_m, quats_xyzw = (np.array(column) for column in zip(*poses, strict=True))
         return Trajectory(t_us.astype(np.int64), positions_m, quats_xyzw)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ import tomli_w
 import yaml
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.data.poses import write_tum
-from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.poses import POSES_FILE, write_tum
+from eventsweep.emvs.data.recording import Recording, events_span_us, has_poses
 from eventsweep.emvs.datasets import dsec, radiance
 from eventsweep.emvs.datasets.posed import EventSource
 from eventsweep.emvs.errors import InputError
@@ -46,8 +46,22 @@ class RecordingExport:
         """The cameras."""
         return self.recording.rig
 
+    @property
+    def has_poses(self) -> bool:
+        """Whether there are poses to write."""
+        return has_poses(self.recording)
+
+    def span_us(self) -> tuple[int, int]:
+        """First and last instant of the events, on the shifted clock."""
+        first_us, last_us = events_span_us(self.recording)
+        return first_us + self.shift_us, last_us + self.shift_us
+
     def poses(self) -> Trajectory:
-        """`T_world_cam0`, on the shifted clock."""
+        """`T_world_cam0`, on the shifted clock.
+
+        Raises:
+            InputError: the recording has no poses.
+        """
         moved = self.recording.trajectory.times(self.rig.T_body_cam[0])
         return Trajectory(moved.t_us + self.shift_us, moved.positions_m, moved.quats_xyzw)
 
@@ -63,6 +77,10 @@ class RecordingExport:
     def size_px(self, camera: int) -> tuple[int, int]:
         """Width and height of a sensor."""
         return self.rig.cameras[camera].width_px, self.rig.cameras[camera].height_px
+
+    def sizes_px(self, names: Iterable[str]) -> dict[str, tuple[int, int]]:
+        """Width and height of each camera's sensor, by the name of its stream."""
+        return {name: self.size_px(k) for k, name in enumerate(names)}
 
     def packets(self, camera: int) -> Iterator[Events]:
         """A camera's events on the shifted clock."""
@@ -128,13 +146,10 @@ def _described(job: RecordingExport, folder: Path, kind: str) -> None:
 def _describe(job: RecordingExport, folder: Path, rig: Rig, **more: Any) -> None:
     """Calibration, poses, and a descriptor of them and of the events."""
     write_rig_json(folder / "rig.json", rig)
-    write_tum(folder / "poses.txt", job.poses())
-    what = {
-        "name": job.recording.name,
-        "calibration": {"file": "rig.json"},
-        "poses": {"file": "poses.txt"},
-        **more,
-    }
+    if job.has_poses:
+        write_tum(folder / POSES_FILE, job.poses())
+        more["poses"] = {"file": POSES_FILE}
+    what = {"name": job.recording.name, "calibration": {"file": "rig.json"}, **more}
     (folder / "recording.toml").write_text(tomli_w.dumps(what), encoding="utf-8")
 
 
@@ -148,7 +163,11 @@ def _tumvie(job: RecordingExport, folder: Path) -> None:
     (folder / "mocap-imu-calibrationA.json").write_text(json.dumps(marker, indent=4))
     for k, side in enumerate(("left", "right")):
         job.write_camera(folder / f"{name}-events_{side}.h5", "tumvie", k)
-    poses = job.poses()
+    if job.has_poses:
+        _write_mocap(folder, name, job.poses())
+
+
+def _write_mocap(folder: Path, name: str, poses: Trajectory) -> None:
     data = folder / f"{name}-vi_gt_data" / "mocap_data.txt"
     data.parent.mkdir()
     with data.open("w", encoding="ascii") as file:
@@ -163,10 +182,13 @@ def _mvsec(job: RecordingExport, folder: Path) -> None:
     name = job.recording.name
     streams = {"davis/left": job.packets(0), "davis/right": job.packets(1)}
     data = folder / f"{name}_data.hdf5"
-    write_events(data, "mvsec", *job.size_px(0), streams, job.on_written)
+    write_events(
+        data, "mvsec", *job.size_px(0), streams, job.on_written, job.sizes_px(streams)
+    )  # fmt: skip
     chain = yaml.safe_dump(kalibr_chain(job.rig), sort_keys=False)
     (folder / f"camchain-imucam-{name}.yaml").write_text(chain, encoding="utf-8")
-    write_truth(folder / f"{name}_gt.hdf5", job.recording, job.poses(), job.shift_us)
+    poses = job.poses() if job.has_poses else None
+    write_truth(folder / f"{name}_gt.hdf5", job.recording, poses, job.shift_us)
 
 
 def _rosbag(job: RecordingExport, folder: Path) -> None:
@@ -175,14 +197,18 @@ def _rosbag(job: RecordingExport, folder: Path) -> None:
 
     path = folder / f"{job.recording.name}.bag"
     names = [f"/cam{k}/events" for k in range(len(job.rig))]
-    check = Checker(path, FORMATS["rosbag1"].limits, *job.size_px(0))
-    poses = job.poses()
-    if poses.span_us[0] < 0:
-        raise InputError(f"{path}: poses begin at {poses.span_us[0]} µs; shift the times above 0")
+    sizes_px = job.sizes_px(names)
+    check = Checker(path, FORMATS["rosbag1"].limits, sizes_px)
+    poses = job.poses() if job.has_poses else None
+    first_us = job.span_us()[0] if poses is None else poses.span_us[0]
+    if first_us < 0:
+        what = "events" if poses is None else "poses"
+        raise InputError(f"{path}: {what} begin at {first_us} µs; shift the times above 0")
     streams = {name: job.packets(k) for k, name in enumerate(names)}
-    with RecordingBag(path, *job.size_px(0), names) as bag:
-        bag.append_cameras([*map(info_topic, names)], job.rig, poses.span_us[0])
-        bag.append_poses(poses)
+    with RecordingBag(path, sizes_px) as bag:
+        bag.append_cameras([*map(info_topic, names)], job.rig, first_us)
+        if poses is not None:
+            bag.append_poses(poses)
         for stream, events in in_time_order(streams):
             bag.append(stream, check(stream, events))
             job.on_written(check.count)
@@ -190,8 +216,9 @@ def _rosbag(job: RecordingExport, folder: Path) -> None:
 
 def _nerfstudio(job: RecordingExport, folder: Path) -> None:
     """Files with a `recording.toml`, and the views beside them."""
+    poses = job.poses()
     _described(job, folder, "npz")
-    cameras = tuple(job.poses().times(T) for T in job.T_cam0_cam())
+    cameras = tuple(poses.times(T) for T in job.T_cam0_cam())
     names = [f"cam{k}{FORMATS['npz'].suffix}" for k in range(len(job.rig))]
     radiance.write_transforms(folder, job.recording, cameras, names, job.shift_us)
 
@@ -211,7 +238,7 @@ def _eventnerf(job: RecordingExport, folder: Path) -> None:
         first_us, last_us = _covered(job, k, poses.span_us)
         spans_us.append((first_us, last_us))
         undistorted, done = radiance.Undistorter(camera), 0
-        check = Checker(split, FORMATS["npz"].limits, *job.size_px(k))
+        check = Checker(split, FORMATS["npz"].limits, {"events": job.size_px(k)})
         with SignedNpzWriter(split / "events" / "events.npz", *job.size_px(k)) as writer:
             for events in job.packets(k):
                 seen = undistorted(within(events, first_us, last_us + 1)).shifted(-first_us)
@@ -253,7 +280,8 @@ def _sequence(job: RecordingExport, folder: Path, **kept: Any) -> None:
         folder,
         name=job.recording.name,
         rig=job.on_first_camera(),
-        trajectory=job.poses(),
+        trajectory=job.poses() if job.has_poses else None,
+        span_us=None if job.has_poses else job.span_us(),
         config={"converted_from": job.recording.name},
         depth_range_m=job.recording.depth_range_m,
         **kept,
@@ -269,7 +297,8 @@ def _dsec(job: RecordingExport, folder: Path) -> None:
     for k, side in enumerate(("left", "right")):
         job.write_camera(folder / "events" / side / "events.h5", "dsec", k)
     dsec.write_calibration(folder, job.rig)
-    write_tum(folder / "poses.txt", job.poses())
+    if job.has_poses:
+        write_tum(folder / POSES_FILE, job.poses())
     dsec.write_truth(folder, job.recording, job.shift_us)
 
 

@@ -27,6 +27,7 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 
 MVSEC_DATA = "*_data.hdf5"
 M3ED_DATA = "*_data.h5"
+_MVSEC_TRUTH, _M3ED_TRUTH = "*_gt.hdf5", "*_pose_gt.h5"
 _SIDES = ("prophesee/left", "prophesee/right")
 _LARGEST_US = 2.0**60
 _MOST_POSES = 1_000_000
@@ -48,29 +49,37 @@ _M3ED_DEPTH = _Stack(f"depth/{_SIDES[0]}", "ts", 1.0)
 
 
 def open_mvsec(folder: Path) -> PosedRecording:
-    """Opens a sequence: `NAME_data.hdf5`, `NAME_gt.hdf5`, `camchain-imucam-*.yaml`."""
+    """Opens a sequence: `NAME_data.hdf5`, `camchain-imucam-*.yaml`, optionally `NAME_gt.hdf5`."""
     data = find_one(folder, [MVSEC_DATA], "the events")
-    truth = find_one(folder, ["*_gt.hdf5"], "poses and depth")
+    truth = find_optional(folder, [_MVSEC_TRUTH], "poses and depth")
     rig = read_rig(find_one(folder, ["camchain*.yaml", "*/camchain*.yaml"], "the calibration"))
-    depth = DepthStack(truth, _MVSEC_DEPTH, rig.cameras[0])
+    depth = None if truth is None else DepthStack(truth, _MVSEC_DEPTH, rig.cameras[0])
+    poses: Trajectory | str = f"no {_MVSEC_POSES.data} in {_MVSEC_TRUTH}"
+    if truth is not None and _has_any(truth, _MVSEC_POSES):
+        poses = _trajectory(truth, *_matrices(truth, _MVSEC_POSES))
     return PosedRecording(
         path=folder,
         layout="MVSEC",
         name=data.name.removesuffix("_data.hdf5"),
         rig=rig,
-        trajectory=_trajectory(truth, *_matrices(truth, _MVSEC_POSES)),
+        poses=poses,
         sources=(EventSource(data, "davis/left"), EventSource(data, "davis/right")),
-        truth=depth if depth.there else None,
+        truth=depth if depth is not None and depth.there else None,
     )
 
 
 def open_m3ed(folder: Path) -> PosedRecording:
-    """Opens a sequence: `NAME_data.h5`, `NAME_pose_gt.h5`, optionally `NAME_depth_gt.h5`."""
+    """Opens a sequence: `NAME_data.h5`, optionally `NAME_pose_gt.h5` and `NAME_depth_gt.h5`."""
     data = find_one(folder, [M3ED_DATA], "the events")
-    poses = find_one(folder, ["*_pose_gt.h5"], "the poses")
+    pose_file = find_optional(folder, [_M3ED_TRUTH], "the poses")
     depth_file = find_optional(folder, ["*_depth_gt.h5"], "the depth")
     rig = _m3ed_rig(data)
-    t_us, T_cam_world = _matrices(poses, _M3ED_POSES)  # the world is the first camera's frame
+    poses: Trajectory | str = f"no {_M3ED_TRUTH}"
+    if pose_file is not None:
+        t_us, T_cam_world = _matrices(
+            pose_file, _M3ED_POSES
+        )  # the world is the first camera's frame
+        poses = _trajectory(pose_file, t_us, se3.inverse(T_cam_world))
     depth = None if depth_file is None else DepthStack(depth_file, _M3ED_DEPTH, rig.cameras[0])
     if depth is not None and not depth.there:
         raise InputError(f"{depth_file}: lacks {_M3ED_DEPTH.data}; download it again")
@@ -79,7 +88,7 @@ def open_m3ed(folder: Path) -> PosedRecording:
         layout="M3ED",
         name=data.name.removesuffix("_data.h5"),
         rig=rig,
-        trajectory=_trajectory(poses, t_us, se3.inverse(T_cam_world)),
+        poses=poses,
         sources=tuple(EventSource(data, side) for side in _SIDES),
         truth=depth,
     )
@@ -111,6 +120,11 @@ def _plain(file: h5py.File, name: str) -> dict[str, Any]:
     return values
 
 
+def _has_any(path: Path, stack: _Stack) -> bool:
+    with open_hdf5(path) as file:
+        return any(name in file for name in (stack.data, stack.times))
+
+
 def _matrices(path: Path, stack: _Stack) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Times, µs, and motions (N, 4, 4)."""
     names = (stack.data, stack.times)
@@ -128,9 +142,12 @@ def _matrices(path: Path, stack: _Stack) -> tuple[NDArray[np.int64], NDArray[np.
     turned = T[:, :3, :3]
     with np.errstate(over="ignore", invalid="ignore"):  # damage may be of any size
         wrong = np.abs(turned @ turned.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    if not np.isfinite(T).all() or not (wrong < 1e-3).all():
-        bad = int(np.argmax(~(wrong < 1e-3)))
-        raise InputError(f"{path}: pose {bad} is not a rigid motion; download the file again")
+    if not np.isfinite(T).all() or not (wrong < se3.ROUNDED).all():
+        bad = int(np.argmax(~(wrong < se3.ROUNDED)))
+        why = se3.fault(T[bad], se3.ROUNDED) or f"R R^T differs from 1 by {wrong[bad]:.2g}"
+        raise InputError(
+            f"{path}: pose {bad} is not a rigid motion ({why}); download the file again"
+        )
     return t_us, T
 
 
@@ -192,14 +209,15 @@ class DepthStack:
         return undistort_depth(np.where(known, raw, np.nan).astype(np.float32), self._camera)
 
 
-def write_truth(path: Path, recording: Recording, poses: Trajectory, shift_us: int) -> None:
-    """Writes poses `T_world_cam` on the file's clock, and raw depth of a sequence of ours.
+def write_truth(path: Path, recording: Recording, poses: Trajectory | None, shift_us: int) -> None:
+    """Writes poses `T_world_cam` on the file's clock, if any, and raw depth of a sequence of ours.
 
     Other recordings hold no depth on the distorted sensor. `shift_us` leads to the file's clock.
     """
     with Hdf5Writer(path) as hdf5:
-        hdf5.create("davis/left/pose", data=poses.at(poses.t_us))
-        hdf5.create("davis/left/pose_ts", data=poses.t_us / 1e6)
+        if poses is not None:
+            hdf5.create("davis/left/pose", data=poses.at(poses.t_us))
+            hdf5.create("davis/left/pose_ts", data=poses.t_us / 1e6)
         hdf5.check()
         if isinstance(recording, Sequence) and len(recording.truth_times_us(0)):
             _write_depth(hdf5, recording, shift_us)

@@ -52,13 +52,18 @@ class TruthTable(FrozenModel):
 
 
 def open_truth(
-    folder: Path, table: TruthTable, rig: Rig, trajectory: Trajectory
-) -> StoredTruth | SurfaceTruth:
-    """Opens what `[truth]` names, below a folder; the rig's first camera is the one with truth."""
+    folder: Path, table: TruthTable, rig: Rig, poses: Trajectory | str
+) -> StoredTruth | SurfaceTruth | None:
+    """Opens what `[truth]` names, below a folder; the rig's first camera is the one with truth.
+
+    A surface shows no depth to a camera whose poses nobody knows: it is left out then.
+    """
     if bool(table.depth) == bool(table.surface):
         raise InputError(f"{folder}: [truth] needs one of the keys depth or surface")
     if table.surface:
-        return SurfaceTruth(folder / table.surface, table, rig, trajectory)
+        if isinstance(poses, str):
+            return None
+        return SurfaceTruth(folder / table.surface, table, rig, poses)
     if not table.times:
         raise InputError(f"{folder}: [truth] needs the key times: text with one time per line")
     files = sorted(path for path in folder.glob(table.depth) if path.is_file())

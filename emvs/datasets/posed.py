@@ -6,7 +6,8 @@ Every data set is one of these; the modules beside this one only say which file 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
@@ -15,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events, count_late
-from eventsweep.emvs.data.recording import summary
+from eventsweep.emvs.data.poses import read_poses
+from eventsweep.emvs.data.recording import no_poses, summary
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import open_events
 from eventsweep.emvs.formats.blocks import BlockReader
@@ -104,6 +106,7 @@ class PosedRecording:
     Attributes:
         path: the folder or file that was opened.
         layout: what it was recognised as.
+        poses: `T_world_body` over time, or what is missing where nobody knows it.
         sources: events per camera, in the order of the rig.
         truth: ground truth of camera 0, if there is some.
         depth_range_m: nearest and farthest depth, where known.
@@ -113,7 +116,7 @@ class PosedRecording:
     layout: str
     name: str
     rig: Rig
-    trajectory: Trajectory
+    poses: Trajectory | str
     sources: tuple[EventSource, ...]
     truth: DepthTruth | None = None
     depth_range_m: tuple[float, float] | None = None
@@ -122,11 +125,29 @@ class PosedRecording:
         if len(self.sources) != len(self.rig):
             raise InputError(
                 f"{self.path}: {len(self.sources)} event streams for {len(self.rig)} calibrated "
-                "cameras; needs one per camera: choose the calibration's cameras"
+                "cameras; needs one per camera: choose the calibration's cameras, or name a file "
+                "of each as calibration.file = [...]"
             )
 
     def __repr__(self) -> str:
         return f"PosedRecording({self.layout}: {summary(self)})"
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """`T_world_body` over time.
+
+        Raises:
+            InputError: nobody knows it.
+        """
+        if isinstance(self.poses, str):
+            raise no_poses(self.path, self.poses, self.rig)
+        return self.poses
+
+    def tracked_at(self, T_body_camera: NDArray[np.float64]) -> PosedRecording:
+        """The recording whose poses were of a body that carries the first camera there."""
+        if isinstance(self.poses, str):
+            return self
+        return replace(self, poses=self.poses.times(T_body_camera))
 
     def event_span_us(self, camera: int) -> tuple[int, int]:
         """Times of the first and the last event, µs."""
@@ -172,6 +193,25 @@ class PosedRecording:
         if not 0 <= camera < len(self.sources):
             raise InputError(f"{self.path}: no camera {camera}, there are {len(self.sources)}")
         return self.sources[camera]
+
+
+def recorded_poses(path: Path, unit: str = "s", shift_us: int = 0) -> Trajectory:
+    """The poses of a recording's file, whose unit only a `recording.toml` can state."""
+    with unit_stated("name it in a recording.toml with poses.unit ="):
+        return read_poses(path, unit, shift_us)
+
+
+@contextmanager
+def unit_stated(how: str) -> Iterator[None]:
+    """Says how a unit of poses can be stated where nothing is called `unit`."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(str(error).replace("set unit to", how)) from error
+
+
+CONVERTED = "run `eventsweep convert FILE OUT --to tum` with unit"
+"""How, where poses are given as a file alone."""
 
 
 def find_one(folder: Path, patterns: Iterable[str], what: str) -> Path:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.recording import Recording, has_poses
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets import bag_of, open_recording
 from eventsweep.emvs.datasets.ecd import EventCameraDataset
 from eventsweep.emvs.datasets.evimo2 import INFO, TIMES
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
@@ -33,9 +33,8 @@ class Readable:
 def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
     """Opens a recording, or else an event file, whose columns may be stated.
 
-    A ROS bag or folder of EVIMO2 without calibration or poses, or a sequence without poses, is
-    opened for its events alone, and `what` says why; one whose calibration or poses are damaged is
-    refused.
+    A ROS bag or folder of EVIMO2 without calibration is opened for its events alone, and `what`
+    says why; one whose calibration or poses are damaged is refused.
     """
     path = Path(path)
     if not path.exists():
@@ -46,9 +45,10 @@ def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
             "a recording.toml"
         )
     alone = (path / TIMES).exists() and not (path / INFO).exists()
-    is_events = alone or (path / "metadata.yaml").exists()
-    if path.suffix == ".toml" or (path.is_dir() and not is_events):
+    bag = bag_of(path) if path.is_dir() and not alone else None
+    if path.suffix == ".toml" or (path.is_dir() and not alone and bag is None):
         return _recording(path)
+    path = bag or path
     reader, why = open_events(path, columns), f"no {INFO}" if alone else ""
     if reader.format.startswith("rosbag"):
         from eventsweep.emvs.datasets.rosbag import lacks
@@ -56,12 +56,11 @@ def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
         why = lacks(path)
         if not why:
             return _recording(path)
-    width_px, height_px = reader.width_px, reader.height_px
-    size_px = None if width_px is None or height_px is None else (width_px, height_px)
+    sizes_px = tuple(map(reader.size_px, reader.streams))
     streams = tuple((name, EventSource(path, name, 0, columns)) for name in reader.streams)
     what = f"{FORMATS[reader.format].what} ({reader.format})"
     what += f"; events alone: {why}" if why else ""
-    return Readable(path, what, None, streams, (size_px, *[None] * (len(streams) - 1)))
+    return Readable(path, what, None, streams, sizes_px)
 
 
 def _recording(path: Path) -> Readable:
@@ -69,8 +68,9 @@ def _recording(path: Path) -> Readable:
     what, sources = _sources(recording)
     streams = tuple(zip(recording.rig.camera_names, sources, strict=True))
     sizes_px = tuple((c.width_px, c.height_px) for c in recording.rig.cameras)
-    if isinstance(recording, Sequence) and not recording.has_poses:
-        return Readable(path, f"{what}; events alone: no poses", None, streams, sizes_px)
+    if not has_poses(recording):
+        lacks = getattr(recording, "poses", "")  # a sequence's own, there or not, have one place
+        what += f"; no poses: {lacks}" if lacks else "; no poses"
     return Readable(path, what, recording, streams, sizes_px)
 
 

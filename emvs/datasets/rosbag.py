@@ -13,11 +13,14 @@ from eventsweep.emvs.datasets.custom import described, is_bag
 from eventsweep.emvs.datasets.posed import PosedRecording, find_optional
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import open_events
-from eventsweep.emvs.formats.rosbag import RosbagWriter, is_ros2
+from eventsweep.emvs.formats.base import Sizes
+from eventsweep.emvs.formats.rosbag import METADATA, SUFFIXES, RosbagWriter, bag_at, is_ros2
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
+
+__all__ = ["METADATA", "SUFFIXES", "RecordingBag", "bag_at", "lacks", "open_bag_recording"]
 
 POSE_TOPIC = "/T_world_cam0"
 _LENS = {"pinhole": "plumb_bob", "radtan": "plumb_bob", "kb4": "equidistant"}
@@ -29,8 +32,8 @@ _POSES = ("poses.txt", "*.tum.txt", "groundtruth.txt")
 class RecordingBag(RosbagWriter):
     """A bag with events; `append_poses` and `append_cameras` add the rest."""
 
-    def __init__(self, path: Path, width_px: int, height_px: int, names: list[str]) -> None:
-        super().__init__(path, width_px, height_px, names)
+    def __init__(self, path: Path, sizes_px: Sizes) -> None:
+        super().__init__(path, sizes_px)
         self._store = get_typestore(Stores.ROS1_NOETIC)
 
     def append_poses(self, trajectory: Trajectory) -> None:
@@ -93,14 +96,12 @@ def lacks(path: Path) -> str:
     `open_bag_recording`.
     """
     if not is_bag(path):
-        return "its name ends in neither .bag nor .mcap"
+        return f"its name ends in none of {', '.join(SUFFIXES)}"
     kinds, streams = topics(path), sorted(open_events(path).streams)
     calibration = find_optional(path.parent, _CALIBRATIONS, "the calibration")
     missing = [name for name in map(info_topic, streams) if name not in kinds]
     if calibration is None and missing:
         return f"no calibration: no topic {missing[0]}, no camera chain beside it"
-    if find_optional(path.parent, _POSES, "the poses") is None:
-        return pose_topic(kinds, streams)[1]
     return ""
 
 
@@ -116,13 +117,16 @@ def open_bag_recording(path: Path) -> PosedRecording:
     streams = tuple(sorted(open_events(path).streams))
     if len(streams) > 64:
         raise InputError(f"{path}: {len(streams)} event topics; choose some in a recording.toml")
-    topic = "" if poses else pose_topic(topics(path), streams)[0]
+    topic, lacks_poses = ("", "") if poses else pose_topic(topics(path), streams)
     return described(
         beside,
         "ROS2 bag" if is_ros2(path) else "ROS1 bag",
         name=path.stem,
         calibration={"file": (calibration or path).name},
-        poses={
+        lacks=lacks_poses,
+        poses=None
+        if lacks_poses
+        else {
             "file": (poses or path).name,
             "topic": topic,
             "hand_eye": None if hand_eye is None else hand_eye.name,

@@ -6,7 +6,7 @@ refuses what the format cannot hold. `FORMATS` says what that is.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from eventsweep.emvs.formats.base import (
     Checker,
     Limits,
     OnWritten,
+    Sizes,
     Streams,
     StreamWriter,
 )
@@ -29,7 +30,7 @@ from eventsweep.emvs.utils.files import atomic_path
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAT = b"MATLAB 5.0 MAT-f"
-_MCAP = b"\x89MCAP0\r\n"
+_MCAP, _SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _OLD_AEDAT = b"#!AER-DAT"
 _SPAN_US = 1 << 36
 _PER_MS = "an index entry per millisecond"
@@ -178,14 +179,17 @@ def _plain(path: Path, reader: BlockReader, columns: ColumnMap | None) -> BlockR
 
 
 def _folder(path: Path) -> BlockReader:
-    from eventsweep.emvs.formats.rosbag import RosbagReader
+    from eventsweep.emvs.formats.rosbag import RosbagReader, bag_at
     from eventsweep.emvs.formats.tables.npz import FOLDER_FILES, NpyFolderReader
 
     if (path / FOLDER_FILES["t"]).exists():
         return NpyFolderReader(path)
-    if not (path / "metadata.yaml").exists():
-        raise InputError(f"{path}: a folder without metadata.yaml; needs a file, or a ROS2 bag")
-    return RosbagReader(path)
+    bag = bag_at(path)
+    if bag is None:
+        raise InputError(
+            f"{path}: a folder without the files of a ROS2 bag; needs these, or a file of events"
+        )
+    return RosbagReader(bag)
 
 
 def _file(path: Path, head: bytes, columns: ColumnMap | None) -> BlockReader:
@@ -207,7 +211,7 @@ def _file(path: Path, head: bytes, columns: ColumnMap | None) -> BlockReader:
         from eventsweep.emvs.formats.tables.parquet import ParquetReader
 
         return ParquetReader(path, columns)
-    if head.startswith((b"#ROSBAG V", _MCAP)):
+    if head.startswith((b"#ROSBAG V", _MCAP, _SQLITE)):
         from eventsweep.emvs.formats.rosbag import RosbagReader
 
         return _plain(path, RosbagReader(path), columns)
@@ -229,6 +233,7 @@ def write_events(
     height_px: int,
     streams: Streams,
     on_written: OnWritten | None = None,
+    sizes_px: Sizes | None = None,
 ) -> int:
     """Writes streams of events into one file; memory holds a packet per stream.
 
@@ -239,6 +244,7 @@ def write_events(
         height_px: sensor height.
         streams: packets per stream; with several streams, written in the order of time.
         on_written: called with the number of events written so far, after each packet.
+        sizes_px: width and height of the sensors of streams that have another size.
 
     Returns:
         The number of events written.
@@ -258,11 +264,9 @@ def write_events(
             f"{path}: {len(streams)} streams ({', '.join(streams) or 'none'}); {format} holds "
             f"{'one' if most == 1 else f'1 to {most}'}{cure}"
         )
-    check = Checker(path, entry.limits, width_px, height_px)
-    with (
-        atomic_path(path) as partial,
-        _writer(partial, format, width_px, height_px, tuple(streams)) as writer,
-    ):
+    sizes = dict.fromkeys(streams, (width_px, height_px)) | dict(sizes_px or {})
+    check = Checker(path, entry.limits, sizes)
+    with atomic_path(path) as partial, _writer(partial, format, sizes) as writer:
         for stream, events in in_time_order(streams):
             writer.append(stream, check(stream, events))
             if on_written is not None:
@@ -286,11 +290,10 @@ def in_time_order(streams: Streams) -> Iterator[tuple[str, Events]]:
             yield name, heads.pop(name)
 
 
-def _writer(
-    path: Path, kind: str, width_px: int, height_px: int, names: Sequence[str]
-) -> StreamWriter:
+def _writer(path: Path, kind: str, sizes_px: Sizes) -> StreamWriter:
     from eventsweep.emvs.formats.tables import hdf5, npz, text
 
+    width_px, height_px = next(iter(sizes_px.values()))
     match kind:
         case "evt2" | "evt3":
             return RawWriter(path, kind, width_px, height_px)
@@ -303,12 +306,12 @@ def _writer(
         case "tumvie":
             return hdf5.TumvieWriter(path)
         case "mvsec":
-            return hdf5.MvsecWriter(path, names)
+            return hdf5.MvsecWriter(path, tuple(sizes_px))
         case "aedat4":
             from eventsweep.emvs.formats.aedat4 import Aedat4Writer
 
-            return Aedat4Writer(path, width_px, height_px, names)
+            return Aedat4Writer(path, sizes_px)
         case _:
             from eventsweep.emvs.formats.rosbag import RosbagWriter
 
-            return RosbagWriter(path, width_px, height_px, names)
+            return RosbagWriter(path, sizes_px)

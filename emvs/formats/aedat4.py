@@ -7,7 +7,7 @@ streams, then packets (stream, size, compressed buffer), then a table of them, w
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 from xml.etree import ElementTree
@@ -17,7 +17,7 @@ import numpy as np
 
 from eventsweep.emvs.data.events import Events, to_events
 from eventsweep.emvs.errors import InputError, quoted, refused
-from eventsweep.emvs.formats.base import FileWriter
+from eventsweep.emvs.formats.base import FileWriter, Sizes
 from eventsweep.emvs.formats.blocks import MOST_BYTES, BlockReader, unpacked
 from eventsweep.emvs.formats.prophesee import opened
 
@@ -49,8 +49,13 @@ class Aedat4Reader(BlockReader):
         super().__init__(path, tuple(outputs))
         if not self.streams:
             raise InputError(f"{path}: no event stream (EVTS); record with events switched on")
-        _, width, height = outputs[self.streams[0]]
-        self.width_px, self.height_px = (width, height) if width and height else (None, None)
+        self._sizes_px = {name: (width, height) for name, (_, width, height) in outputs.items()}
+        self.width_px, self.height_px = self.size_px(self.streams[0]) or (None, None)
+
+    def size_px(self, stream: str) -> tuple[int, int] | None:
+        """Width and height of a stream's sensor, where the header says it."""
+        size_px = self._sizes_px[stream]
+        return size_px if all(size_px) else None
 
     def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
         """Reads the stream's packets from front to back, passing over the others."""
@@ -144,9 +149,9 @@ class Aedat4Writer(FileWriter):
 
     packet = 1 << 14
 
-    def __init__(self, path: Path, width_px: int, height_px: int, names: Sequence[str]) -> None:
-        self._numbers = {name: k for k, name in enumerate(names)}
-        self._tree = _tree(width_px, height_px, names)
+    def __init__(self, path: Path, sizes_px: Sizes) -> None:
+        self._numbers = {name: k for k, name in enumerate(sizes_px)}
+        self._tree = _tree(sizes_px)
         self._table: list[tuple[int, int, int, int, int, int]] = []
         super().__init__(path)
         self._file.write(MAGIC + _header_buffer(self._tree, -1))
@@ -193,10 +198,10 @@ def _packet_table(rows: list[tuple[int, int, int, int, int, int]]) -> bytes:
     return one_vector(b"FTAB", len(rows), items)
 
 
-def _tree(width_px: int, height_px: int, names: Sequence[str]) -> bytes:
+def _tree(sizes_px: Sizes) -> bytes:
     root = ElementTree.Element("dv", version="2.0")
     out = ElementTree.SubElement(root, "node", name="outInfo", path="/outInfo/")
-    for k, name in enumerate(names):
+    for k, (name, (width_px, height_px)) in enumerate(sizes_px.items()):
         path = f"/outInfo/{k}/"
         node = ElementTree.SubElement(out, "node", name=str(k), path=path)
         _attributes(

@@ -12,6 +12,8 @@ from eventsweep.emvs.errors import InputError, located
 
 # Packets of events per stream name, each stream in the order in which it is to be written
 Streams = Mapping[str, Iterable[Events]]
+# Width and height of each stream's sensor, px
+Sizes = Mapping[str, tuple[int, int]]
 # Called with the number of events written so far
 OnWritten = Callable[[int], None]
 # Limits of formats that set none: 16-bit pixels, times of 62 bits, streams
@@ -48,13 +50,15 @@ class Limits:
 class Checker:
     """Refuses what a format cannot hold, and events off the sensor; counts the rest."""
 
-    def __init__(self, path: Path, limits: Limits, width_px: int, height_px: int) -> None:
-        if not (0 < width_px <= limits.max_x + 1 and 0 < height_px <= limits.max_y + 1):
-            raise InputError(
-                f"{path}: a sensor of {width_px}x{height_px} does not fit this format, which holds "
-                f"1x1 to {limits.max_x + 1}x{limits.max_y + 1} ({limits.why}): choose another"
-            )
-        self._path, self._limits, self._size_px = path, limits, (width_px, height_px)
+    def __init__(self, path: Path, limits: Limits, sizes_px: Sizes) -> None:
+        for width_px, height_px in sizes_px.values():
+            if not (0 < width_px <= limits.max_x + 1 and 0 < height_px <= limits.max_y + 1):
+                raise InputError(
+                    f"{path}: a sensor of {width_px}x{height_px} does not fit this format, which "
+                    f"holds 1x1 to {limits.max_x + 1}x{limits.max_y + 1} ({limits.why}): choose "
+                    "another"
+                )
+        self._path, self._limits, self._sizes_px = path, limits, dict(sizes_px)
         self._first_us: dict[str, int] = {}
         self._last_us: dict[str, int] = {}
         self._rows: dict[str, int] = {}
@@ -65,7 +69,7 @@ class Checker:
         if not len(events):
             return events
         with located(f"{self._path}, stream {stream!r}"):
-            events.check_inside(*self._size_px)
+            events.check_inside(*self._sizes_px[stream])
             if not self._limits.keeps_order:
                 check_sorted(events.t_us, self._rows.get(stream, 0))
         self._check_times(stream, events)

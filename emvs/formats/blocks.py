@@ -75,6 +75,12 @@ class BlockReader:
         """The events of one block."""
         raise NotImplementedError
 
+    def size_px(self, stream: str) -> tuple[int, int] | None:
+        """Width and height of a stream's sensor, where the file says it."""
+        if stream != self.streams[0] or self.width_px is None or self.height_px is None:
+            return None
+        return self.width_px, self.height_px
+
     def span_us(self, stream: str) -> tuple[int, int]:
         """Earliest and latest time stamp, µs."""
         entries = self._index(stream)

@@ -1,21 +1,28 @@
-"""Real calibration files as rigs: Basalt JSON, Kalibr's chains, DSEC's `cam_to_cam`, OpenCV's YAML.
+"""Real calibration files as rigs: Basalt JSON, Kalibr's chains, DSEC's `cam_to_cam`, and others.
 
 The body is the first camera that is taken, so `T_body_cam` of that one is the identity.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from itertools import count, takewhile
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError, said
+from eventsweep.emvs.formats.calibration_single import (
+    named_as_ros,
+    places,
+    single_entries,
+    unused_places,
+)
 from eventsweep.emvs.formats.calibration_values import (
     FORMATS,
+    Entry,
     camera_of,
     entry_of,
     matrix,
@@ -30,27 +37,21 @@ from eventsweep.emvs.geometry.rig import Rig
 
 _TERMS = {"kb4": ("k1", "k2", "k3", "k4"), "pinhole": (), "radtan4": ("k1", "k2", "p1", "p2")}
 _BASALT: dict[str, tuple[Model, str]] = {"kb4": ("kb4", "kb4"), "pinhole": ("pinhole", "pinhole")}
-_LENSES: dict[str, Model] = {
-    "plumb_bob": "radtan", "rational_polynomial": "radtan", "pinhole": "radtan",
-    "equidistant": "kb4", "fisheye": "kb4",
-}  # fmt: skip
 _KALIBR: dict[str, Model] = {"equidistant": "kb4", "radtan": "radtan", "none": "pinhole"}
 
 
-class _Entry(NamedTuple):
-    """One camera of a file, with its place in a frame common to the file."""
-
-    name: str
-    camera: Camera
-    T_common_cam: NDArray[np.float64]
+_CHAINED, _RECTIFIED = re.compile(r"cam(\d+)"), re.compile(r"camRect\d+")
+_INTRINSICS = ("intrinsics", "camera_matrix")
 
 
-def read_rig(path: Path, cameras: Sequence[str | int] = ()) -> Rig:
-    """Reads a rig from a calibration file.
+def read_rig(path: Path | Sequence[Path], cameras: Sequence[str | int] = ()) -> Rig:
+    """Reads a rig from a calibration file, or from one of each camera.
 
     Args:
         path: Basalt JSON (TUM-VIE; key `value0`), a Kalibr camera chain (MVSEC), DSEC's
-            `cam_to_cam.yaml`, YAML of OpenCV or ROS, or a sequence's own `rig.json`.
+            `cam_to_cam.yaml`, YAML of OpenCV, ROS or aslam, JSON of dv-processing, or a sequence's
+            own `rig.json`; or several files of one camera each, such as ESVO's, in the order of
+            the cameras.
         cameras: which of the file's cameras, by name (`cam0`) or number, first the one that
             becomes the body; without it the event cameras: entries 2 and 3 of a Basalt file with
             four, those of `camera_type: event` where the file says so, else all.
@@ -61,13 +62,42 @@ def read_rig(path: Path, cameras: Sequence[str | int] = ()) -> Rig:
     Raises:
         InputError: a file that cannot be read, or a missing or impossible value; names the key.
     """
-    values = parsed(path)
+    paths = [path] if isinstance(path, Path) else list(path)
+    files = [parsed(each) for each in paths]
     try:
-        if "cameras" in values:
-            return Rig.from_json(values)
-        return _rig(path.stem, _chosen(_entries(values), values, cameras))
+        if len(files) > 1:
+            return _rig(paths[0].stem, _chosen(_one_each(paths, files), {}, cameras))
+        entries = _entries(files[0])
+        if entries is None:
+            return Rig.from_json(files[0])
+        return _rig(paths[0].stem, _chosen(entries, files[0], cameras))
     except InputError as error:
-        raise InputError(f"{path}: {said(error, 600)}") from error
+        names = " and ".join(map(str, paths))
+        raise InputError(f"{names}: {said(error, 600)}") from error
+
+
+def left_out(path: Path) -> str:
+    """What a file of one camera says of another, for a note where it is read alone."""
+    said_of = unused_places(named_as_ros(parsed(path)))
+    return (
+        f"not used: {' and '.join(said_of)}, which need the other camera's file: name both as "
+        "calibration.file of a recording.toml"
+        if said_of
+        else ""
+    )
+
+
+def _one_each(paths: list[Path], files: list[dict[str, Any]]) -> list[Entry]:
+    """The cameras of several files, which hold one each."""
+    found = []
+    for path, values in zip(paths, files, strict=True):
+        entries = single_entries(values)
+        if entries is None or len(entries) != 1:
+            raise InputError(f"{path.name} is not a file of one camera: name it alone")
+        found.append(entries[0])
+    T_common_cam = places(paths, [named_as_ros(values) for values in files])
+    pairs = zip(found, T_common_cam, strict=True)
+    return [Entry(f"cam{k}", entry.camera, T) for k, (entry, T) in enumerate(pairs)]
 
 
 def read_imu_cam(path: Path) -> NDArray[np.float64]:
@@ -75,30 +105,41 @@ def read_imu_cam(path: Path) -> NDArray[np.float64]:
     values = parsed(path)
     try:
         entries = _basalt(entry_of(values, "value0", "the file", dict))
-        return _chosen(entries, values, ())[0].T_common_cam
+        return _placed(_chosen(entries, values, ())[0])
     except InputError as error:
         raise InputError(f"{path}: {said(error, 600)}") from error
 
 
-def _entries(values: dict[str, Any]) -> list[_Entry]:
-    if is_opencv(values):
-        return _opencv(values)
-    return _basalt(values["value0"]) if "value0" in values else _kalibr(values)
+def _entries(values: dict[str, Any]) -> list[Entry] | None:
+    """The cameras of a file; None for our own `rig.json`."""
+    if "value0" in values:
+        return _basalt(values["value0"])
+    entries = single_entries(values)
+    return entries or (None if "cameras" in values else _kalibr(values))
 
 
-def _rig(name: str, entries: list[_Entry]) -> Rig:
-    T_body_common = se3.inverse(entries[0].T_common_cam)
+def _rig(name: str, entries: list[Entry]) -> Rig:
+    # A single camera is its own body, wherever it stands.
+    T_common_cam = [np.eye(4)] if len(entries) == 1 else list(map(_placed, entries))
+    T_body_common = se3.inverse(T_common_cam[0])
     return Rig(
         name,
         tuple(entry.camera for entry in entries),
-        tuple(T_body_common @ entry.T_common_cam for entry in entries),
+        tuple(T_body_common @ T for T in T_common_cam),
         tuple(entry.name for entry in entries),
     )
 
 
+def _placed(entry: Entry) -> NDArray[np.float64]:
+    """Where a camera stands in the frame common to its file."""
+    if isinstance(entry.T_common_cam, str):
+        raise InputError(f"where {entry.name} stands is not known: {entry.T_common_cam}")
+    return entry.T_common_cam
+
+
 def _chosen(
-    entries: list[_Entry], values: dict[str, Any], cameras: Sequence[str | int]
-) -> list[_Entry]:
+    entries: list[Entry], values: dict[str, Any], cameras: Sequence[str | int]
+) -> list[Entry]:
     names = [entry.name for entry in entries]
     wanted = [f"cam{c}" if isinstance(c, int) else c for c in cameras]
     wanted = wanted or _event_cameras(names, values)
@@ -116,7 +157,7 @@ def _event_cameras(names: list[str], values: dict[str, Any]) -> list[str]:
     return events or names
 
 
-def _basalt(value0: Any) -> list[_Entry]:
+def _basalt(value0: Any) -> list[Entry]:
     intrinsics = entry_of(value0, "intrinsics", "value0", list)
     places = entry_of(value0, "T_imu_cam", "value0", list)
     sizes = entry_of(value0, "resolution", "value0", list)
@@ -136,31 +177,71 @@ def _basalt(value0: Any) -> list[_Entry]:
         names = ("fx", "fy", "cx", "cy", *_TERMS[terms])
         given = [number_of(numbers, name, f"{key}.intrinsics") for name in names]
         camera = camera_of(size, given[:4], model, given[4:], f"value0.resolution[{k}]", key)
-        found.append(_Entry(f"cam{k}", camera, pose_of(place, f"value0.T_imu_cam[{k}]")))
+        found.append(Entry(f"cam{k}", camera, pose_of(place, f"value0.T_imu_cam[{k}]")))
     return found
 
 
-def _kalibr(values: dict[str, Any]) -> list[_Entry]:
-    """A chain in which `T_cn_cnm1` carries points of each camera's frame into the next one's."""
+def _kalibr(values: dict[str, Any]) -> list[Entry]:
+    """A chain in which `T_cn_cnm1` carries points of each camera's frame into the next one's.
+
+    Where a link is missing, two cameras that sit on one IMU say the same.
+    """
     chain = values.get("intrinsics", values)
     extrinsics = values.get("extrinsics", {})
-    if not isinstance(chain, dict) or "cam0" not in chain:
+    names = _chain_names(chain)
+    places: dict[str, NDArray[np.float64] | str] = {names[0]: np.eye(4)}
+    for name in names[1:]:
+        places[name] = _link_place(chain, extrinsics, name, places)
+    return [Entry(name, kalibr_camera_of(chain[name], name), places[name]) for name in names]
+
+
+def _chain_names(chain: Any) -> list[str]:
+    """The cameras of a chain, in order."""
+    cameras = [
+        name for name, entry in chain.items() if isinstance(name, str)
+        and isinstance(entry, dict) and not _RECTIFIED.fullmatch(name)
+        and (_CHAINED.fullmatch(name) or any(key in entry for key in _INTRINSICS))
+    ] if isinstance(chain, dict) else []  # fmt: skip
+    if not cameras:
         raise InputError(f"contains no camera: {FORMATS}")
-    found: list[_Entry] = []
-    T_common_cam = np.eye(4)
-    while (name := f"cam{len(found)}") in chain:
-        entry = chain[name]
-        if found:
-            T_common_cam = T_common_cam @ se3.inverse(_link(entry, extrinsics, len(found)))
-        found.append(_Entry(name, kalibr_camera_of(entry, name), T_common_cam))
-    return found
+    odd = [name for name in cameras if not _CHAINED.fullmatch(name)]
+    if odd:
+        raise InputError(
+            f"{odd[0]!r:.60} is a camera outside the chain: call it cam{len(cameras) - 1}"
+        )
+    return sorted(cameras, key=lambda name: int(name.removeprefix("cam")))
 
 
-def _link(entry: Any, extrinsics: Any, k: int) -> NDArray[np.float64]:
-    name, between = f"cam{k}", f"T_{k}{k - 1}"
+def _link_place(
+    chain: Any, extrinsics: Any, name: str, places: dict[str, NDArray[np.float64] | str]
+) -> NDArray[np.float64] | str:
+    """Where a camera stands in the first one's frame, or why nobody knows."""
+    k = int(name.removeprefix("cam"))
+    before, between = f"cam{k - 1}", f"T_{k}{k - 1}"
+    T_before, why = places.get(before, f"{before} is missing before it"), ""
     if isinstance(extrinsics, dict) and between in extrinsics:
-        return matrix(extrinsics[between], f"extrinsics.{between}")
-    return matrix(entry_of(entry, "T_cn_cnm1", name, list), f"{name}.T_cn_cnm1")
+        link, key = extrinsics[between], f"extrinsics.{between}"
+    else:
+        link, key = chain[name].get("T_cn_cnm1"), f"{name}.T_cn_cnm1"
+    if isinstance(T_before, str):
+        why = T_before
+    elif link is not None:
+        return T_before @ se3.inverse(matrix(link, key))
+    T_imu_cam = _on_imu(chain[name], name)
+    for other, T_first_other in places.items():
+        T_imu_other = _on_imu(chain[other], other)
+        if T_imu_cam is not None and T_imu_other is not None and not isinstance(T_first_other, str):
+            return T_first_other @ se3.inverse(T_imu_other) @ T_imu_cam
+    return why or f"{key} is missing: add it"
+
+
+def _on_imu(entry: dict[str, Any], name: str) -> NDArray[np.float64] | None:
+    """Where a camera sits on the IMU, if its entry says so."""
+    if "T_imu_cam" in entry:
+        return matrix(entry["T_imu_cam"], f"{name}.T_imu_cam")
+    if "T_cam_imu" in entry:
+        return se3.inverse(matrix(entry["T_cam_imu"], f"{name}.T_cam_imu"))
+    return None
 
 
 def kalibr_camera_of(entry: Any, name: str) -> Camera:
@@ -177,68 +258,3 @@ def kalibr_camera_of(entry: Any, name: str) -> Camera:
     terms = numbers_of(coefficients, len(coefficients), f"{name}.distortion_coeffs")
     size = entry_of(entry, "resolution", name, list)
     return camera_of(size, four, _KALIBR[lens], terms, f"{name}.resolution", name)
-
-
-def is_opencv(values: dict[str, Any]) -> bool:
-    """Whether a file's values are those of OpenCV or ROS."""
-    return "camera_matrix" in values or "cam0_K" in values
-
-
-def _opencv(values: dict[str, Any]) -> list[_Entry]:
-    """All cameras: the file's only one, or `cam0_K`, `cam0_D`, `cam0_size` and so on of each."""
-    if "camera_matrix" in values:
-        size = [number_of(values, name, "the file") for name in ("image_width", "image_height")]
-        lens = values.get("distortion_model", "plumb_bob")
-        terms = _row(values, "distortion_coefficients")
-        camera = _camera(size, values, "camera_matrix", lens, terms, "image_width, image_height")
-        return [_Entry("cam0", camera, np.eye(4))]
-    names = takewhile(lambda name: f"{name}_K" in values, (f"cam{k}" for k in count()))
-    return [_numbered(values, name) for name in names]
-
-
-def _numbered(values: dict[str, Any], name: str) -> _Entry:
-    size, place = _row(values, f"{name}_size"), f"{name}_T_body_cam"
-    lens = entry_of(values, f"{name}_model", "the file", str)
-    terms = _row(values, f"{name}_D")
-    camera = _camera(size, values, f"{name}_K", lens, terms, f"{name}_size")
-    T_body_cam = matrix(_table(values, place, 4).tolist(), place)
-    return _Entry(name, camera, T_body_cam)
-
-
-def _camera(
-    size: list[float], values: dict[str, Any], key: str, lens: Any, terms: list[float], of: str
-) -> Camera:
-    if lens not in _LENSES:
-        raise InputError(f"lens model {lens!r:.60} of {key}: needs {', '.join(_LENSES)}")
-    K = _table(values, key, 3)
-    if K[0, 1] or not np.array_equal(K[2], [0, 0, 1]) or K[1, 0]:
-        raise InputError(
-            f"{key} has skew, or a last row other than 0 0 1: not a supported camera matrix"
-        )
-    model, kept = _lens(_LENSES[lens], terms, key)
-    four = [float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])]
-    return camera_of(size, four, model, kept, of, key)
-
-
-def _lens(model: Model, terms: list[float], key: str) -> tuple[Model, list[float]]:
-    """The lens with as few terms as say the same: none, four or five."""
-    if not any(terms):
-        return ("kb4", [0.0] * 4) if model == "kb4" else ("pinhole", [])
-    most = 4 if model == "kb4" else 5
-    if any(terms[most:]):
-        raise InputError(
-            f"{key}: {len(terms)} lens terms: more than {most} cannot be represented; calibrate "
-            "without the rational model"
-        )
-    kept = terms[:most] if any(terms[4:]) else terms[:4]
-    return model, kept
-
-
-def _row(values: dict[str, Any], key: str) -> list[float]:
-    data = entry_of(entry_of(values, key, "the file", dict), "data", key, list)
-    return numbers_of(data, len(data), key)
-
-
-def _table(values: dict[str, Any], key: str, size: int) -> NDArray[np.float64]:
-    data = entry_of(entry_of(values, key, "the file", dict), "data", key, list)
-    return np.array(numbers_of(data, size * size, key)).reshape(size, size)

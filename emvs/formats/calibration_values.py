@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -17,7 +17,10 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera, Model
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES
 
-FORMATS = "needs a Kalibr, Basalt, DSEC, OpenCV or ROS calibration, or a rig.json"
+FORMATS = (
+    "needs a Kalibr, Basalt, DSEC, OpenCV, ROS, EuRoC, aslam or dv-processing calibration, or a "
+    "rig.json"
+)
 """What a calibration may be, for messages."""
 _LARGEST_PX = 20_000
 _MOST_VALUES = 100_000
@@ -27,6 +30,14 @@ _LONG_NUMBER = re.compile(rf"[0-9_:.]{{{_MOST_LETTERS + 1}}}")
 _LARGEST = 1e100
 _LARGEST_M = 1e6
 _OPENCV_DIRECTIVE = re.compile(r"\A\ufeff?%YAML:[0-9.]+[^\n]*")
+
+
+class Entry(NamedTuple):
+    """One camera of a file, with its place in a frame common to the file, or why it has none."""
+
+    name: str
+    camera: Camera
+    T_common_cam: NDArray[np.float64] | str
 
 
 class _Loader(yaml.SafeLoader):
@@ -117,25 +128,35 @@ def numbers_in(values: Any, key: str, needs: str) -> NDArray[np.float64]:
         raise InputError(f"{key} contains a value that is not a number: needs {needs}") from error
 
 
-def matrix(rows: Any, key: str) -> NDArray[np.float64]:
-    """A rigid motion (4, 4) from four rows of four; a fault names `key`."""
-    T = numbers_in(rows, key, "4x4 numbers")
-    if T.shape != (4, 4) or not se3.is_rigid(T):
-        raise InputError(f"{key} is not a rigid motion: needs a 4x4 matrix with a rotation")
-    return T
+def matrix(values: Any, key: str) -> NDArray[np.float64]:
+    """A rigid motion (4, 4): as it stands, or the nearest one where it was rounded."""
+    T = _motion(values, key)
+    return T if se3.is_rigid(T) else se3.nearest_rigid(T)
 
 
 def near_rigid(values: Any, key: str) -> NDArray[np.float64]:
-    """A rigid motion (4, 4) from 16 numbers, in rows or not, that were rounded to a few digits.
+    """The rigid motion (4, 4) nearest to one that was rounded to a few digits."""
+    return se3.nearest_rigid(_motion(values, key))
 
-    The rotation nearest to theirs is taken; one that is off by more than 0.001 is a fault, which
-    names `key`.
+
+def _motion(values: Any, key: str) -> NDArray[np.float64]:
+    """A motion (4, 4) of 16 numbers, or 12 without the last row, in rows or not.
+
+    One that is further from rigid than rounding takes it is a fault, which names `key`.
     """
-    T = numbers_in(values, key, "4x4 numbers")
+    plain = values.get("data") if isinstance(values, dict) else values
+    T = numbers_in(plain, key, "4x4 numbers")
+    if T.shape in ((12,), (3, 4)):
+        T = np.vstack([T.reshape(3, 4), [0, 0, 0, 1]])
     T = T.reshape(4, 4) if T.shape == (16,) else T
-    if T.shape != (4, 4) or not (np.abs(T) < _LARGEST_M).all() or not se3.is_rigid(T, 1e-3):
-        raise InputError(f"{key} is not a rigid motion: needs a 4x4 matrix with a rotation")
-    return se3.nearest_rigid(T)
+    fault = se3.fault(T, se3.ROUNDED)
+    if not fault and not (np.abs(T) < _LARGEST_M).all():
+        fault = f"it moves by more than {_LARGEST_M:g} m"
+    if fault:
+        raise InputError(
+            f"{key} is not a rigid motion ({fault}): needs a 4x4 matrix with a rotation"
+        )
+    return T
 
 
 def entry_of(mapping: Any, name: str, key: str, kind: type) -> Any:

@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
-from pathlib import Path
+from functools import lru_cache, partial
+from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.errors import InputError, quoted, refused
 from eventsweep.emvs.formats import event_packets
-from eventsweep.emvs.formats.base import StreamWriter
+from eventsweep.emvs.formats.base import Sizes, StreamWriter
 from eventsweep.emvs.formats.blocks import BlockReader, BoundedPath, BoundedZstd, unpacked, within
 from eventsweep.emvs.formats.prophesee import opened
 from eventsweep.emvs.formats.prophesee_kernels import State, initial_state
 from eventsweep.emvs.formats.rosbag_kernels import decode_array, encode_array
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, read_text
 
 _BLOCK_EVENTS = 1 << 18
 _MOST_NS = 1 << 62
 _CURE = "the bag is damaged, reindex or record it again"
-MCAP = b"\x89MCAP0\r\n"
+MCAP, SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\0"
+SUFFIXES, METADATA = (".bag", ".mcap", ".db3"), "metadata.yaml"
 TYPES = ("dvs_msgs/msg/EventArray", "prophesee_event_msgs/msg/EventArray")
 EVENT_BYTES = 13
 _EVENT = "uint16 x\nuint16 y\ntime ts\nbool polarity\n"
@@ -40,7 +43,7 @@ class RosbagReader(BlockReader):
     """
 
     def __init__(self, path: Path) -> None:
-        path = Path(path)
+        path = bag_at(Path(path)) or Path(path)
         self._ros2 = is_ros2(path)
         self.format = "rosbag2" if self._ros2 else "rosbag1"
         with opened_bag(path) as bag:
@@ -55,7 +58,8 @@ class RosbagReader(BlockReader):
                 t: sum(c.msgcount for c in bag.connections if c.topic == t) for t in self.streams
             }
             self._span_ns = (int(bag.start_time), int(bag.end_time))
-            self._first_size(bag)
+            size_px = self._size_of(bag, self.streams[0])
+            self.width_px, self.height_px = size_px or (None, None)
 
     def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
         """Reads a topic's messages in the order of their recording."""
@@ -129,31 +133,83 @@ class RosbagReader(BlockReader):
                     events = array_events(data, self._ros2, where)
                 yield stamp_ns, before, events
 
-    def _first_size(self, bag: Any) -> None:
-        """Takes the sensor's size from the first message of the first stream."""
-        wanted = [c for c in bag.connections if c.topic == self.streams[0]]
+    def size_px(self, stream: str) -> tuple[int, int] | None:
+        """Width and height of a stream's sensor, as its first message says."""
+        if stream == self.streams[0]:
+            return super().size_px(stream)
+        with opened_bag(self.path) as bag:
+            return self._size_of(bag, stream)
+
+    def _size_of(self, bag: Any, stream: str) -> tuple[int, int] | None:
+        wanted = [c for c in bag.connections if c.topic == stream]
         for _, _, data in bag.messages(wanted):
-            where = f"{self.path}, topic {quoted(self.streams[0])}"
-            is_packed = self.streams[0] in self._packed
-            read = event_packets.packet_head if is_packed else array_head
+            where = f"{self.path}, topic {quoted(stream)}"
+            read = event_packets.packet_head if stream in self._packed else array_head
             head: Any = read(data, self._ros2, where)
-            if head.width_px and head.height_px:
-                self.width_px, self.height_px = head.width_px, head.height_px
-            return
+            return (head.width_px, head.height_px) if head.width_px and head.height_px else None
+        return None
 
 
 def is_ros2(path: Path) -> bool:
-    """Whether a bag is a ROS2 one: a folder, or a lone MCAP file."""
-    if path.is_dir():
-        return True
+    """Whether a bag is a ROS2 one: a folder, or a lone file of one."""
+    return path.is_dir() or _storage(path) is not None
+
+
+def _storage(path: Path) -> type[BoundedPath] | None:
+    """How the library is told what a lone file of a ROS2 bag holds; None for other files."""
     with opened(path) as file:
-        return file.read(len(MCAP)) == MCAP
+        head = file.read(len(SQLITE))
+    return next((own for magic, own in _STORAGES.items() if head.startswith(magic)), None)
+
+
+def bag_at(path: Path) -> Path | None:
+    """The bag at a path: a file, a folder whose `metadata.yaml` names its files, or its only file.
+
+    A recorder that was killed leaves a folder without metadata, or with an empty one, beside a file
+    that may be whole. None where there is no bag.
+
+    Raises:
+        InputError: several files, whose order the metadata does not tell.
+    """
+    if not path.is_dir():
+        return path if path.suffix in SUFFIXES else None
+    metadata = path / METADATA
+    if metadata.is_file() and _names_its_files(path, metadata.stat().st_mtime_ns):
+        return path
+    files = sorted(file for end in SUFFIXES[1:] for file in path.glob(f"*{end}") if file.is_file())
+    if len(files) > 1:
+        raise InputError(
+            f"{path}: {len(files)} files of a ROS2 bag ({quoted(*(f.name for f in files[:4]))}) "
+            f"without a {METADATA} that names them: run `ros2 bag reindex`, or open one of them"
+        )
+    return files[0] if files else None
+
+
+@lru_cache(maxsize=64)  # a reader opens its bag anew for every slice
+def _names_its_files(folder: Path, _changed_ns: int) -> bool:
+    """Whether a folder's metadata can be read and name files that are there."""
+    try:
+        # As texts, for YAML takes time by the square of a number's digits.
+        values = yaml.load(read_text(folder / METADATA, SETTINGS_BYTES), yaml.BaseLoader)
+        names = values["rosbag2_bagfile_information"]["relative_file_paths"]
+        return bool(names) and all((folder / PurePath(name).name).is_file() for name in names)
+    except (OSError, ValueError, RecursionError, yaml.YAMLError, KeyError, TypeError):
+        return False
 
 
 class _McapPath(BoundedPath):
     """A lone MCAP file, whatever its name: the library goes by the name's end."""
 
     suffix = ".mcap"
+
+
+class _SqlitePath(BoundedPath):
+    """A lone SQLite file."""
+
+    suffix = ".db3"
+
+
+_STORAGES = {MCAP: _McapPath, SQLITE: _SqlitePath}
 
 
 @contextmanager
@@ -166,8 +222,10 @@ def opened_bag(path: Path) -> Iterator[Any]:
     # Damaged bags end in asserts, struct errors, decoders' own, ...
     cure = "; it is cut off or damaged, reindex or record it again"
     with refused(f"{path}: cannot be read as a ROS bag", Exception, cure=cure):
+        path = bag_at(path) or path
         ros2 = is_ros2(path)
-        own = _McapPath(path) if ros2 and not path.is_dir() else BoundedPath(path)
+        storage = None if path.is_dir() else _storage(path)
+        own = BoundedPath(path) if storage is None else storage(path)
         DECOMPRESSORS.update({name: partial(_bounded_part, name) for name in ("lz4", "zstd")})
         ros2_reader.zstd = _BoundedCodec  # type: ignore[attr-defined,assignment]
         with ros2_reader.Reader(own) if ros2 else Reader1(own) as bag:
@@ -259,8 +317,8 @@ class RosbagWriter(StreamWriter):
 
     packet = 1 << 14
 
-    def __init__(self, path: Path, width_px: int, height_px: int, names: Sequence[str]) -> None:
-        self._size_px = (width_px, height_px)
+    def __init__(self, path: Path, sizes_px: Sizes) -> None:
+        self._sizes_px = dict(sizes_px)
         store = get_typestore(Stores.ROS1_NOETIC)
         store.register(
             get_types_from_msg(_EVENT, "dvs_msgs/msg/Event") | get_types_from_msg(_ARRAY, TYPES[0])
@@ -269,15 +327,15 @@ class RosbagWriter(StreamWriter):
         self._bag = Writer(path)
         self._bag.open()
         self._topics = {
-            name: self._bag.add_connection(name, TYPES[0], typestore=store) for name in names
+            name: self._bag.add_connection(name, TYPES[0], typestore=store) for name in sizes_px
         }
-        self._last_us = dict.fromkeys(names, 0)
-        self._sequence = dict.fromkeys(names, 0)
+        self._last_us = dict.fromkeys(sizes_px, 0)
+        self._sequence = dict.fromkeys(sizes_px, 0)
 
     def _put(self, stream: str, events: Events) -> None:
         """Writes a message, recorded when its last event happened."""
         self._last_us[stream] = max(self._last_us[stream], int(events.t_us.max()))
-        data = array_bytes(events, self._sequence[stream], *self._size_px)
+        data = array_bytes(events, self._sequence[stream], *self._sizes_px[stream])
         self._bag.write(self._topics[stream], self._last_us[stream] * 1000, data)
         self._sequence[stream] += 1
 

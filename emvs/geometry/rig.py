@@ -43,8 +43,10 @@ class Rig:
                 f"{len(self.camera_names)} names: needs as many of each, at least one"
             )
         for name, T_body_cam in zip(self.camera_names, self.T_body_cam, strict=True):
-            if T_body_cam.shape != (4, 4) or not se3.is_rigid(T_body_cam):
-                raise InputError(f"rig {self.name}: T_body_cam of {name} is not a rigid motion")
+            if fault := se3.fault(T_body_cam):
+                raise InputError(
+                    f"rig {self.name}: T_body_cam of {name} is not a rigid motion ({fault})"
+                )
 
     def _check_types(self) -> None:
         for name in ("cameras", "camera_names"):
@@ -96,11 +98,17 @@ class Rig:
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Rig:
-        """Reads what `to_json` wrote."""
+        """Reads what `to_json` wrote, or somebody by hand: a rounded rotation becomes one again."""
         faults = KeyError, TypeError, AttributeError, OverflowError, ValueError
         with refused("rig calibration: an entry is missing, or not what it should be", *faults):
             entries = [dict(entry) for entry in values["cameras"]]
             names = tuple(str(entry.pop("name")) for entry in entries)
-            T_body_cam = tuple(np.array(entry.pop("T_body_cam"), np.float64) for entry in entries)
+            places = [np.array(entry.pop("T_body_cam"), np.float64) for entry in entries]
             cameras = tuple(Camera.from_json(entry) for entry in entries)
-            return cls(str(values["name"]), cameras, T_body_cam, names)
+            return cls(str(values["name"]), cameras, tuple(map(_unrounded, places)), names)
+
+
+def _unrounded(T_body_cam: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The nearest rigid motion, where rounding alone keeps it from being one."""
+    near = not se3.is_rigid(T_body_cam) and not se3.fault(T_body_cam, se3.ROUNDED)
+    return se3.nearest_rigid(T_body_cam) if near else T_body_cam

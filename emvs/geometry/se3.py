@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 Matrix = NDArray[np.float64]
 # As `np.allclose` has it, which takes ten times as long.
 _UNIT, _RELATIVE = np.eye(4), 1e-5
+ROUNDED = 1e-3
+"""How far the rows of a rotation that was rounded to four decimals may be from orthonormal."""
 _SMALL_ANGLE = 1e-3  # rad: below it series are more precise
 
 
@@ -66,6 +68,22 @@ def is_rigid(T_a_b: Matrix, tolerance: float = 1e-6) -> bool:
         and np.linalg.det(R) > 0
         and (np.abs(T_a_b[3] - _UNIT[3]) <= 1e-8 + _RELATIVE * _UNIT[3]).all()
     )
+
+
+def fault(T_a_b: Matrix, tolerance: float = 1e-6) -> str:
+    """Why `is_rigid` refuses a matrix, with the amount and the limit; empty where it does not."""
+    if T_a_b.shape != (4, 4):
+        return f"it has shape {T_a_b.shape}"
+    if not np.isfinite(T_a_b).all():
+        return "a number in it is not finite"
+    if is_rigid(T_a_b, tolerance):
+        return ""
+    R = T_a_b[:3, :3]
+    off = float(np.abs(R @ R.T - _UNIT[:3, :3]).max())
+    if off > tolerance:
+        return f"R R^T differs from 1 by {off:.2g}, at most {tolerance:g} is rounding"
+    mirrored = np.linalg.det(R) < 0
+    return "its rotation is mirrored" if mirrored else f"its last row is {T_a_b[3].tolist()}"
 
 
 def nearest_rigid(T_a_b: Matrix) -> Matrix:

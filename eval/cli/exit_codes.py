@@ -50,7 +50,6 @@ _FLAGS = {
     "set max_difference_s": "set --max-difference-s",
     "set associate to": "say --associate",
     "set align to": "say --align",
-    "with calibration and poses": "with --calibration and --poses",
 }
 _SIM_SETTING = re.compile(r"(?<![\w./-])(frames|imu|replay)\.(\w+)")
 

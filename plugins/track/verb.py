@@ -83,6 +83,8 @@ def _first_pose(path: Path | None) -> NDArray[np.float64] | None:
     if path is None:
         return None
     from eventsweep.emvs.data.poses import read_poses
+    from eventsweep.emvs.datasets.posed import CONVERTED, unit_stated
 
-    poses = read_poses(path)
+    with unit_stated(CONVERTED):
+        poses = read_poses(path)
     return poses.at(poses.t_us[0])

@@ -12,6 +12,7 @@ import numpy as np
 
 from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.writer import SequenceWriter
+from eventsweep.emvs.datasets.posed import CONVERTED, unit_stated
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import FORMATS, write_events
 from eventsweep.emvs.formats.calibration import read_rig
@@ -152,7 +153,8 @@ def _to_sequence(
     film: Film, out: Path, view: View, progress: Progress, *, force: bool, inputs: Sequence[object]
 ) -> list[str]:
     """Writes a sequence; returns what is to be said of its poses."""
-    poses = None if view.poses is None else read_poses(view.poses)
+    with unit_stated(CONVERTED):
+        poses = None if view.poses is None else read_poses(view.poses)
     parameters = film.pixels.sensor.resolved()
     ideal = parameters.ideal_pixels and parameters.ideal_readout
     source = film.frames.path.resolve()

@@ -121,9 +121,10 @@ class Replay:
             raise InputError(f"replay from {self.start_s} s: start at 0 or later")
         for name in ("T_scene_world", "T_body_cam"):
             pose = getattr(self, name)
-            if pose is not None and not se3.is_rigid(np.asarray(pose)):
+            if pose is not None and (fault := se3.fault(np.asarray(pose))):
                 raise InputError(
-                    f"{name} is not a rigid (4, 4) transform: give a rotation and a translation"
+                    f"{name} is not a rigid (4, 4) transform ({fault}): give a rotation and a "
+                    "translation"
                 )
 
     def _check_steps(self, recorded: Trajectory, t_s: Array, near: slice) -> None:
@@ -173,8 +174,10 @@ def hand_eye(T_imu_marker: Array, T_imu_cam: Array) -> Array:
     calibration, where the left event camera is entry 2.
     """
     for name, pose in (("T_imu_marker", T_imu_marker), ("T_imu_cam", T_imu_cam)):
-        if not se3.is_rigid(np.asarray(pose)):
-            raise InputError(f"{name} is not a rigid (4, 4) transform: check the calibration")
+        if fault := se3.fault(np.asarray(pose)):
+            raise InputError(
+                f"{name} is not a rigid (4, 4) transform ({fault}): check the calibration"
+            )
     T_marker_cam: Array = se3.inverse(T_imu_marker) @ T_imu_cam
     return T_marker_cam
 

@@ -48,9 +48,10 @@ def imu_samples(
         raise InputError("an IMU at 0 Hz takes no samples: give a rate_hz")
     if T_body_imu is None:
         T_body_imu = se3.from_quat_xyzw(config.position_m, config.quat_xyzw)
-    if not se3.is_rigid(T_body_imu):
+    if fault := se3.fault(T_body_imu):
         raise InputError(
-            "T_body_imu is not a rigid (4, 4) transform: give a rotation and a translation"
+            f"T_body_imu is not a rigid (4, 4) transform ({fault}): give a rotation and a "
+            "translation"
         )
     body = curve_of(motion, duration_s)
     count = int(np.floor(duration_s * config.rate_hz + 1e-9)) + 1

@@ -80,7 +80,8 @@ def score(
 def _refuse(*flags: tuple[str, bool], of: str) -> None:
     for name, is_given in flags:
         if is_given:
-            raise InputError(f"{name} is for {of}, or leave out {name}")
+            is_ = "are" if name.startswith("the ") else "is"
+            raise InputError(f"{name} {is_} for {of}, or leave out {name}")
 
 
 def _score_maps(

@@ -59,7 +59,7 @@ def read_truth(path: str | Path, config: TrajectoryConfig) -> Source:
         InputError: no such file or recording, or poses that cannot be used.
     """
     path = Path(path)
-    if path.is_dir() or path.suffix in (".toml", ".bag", ".mcap"):
+    if path.is_dir() or path.suffix in (".toml", ".bag", ".mcap", ".db3"):
         recording = open_recording(path)
         return Source(recording.name, path, recording.trajectory)
     try:

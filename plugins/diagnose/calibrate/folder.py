@@ -25,7 +25,7 @@ from eventsweep.emvs.datasets.custom import FILE_NAME, read_descriptor
 from eventsweep.emvs.datasets.ecd import EventCameraDataset
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
 from eventsweep.emvs.errors import InputError, check_path
-from eventsweep.emvs.formats.calibration import is_opencv
+from eventsweep.emvs.formats.calibration_single import is_opencv
 from eventsweep.emvs.formats.calibration_values import parsed
 from eventsweep.emvs.formats.calibration_writers import (
     write_basalt,
@@ -228,12 +228,16 @@ def _write_ecd(path: Path, rig: Rig) -> None:
 
 def _write_described(folder: Path, recording: PosedRecording, rig: Rig) -> None:
     """In the format of the file that the `recording.toml` names, under its name."""
-    path = recording.path / read_descriptor(recording.path / FILE_NAME).calibration.file
-    values = parsed(path) if path.suffix in (".json", ".yaml", ".yml") else {}
-    if not values or "cameras" in values:
+    named = read_descriptor(recording.path / FILE_NAME).calibration.file
+    if len(named) > 1 or not named[0].endswith((".json", ".yaml", ".yml")):
         return
-    write = write_basalt if "value0" in values else write_kalibr
-    (write_opencv if is_opencv(values) else write)(folder / path.name, rig)
+    values = parsed(path := recording.path / named[0])
+    if "value0" in values:
+        write_basalt(folder / path.name, rig)
+    elif is_opencv(values):
+        write_opencv(folder / path.name, rig)
+    elif "cam0" in values:
+        write_kalibr(folder / path.name, rig)
 
 
 def _lost(refinement: Refinement) -> list[str]:

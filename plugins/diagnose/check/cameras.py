@@ -94,7 +94,8 @@ def _folds(camera: Camera) -> Finding:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         bearing = camera.bearing_table()
-    lost = float(np.isnan(bearing).any(axis=2).mean())
+    beyond = _beyond(camera)
+    lost = float((np.isnan(bearing).any(axis=2) & ~beyond).mean())
     moved_px = _moved_px(camera, bearing)
     most_px = float(np.nanmax(moved_px)) if np.isfinite(moved_px).any() else 0.0
     bent = most_px / float(np.hypot(camera.width_px, camera.height_px) / 2)
@@ -105,10 +106,26 @@ def _folds(camera: Camera) -> Finding:
     return judged(
         "distortion", lost,
         f"{lost:.1%} of the pixels have no ray; the most distorted is moved by {bent:.0%} of half "
-        "the diagonal",
+        "the diagonal"
+        + (f"; {beyond.mean():.1%} see beyond 180 deg: they are left out" if beyond.any() else ""),
         verdict=verdict,
         series=None if plain else Series(moved_px, y_label="moved by distortion, px"),
     )  # fmt: skip
+
+
+def _beyond(camera: Camera) -> NDArray[np.bool_]:
+    """(H, W) which pixels of a fisheye see beyond 180 deg: a sound lens may have some."""
+    size = camera.height_px, camera.width_px
+    if camera.model != "kb4":
+        return np.zeros(size, bool)
+    theta = np.linspace(0, np.pi / 2, 256)
+    powers = theta[:, None] ** (3, 5, 7, 9)
+    radius = theta + powers @ np.array(camera.distortion, float)
+    if not (np.diff(radius) > 0).all():
+        return np.zeros(size, bool)
+    rows, columns = np.indices(size)
+    x, y = (columns - camera.cx_px) / camera.fx_px, (rows - camera.cy_px) / camera.fy_px
+    return np.asarray(np.hypot(x, y) >= radius[-1], bool)
 
 
 def _moved_px(camera: Camera, bearing: Floats) -> Floats:

@@ -10,10 +10,16 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.data.recording import Recording, events_span_us
+from eventsweep.emvs.data.recording import Recording, events_span_us, has_poses
 from eventsweep.emvs.datasets import NoRecordingError, opened
+from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
+from eventsweep.emvs.datasets.raw_streams import open_readable
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.plugins.diagnose.check import limits
 from eventsweep.plugins.diagnose.check.by_mapping import check_by_mapping
@@ -23,6 +29,7 @@ from eventsweep.plugins.diagnose.check.findings import Finding, Report
 from eventsweep.plugins.diagnose.check.poses import check_parallax, check_poses
 
 Unchecked = list[tuple[str, str]]
+_CALIBRATED = ("cameras", "poses", "parallax", "mapping", "rectification")
 
 
 def check(
@@ -36,7 +43,7 @@ def check(
 
     Args:
         recording: what `open_recording` gave, a recording of your own, or the path of one; without
-            poses it is checked as far as possible.
+            poses, or a bag without calibration, is checked as far as possible.
         config: depth range, window and threads count; by default as for mapping.
         mapping: whether to map it with other settings, too: cameras swapped, poses inverted, clocks
             shifted, other axes, and so on.
@@ -56,7 +63,11 @@ def check(
     except InputError as error:
         if isinstance(error, NoRecordingError) or not isinstance(recording, str | Path):
             raise
-        return Report(Path(recording).resolve().name, (_refused("opening", error),))
+        alone = _events_alone(Path(recording))
+        if alone is None:
+            return Report(Path(recording).resolve().name, (_refused("opening", error),))
+        unchecked = [(name, "there is no calibration") for name in _CALIBRATED]
+        return Report(alone.name, tuple(_events(alone, True, progress)), tuple(unchecked))
     return _checked(readable, config, True, mapping, progress)
 
 
@@ -67,6 +78,34 @@ def quick_check(recording: Recording, config: MapperConfig) -> list[Finding]:
     """
     findings = _checked(recording, config, False, False, silent).findings
     return [f for f in findings if f.verdict != "good" and f.name != "reading"]
+
+
+def _events_alone(path: Path) -> Recording | None:
+    """The events of what lacks a calibration alone, with cameras of which only the size counts.
+
+    A size that nothing says is that of the events.
+    """
+    try:
+        readable = open_readable(path)
+    except InputError:
+        return None
+    if readable.recording is not None:
+        return None
+    named = zip(readable.streams, readable.sizes_px, strict=True)
+    sizes_px = [size_px or _largest_px(source) for (_, source), size_px in named]
+    cameras = tuple(Camera(w, h, float(w), float(w), w / 2, h / 2) for w, h in sizes_px)
+    names = tuple(name for name, _ in readable.streams)
+    rig = Rig(path.name, cameras, (np.eye(4),) * len(names), names)
+    sources = tuple(source for _, source in readable.streams)
+    return PosedRecording(path, readable.what, path.resolve().name, rig, "no calibration", sources)
+
+
+def _largest_px(source: EventSource) -> tuple[int, int]:
+    width_px = height_px = 1
+    for events in source.chunks():
+        width_px = max(width_px, int(events.x.max()) + 1)
+        height_px = max(height_px, int(events.y.max()) + 1)
+    return width_px, height_px
 
 
 def _checked(
@@ -91,14 +130,6 @@ def _checked(
     if readable and len(recording.rig) > 1:
         findings += _try("rectification", lambda: [_rectification(recording)], unchecked)
     return Report(recording.name, tuple(findings), tuple(unchecked))
-
-
-def has_poses(recording: Recording) -> bool:
-    """Whether a recording has poses."""
-    try:
-        return len(recording.trajectory) > 0
-    except InputError:
-        return False
 
 
 def _events(recording: Recording, thorough: bool, progress: Progress) -> list[Finding]:

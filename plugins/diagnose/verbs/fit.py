@@ -42,8 +42,6 @@ def fit(
         columns: Columns of a table of events, as `info` takes them; with --time-unit.
         time_unit: Unit of the times in such a file: s, ms, us or ns.
     """
-    from eventsweep.emvs.data.manifest import FILE_NAME
-    from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.datasets.raw_streams import open_readable
     from eventsweep.emvs.formats.tables.columns import column_map
     from eventsweep.emvs.utils.outputs import atomic_dir, check_output
@@ -58,8 +56,6 @@ def fit(
     console = common.console()
     readable = open_readable(recording, column_map(columns, time_unit))
     opened = readable.recording
-    if opened is None and (recording / FILE_NAME).exists():
-        opened = open_recording(recording)  # a sequence without poses, whose frames count
     if not 0 <= camera < len(readable.streams):
         last = len(readable.streams) - 1
         raise InputError(f"{recording}: no camera {camera}, it has 0 to {last}")

@@ -11,6 +11,7 @@ import pytest
 
 import eventsweep as es
 from eventsweep.emvs.data.poses import write_tum
+from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.raw_streams import open_readable
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import FORMATS
@@ -116,13 +117,16 @@ def test_formats_that_cannot_be_written_are_refused(tmp_path, folder):
 def test_info_and_convert_know_a_sequence_of_a_video(tmp_path, folder, capsys):
     made(folder, tmp_path / "seq")
     readable = open_readable(tmp_path / "seq")
-    assert readable.what == "sequence of eventsweep; events alone: no poses"
+    assert readable.what == "sequence of eventsweep; no poses"
     assert main(["info", str(tmp_path / "seq"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["streams"][0]["sensor_px"] == [40, 30]
     assert main(["convert", str(tmp_path / "seq"), str(tmp_path / "c"), "--to", "tumvie"]) == 0
+    assert (tmp_path / "c").is_file()
     assert main(["convert", str(tmp_path / "seq"), str(tmp_path / "r"), "--to", "rig"]) == 0
-    assert main(["convert", str(tmp_path / "seq"), str(tmp_path / "s"), "--to", "sequence"]) == 2
-    assert "has events but no poses" in capsys.readouterr().err
+    assert main(["convert", str(tmp_path / "seq"), str(tmp_path / "s"), "--to", "sequence"]) == 0
+    assert not open_recording(tmp_path / "s").has_poses
+    assert main(["convert", str(tmp_path / "seq"), str(tmp_path / "n"), "--to", "nerfstudio"]) == 2
+    assert "has no poses" in capsys.readouterr().err
 
 
 class Watched(Sensor):

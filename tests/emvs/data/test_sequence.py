@@ -85,7 +85,8 @@ def test_missing_truncated_and_changed_files_are_noticed(tmp_path, name):
     path.write_bytes(content[:-1])
     refused("create the sequence again", Sequence.open, tmp_path / "s")
     path.unlink()
-    refused("missing", Sequence.open, tmp_path / "s")
+    if name != "poses.txt":
+        refused("missing", Sequence.open, tmp_path / "s")
     path.write_bytes(bytes([content[0] ^ 1]) + content[1:])
     refused("", lambda: Sequence.open(tmp_path / "s").verify())
     manifest = tmp_path / "s" / "manifest.json"

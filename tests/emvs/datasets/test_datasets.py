@@ -128,7 +128,7 @@ def complaint(folder: Path) -> str | None:
 
 @pytest.mark.parametrize(("text", "message"), [
     ("[", "cannot be read as TOML"),
-    ('[calibration]\nfile="a\\u0000b"', "calibration.file: String should match"),
+    ('[calibration]\nfile="a\\u0000b"', "calibration.file.0: String should match"),
     ("name = 'x'", "calibration: Field required"),
     ("[calibration]\nfile='rig.json'\n[poses]\nfile='poses.txt'\nunit='h'\n"
      "[[events]]\nfile='cam0.npz'", "poses.unit"),

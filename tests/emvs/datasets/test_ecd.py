@@ -84,7 +84,7 @@ def test_unknown_folders_are_named(tmp_path):
     refused("no such folder", open_recording, tmp_path / "nowhere")
     refused("not recognised as a recording", open_recording, tmp_path)
     (tmp_path / "events.txt").write_text("")
-    refused(r"lacks calib\.txt, groundtruth\.txt", open_recording, tmp_path)
+    refused(r"lacks calib\.txt", open_recording, tmp_path)
     refused("is a file", open_recording, tmp_path / "events.txt")
 
 

@@ -126,7 +126,9 @@ def test_basalt_names_the_file_and_the_key_of_what_is_wrong(tmp_path, change, wo
     (lambda v: v["cam0"].update(distortion_model="fov"), "distortion_model is 'fov'"),
     (lambda v: v["cam0"].update(camera_model="omni"), "camera_model is 'omni'"),
     (lambda v: v["cam0"].update(intrinsics=[1, 2, 3]), "4 finite numbers"),
-    (lambda v: v.pop("cam0"), "contains no camera: needs a Kalibr"),
+    (lambda v: v.clear(), "contains no camera: needs a Kalibr"),
+    (lambda v: v.pop("cam1"), "where cam2 stands is not known: cam1 is missing before it"),
+    (lambda v: v.update(right=v["cam0"]), "'right' is a camera outside the chain"),
 ])  # fmt: skip
 def test_kalibr_names_the_file_and_the_key_of_what_is_wrong(tmp_path, change, words):
     values = kalibr()

@@ -8,8 +8,10 @@ import pytest
 from check_cases import FAULTS, UNSPOILT, Chosen
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.altered import AlteredRecording
+from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.datasets import NoRecordingError, open_recording
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import write_events
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.plugins.diagnose.check import recording as checked
 from eventsweep.plugins.diagnose.check.recording import check, quick_check
@@ -118,3 +120,13 @@ def test_poses_that_cover_no_window_are_a_reason_not_to_map():
     refused(r"needs 0\.2 s", TrialWindows.of, shortened, MapperConfig())
     assert check(shortened).finding("poses-coverage").verdict == "wrong"
     assert DURATION_US > 200_000
+
+
+def test_a_bag_without_calibration_is_checked_for_its_events(tmp_path):
+    t_us = np.arange(0, 400_000, 100)
+    x = (np.arange(len(t_us)) % 60).astype(np.uint16)
+    events = Events(x, x % 40, t_us, (np.arange(len(t_us)) % 3 % 2).astype(np.uint8))
+    write_events(tmp_path / "a.bag", "rosbag1", 64, 48, {"/cam0/events": [events]})
+    report = check(tmp_path / "a.bag")
+    assert report.verdict != "wrong"
+    assert ("mapping", "there is no calibration") in report.unchecked
