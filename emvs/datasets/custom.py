@@ -80,7 +80,7 @@ class PosesTable(FrozenModel):
     Attributes:
         file: text `t x y z qx qy qz qw`, or a ROS bag.
         topic: the bag's topic, where it has several with poses.
-        unit: of `t`; a bag says it itself.
+        unit: of `t`, s unless a header says another; a bag says it itself.
         time_offset_us: added to the file's times.
         hand_eye: where the first camera sits on what was tracked: JSON or YAML with `T_body_cam`,
             or TUM-VIE's mocap calibration; without it the poses are the first camera's.
@@ -158,7 +158,11 @@ def _rig(path: Path, what: Descriptor) -> Rig:
 
 def _poses(path: Path, table: PosesTable) -> Trajectory:
     if not is_bag(path):
-        return read_poses(path, table.unit, table.time_offset_us)
+        stated = table.unit if "unit" in table.model_fields_set else ""
+        try:
+            return read_poses(path, stated, table.time_offset_us)
+        except InputError as error:
+            raise InputError(str(error).replace("set unit to", "set poses.unit to")) from error
     from eventsweep.emvs.datasets.bags import read_bag_poses
 
     return read_bag_poses(path, table.topic, table.time_offset_us)

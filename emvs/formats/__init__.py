@@ -6,6 +6,7 @@ refuses what the format cannot hold. `FORMATS` says what that is.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,6 +32,8 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAT = b"MATLAB 5.0 MAT-f"
 _MCAP = b"\x89MCAP0\r\n"
 _OLD_AEDAT = b"#!AER-DAT"
+_TABLE_HEAD = 1 << 12
+_ROW = re.compile(rb"[-+.\d][-+.,;\w \t]{6,}")
 _SPAN_US = 1 << 36
 _PER_MS = "an index entry per millisecond"
 _EVT = "11-bit pixels; longer times would be mostly counter words"
@@ -215,11 +218,20 @@ def _file(path: Path, head: bytes, columns: ColumnMap | None) -> BlockReader:
         from eventsweep.emvs.formats.aedat4 import Aedat4Reader
 
         return _plain(path, Aedat4Reader(path), columns)
-    if head.startswith(b"%"):
+    if head.startswith(b"%") and not _is_table(path):
         return _plain(path, RawReader(path), columns)
     from eventsweep.emvs.formats.tables.text import TextReader
 
     return TextReader(path, columns)
+
+
+def _is_table(path: Path) -> bool:
+    """Whether lines that begin with `%` stand before one of numbers, not before binary words."""
+    with opened(path) as file:
+        head = file.read(_TABLE_HEAD)
+    rows = (line for line in head.splitlines() if line.strip() and not line.startswith(b"%"))
+    is_text = head.isascii() and b"\0" not in head
+    return is_text and _ROW.fullmatch(next(rows, b"")) is not None
 
 
 def write_events(
