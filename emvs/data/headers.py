@@ -75,7 +75,7 @@ def columns_of(line: str) -> list[Column]:
 
 def column_of(name: str) -> Column:
     """What one name says."""
-    plain = name.strip().strip("\"'").strip().lower().lstrip("%")
+    plain = name.strip().strip("\"'").partition("@")[0].strip().lower().lstrip("%")
     match = _BRACKET.fullmatch(plain)
     plain, unit = match.groups() if match else (plain, "")
     for pattern, role in ((_SECONDS, "secs"), (_REST_NS, "nsecs")):
@@ -155,12 +155,13 @@ def checked_columns(where: str, columns: list[Column], needed: Sequence[str]) ->
     missing = [role for role in needed if role not in roles]
     twice = [role for role in needed if roles.count(role) > 1]
     odd = [c.name for c in columns if c.role in needed and c.unit in _OTHER_UNITS]
-    if missing or twice or odd:
-        faults = (missing, f"lacks {', '.join(missing)}"), (twice, f"{twice[:1]} twice")
-        what = next((text for fault, text in faults if fault), f"{odd[:1]} in a unit not read here")
+    faults = [f"lacks {', '.join(missing)}"] if missing else []
+    faults += [f"{role} twice" for role in twice]
+    faults += [f"{name} is in a unit not read here" for name in odd]
+    if faults:
         raise InputError(
-            f"{where}: a header of {quoted(*(c.name for c in columns))}: {what}; needs columns "
-            f"{' '.join(needed)}, positions in m: rename or convert them"
+            f"{where}: a header of {quoted(*(c.name for c in columns))}: {faults[0]}; needs one "
+            f"each of {' '.join(needed)}, in m or px, and s, ms, us or ns: rename or convert them"
         )
     return columns
 

@@ -110,6 +110,14 @@ _ALL = (
         ),
     ),
     Format(
+        "aedat2", "AEDAT 2.0 of jAER (DVS128, DAVIS)", ".aedat", False,
+        Limits("µs mod 2^32", "the chip's pixels", max_x=639, max_y=479),
+    ),
+    Format(
+        "aedat3", "AEDAT 3.1 of cAER and libcaer", ".aedat", False,
+        Limits("µs", "15-bit pixels", max_x=32767, max_y=32767, streams=MANY),
+    ),
+    Format(
         "rosbag1", "ROS1 bag, dvs_msgs (reads prophesee_event_msgs and event_camera_msgs, too)",
         ".bag", True, _BAG,
     ),
@@ -215,14 +223,19 @@ def _file(path: Path, head: bytes, columns: ColumnMap | None) -> BlockReader:
 
         return _plain(path, RosbagReader(path), columns)
     if head.startswith(_OLD_AEDAT):
-        from eventsweep.emvs.formats.aedat4 import Aedat4Reader
-
-        return _plain(path, Aedat4Reader(path), columns)
+        return _plain(path, _aedat(path, head), columns)
     if head.startswith(b"%") and not _is_table(path):
         return _plain(path, RawReader(path), columns)
     from eventsweep.emvs.formats.tables.text import TextReader
 
     return TextReader(path, columns)
+
+
+def _aedat(path: Path, head: bytes) -> BlockReader:
+    from eventsweep.emvs.formats import aedat, aedat4
+
+    older = {aedat.MAGIC_2: aedat.Aedat2Reader, aedat.MAGIC_3: aedat.Aedat3Reader}
+    return older.get(head[: len(aedat.MAGIC_2)], aedat4.Aedat4Reader)(path)
 
 
 def _is_table(path: Path) -> bool:

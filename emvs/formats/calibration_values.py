@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import yaml
@@ -35,8 +35,6 @@ class _Loader(yaml.SafeLoader):
     So 5e-05 is a number, 010 is ten, and neither `no` nor a date is anything but a text.
     """
 
-    yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}
-
 
 def _matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Any, Any]:
     return loader.construct_mapping(node, deep=True)
@@ -62,6 +60,7 @@ _CORE = {
     ),
     "merge": (r"<<", "<"),
 }  # fmt: skip
+_Loader.yaml_implicit_resolvers = {}
 for _name, (_pattern, _first) in _CORE.items():
     _starts = [*_first, ""] if _name == "null" else [*_first]
     _form = re.compile(rf"(?:{_pattern})\Z")
