@@ -132,8 +132,8 @@ def _pose_notes(poses: Trajectory, counts: Sequence[StreamCount]) -> Iterator[st
         if count.last_us < first or last < count.first_us:
             yield f"{span}, none at the time of the events: check clock and unit of both"
             return
-        if inside[1] - inside[0] < 1 and count.last_us > count.first_us:
-            yield f"{span}, none between the first event and the last: check their unit"
+        if inside[1] - inside[0] < 2 and count.last_us > count.first_us:
+            yield f"{span}, fewer than two from the first event to the last: check their unit"
             return
 
 

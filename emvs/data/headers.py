@@ -8,6 +8,7 @@ then be impossible.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -212,6 +213,7 @@ def agreed_unit(where: str, said: str, stated: str) -> str:
 _BOOT_US, _SINCE_US, _UNTIL_US = (int(1e6 * s) for s in (315_576_000, 946_684_800, 4_102_444_800))
 """Ten years, and the years 2000 and 2100 from 1970, µs."""
 _YEAR_US = 31_556_952_000_000
+_STEP_US = 1e4  # of most trackers
 
 
 def impossible(t_us: int) -> str:
@@ -235,18 +237,18 @@ def check_whole_us(where: str, time: int) -> None:
 
 
 def finer_unit(time: float, unit: str, step: float = 0.0) -> str:
-    """The coarsest unit finer than one in which a time is possible; empty where none is.
+    """The unit finer than one in which a time is possible; empty where none is.
+
+    Of several, the one in which rows follow each other most nearly every 10 ms, or the coarsest.
 
     Args:
         time: as the table has it.
         unit: in which it is not possible.
-        step: from row to row, as the table has it: at most a second.
+        step: from row to row, as the table has it.
     """
-    if not abs(time) < 1e300:
-        return ""
-    finer = list(PER_UNIT_US)[list(PER_UNIT_US).index(unit) + 1 :]
-    fits = [
-        name for name in finer
-        if step * PER_UNIT_US[name] <= 1e6 and not impossible(int(time * PER_UNIT_US[name]))
-    ]  # fmt: skip
-    return fits[0] if fits else ""
+    finer = list(PER_UNIT_US)[list(PER_UNIT_US).index(unit) + 1 :] if abs(time) < 1e300 else []
+    fits = [name for name in finer if not impossible(int(time * PER_UNIT_US[name]))]
+    apart = {
+        name: abs(math.log10(max(step, 1e-300) * PER_UNIT_US[name] / _STEP_US)) for name in fits
+    }
+    return min(fits, key=lambda name: apart[name] if step else 0.0, default="")
