@@ -97,8 +97,13 @@ class TrajectoryConfig(ParameterGroup):
     offset_s: float = Field(
         default=0, ge=-1e12, le=1e12, description="Added to the estimate's times, s."
     )
-    unit: TimeUnit = Field(default="s", description="Unit of the times in the estimate's file.")
-    truth_unit: TimeUnit = Field(default="s", description="Unit of the times in the truth's file.")
+    unit: TimeUnit = Field(
+        default="s",
+        description="Unit of the times in the estimate's file, unless its header says it.",
+    )
+    truth_unit: TimeUnit = Field(
+        default="s", description="Unit of the times in the truth's file, unless its header says it."
+    )
     rpe_distances_m: tuple[_Positive, ...] = Field(
         default=(),
         description="Path lengths for relative errors, m; by default 10, 20, ... 50 % of the path.",

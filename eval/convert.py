@@ -36,7 +36,7 @@ class Options:
         to: the format to write.
         stream: the only stream to convert, of an event file with several or of a recording.
         shift_us: added to all times; None: such that the first event or pose is at 0.
-        unit: unit of time of a text of poses.
+        unit: unit of time of a text of poses; empty: what its header says, else s.
         width_px: sensor width, where the input does not say it, as `height_px`.
         baseline_m: distance between the cameras, for disparity.
         window_s: length of windows to learn from, as of `TrainingWindows`; so `stride_s`.
@@ -47,7 +47,7 @@ class Options:
     to: str
     stream: str = ""
     shift_us: int | None = 0
-    unit: str = "s"
+    unit: str = ""
     width_px: int | None = None
     height_px: int | None = None
     baseline_m: float | None = None
@@ -88,7 +88,7 @@ def convert_file(source: Path, out: Path, options: Options, progress: Display) -
         return _events(source, out, options, inputs, progress)
     with output_file(out, force=options.force, inputs=inputs) as place:
         if to in POSES:
-            return Written(_poses(source, place, options))
+            return _poses(source, place, options)
         if to in calibration_writers.WRITERS:
             rig, notes = _rig(source)
             calibration_writers.WRITERS[to](place, rig)
@@ -113,7 +113,7 @@ def _refuse_unused(options: Options) -> None:
         "--stream": bool(options.stream) and not (events or windows),
         "--window-s and --stride-s": lengths != (None, None) and not windows,
         "--shift-us and --from-zero": options.shift_us != 0 and not (events or poses),
-        "--unit": options.unit != "s" and not poses,
+        "--unit": bool(options.unit) and not poses,
         "--width-px": options.width_px is not None and not events,
         "--height-px": options.height_px is not None and not events,
         "--columns and --time-unit": options.columns is not None and not events,
@@ -262,16 +262,17 @@ def _start_us(readable: Readable) -> int:
     return min(first)
 
 
-def _poses(source: Path, out: Path, options: Options) -> str:
+def _poses(source: Path, out: Path, options: Options) -> Written:
     poses = _trajectory(source, options.unit)
+    notes = poses.notes
     if options.shift_us is None or options.shift_us:
         shift = -poses.span_us[0] if options.shift_us is None else options.shift_us
         poses = Trajectory(poses.t_us + shift, poses.positions_m, poses.quats_xyzw)
     if options.to == "kitti":
         write_kitti(out, poses)
-        return f"{len(poses)} poses as KITTI rows, without their times"
+        return Written(f"{len(poses)} poses as KITTI rows, without their times", notes)
     write_tum(out, poses)
-    return f"{len(poses)} poses as TUM rows"
+    return Written(f"{len(poses)} poses as TUM rows", notes)
 
 
 def _trajectory(source: Path, unit: str) -> Trajectory:

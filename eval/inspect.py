@@ -10,6 +10,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from eventsweep.emvs.data.headers import impossible
 from eventsweep.emvs.data.recording import Recording, has_poses
 from eventsweep.emvs.datasets.raw_streams import Readable, open_readable
 from eventsweep.emvs.formats.tables.columns import ColumnMap
@@ -18,6 +19,7 @@ from eventsweep.eval.event_statistics import StreamCount
 from eventsweep.eval.progress import Display
 
 _POSE_GAP_FACTOR = 5
+_FEW_POSES = 3  # a motion between two poses has none in between
 _ROWS = {
     "events": "events",
     "brighter": "brighter",
@@ -113,6 +115,7 @@ def _pose_facts(poses: Trajectory, counts: Sequence[StreamCount]) -> dict[str, A
         "poses": len(poses),
         "poses_us": [first, last],
         "pose_rate_hz": 1e6 / typical_us if typical_us else None,
+        "pose_notes": [f"poses: {note}" for note in _pose_notes(poses, counts)],
         "pose_gaps": int(np.count_nonzero(steps_us > _POSE_GAP_FACTOR * typical_us)),
         "poses_cover_events": all(
             c.first_us is None or c.last_us is None or (first <= c.first_us and c.last_us <= last)
@@ -120,6 +123,25 @@ def _pose_facts(poses: Trajectory, counts: Sequence[StreamCount]) -> dict[str, A
         ),
         "poses_share_of_events_span": [_covered(c, first, last) for c in counts],
     }
+
+
+def _pose_notes(poses: Trajectory, counts: Sequence[StreamCount]) -> Iterator[str]:
+    """What their file says wrongly, and times that do not go with those of the events."""
+    yield from poses.notes
+    first, last = poses.span_us
+    if year := impossible(first) or impossible(last):
+        yield f"times reach {year}: check their unit"
+    for count in counts:
+        if count.first_us is None or count.last_us is None or len(poses) < _FEW_POSES:
+            continue
+        span = f"{first * 1e-6:.6f} to {last * 1e-6:.6f} s"
+        inside = np.searchsorted(poses.t_us, (count.first_us, count.last_us))
+        if count.last_us < first or last < count.first_us:
+            yield f"{span}, none at the time of the events: check clock and unit of both"
+            return
+        if inside[1] - inside[0] < 2 and count.last_us > count.first_us:
+            yield f"{span}, fewer than two from the first event to the last: check their unit"
+            return
 
 
 def _covered(count: StreamCount, first_us: int, last_us: int) -> float:
@@ -147,9 +169,12 @@ def warnings(description: dict[str, Any]) -> list[str]:
                 f"{name}: {stream['outside_sensor']:,} events lie outside the sensor: check its "
                 "size"
             )
+        if year := impossible(stream["first_us"] or 0) or impossible(stream["last_us"] or 0):
+            notes.append(f"{name}: times reach {year}: check their unit")
     recording = description["recording"]
     if recording and not recording["poses"]:
         return notes
+    notes += recording["pose_notes"] if recording else []
     if recording and not recording["poses_cover_events"]:
         least = min(recording["poses_share_of_events_span"])
         notes.append(f"poses cover {least:.1%} of the events' time; the rest cannot be mapped")

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.data.headers import check_whole_us
 from eventsweep.emvs.errors import InputError, check_array
 
 Numbers = NDArray[Any]
@@ -163,6 +164,8 @@ def to_events(
     """
     if unit_s is None:
         unit_s = 1.0 if t.dtype.kind == "f" else 1e-6
+        if unit_s == 1e-6 and len(t):
+            check_whole_us(where, int(t[0]))
     return events_at(where, x, y, times_us(where, t, unit_s), p)
 
 

@@ -7,6 +7,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import NamedTuple
 
+from eventsweep.emvs.data.headers import agreed_unit
 from eventsweep.emvs.errors import InputError, quoted, said
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, read_text
 
@@ -25,12 +26,12 @@ class Stamps(NamedTuple):
     unit: str
 
 
-def text_of(path: Path, encoding: str, needs: str, most_bytes: int = TABLE_BYTES) -> str:
+def text_of(path: Path, needs: str, most_bytes: int = TABLE_BYTES) -> str:
     """A text of a file; what cannot be read says what is needed."""
     try:
-        return read_text(path, most_bytes, encoding)
+        return read_text(path, most_bytes)
     except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or f"not a text file in {encoding}"
+        reason = getattr(error, "strerror", None) or "not a text file in utf-8"
         raise InputError(f"{path}: cannot be read ({reason}); needs {needs}") from error
 
 
@@ -44,11 +45,11 @@ def read_stamps(path: Path, unit: str | None = None) -> Stamps:
         InputError: an unreadable file, a line that is neither, some lines with a name and some
             without, or a unit that nothing says.
     """
-    rows, header = _rows(text_of(path, "utf-8", "lines `t` or `t name`").splitlines())
+    rows, header = _rows(text_of(path, "lines `t` or `t name`").splitlines())
     if not rows:
         raise InputError(f"{path}: no times; needs a line `t` or `t name` for each image")
     words = [row[1] for row in rows]
-    unit = unit or _unit(path, header, words)
+    unit = agreed_unit(str(path), _said(header), unit or "") or _unit(path, words)
     t_us = tuple(_time_us(f"{path}, line {row[0]}", row[1], unit) for row in rows)
     names = tuple(row[2] for row in rows if row[2])
     if len(names) not in (0, len(rows)):
@@ -76,10 +77,13 @@ def _rows(lines: list[str]) -> tuple[list[tuple[int, str, str]], str]:
     return rows, " ".join(header)
 
 
-def _unit(path: Path, header: str, words: list[str]) -> str:
+def _said(header: str) -> str:
+    """The only unit that a header says, or empty."""
     stated: set[str] = {unit.replace("µ", "u") for unit in _HEADER_UNIT.findall(header)}
-    if len(stated) == 1:
-        return stated.pop()
+    return stated.pop() if len(stated) == 1 else ""
+
+
+def _unit(path: Path, words: list[str]) -> str:
     if any("." in word for word in words):
         return "s"
     raise InputError(

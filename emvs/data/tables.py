@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +15,7 @@ from eventsweep.emvs.errors import InputError, refused
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, read_text
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, read_text
 
 Array = NDArray[np.float64]
 IMU_FILE = "imu.csv"
@@ -57,10 +58,9 @@ def write_imu(path: str | Path, samples: ImuSamples) -> None:
 def read_imu(path: Path) -> ImuSamples:
     """Reads what `write_imu` wrote."""
     with refused(f"{path}: cannot be read as IMU samples", OSError, ValueError):
-        check_file(path, TABLE_BYTES)
-        with Path(path).open(encoding="ascii") as file:
-            T_body_imu = _place(file.readline())
-        table = np.loadtxt(path, delimiter=",", ndmin=2)
+        text = read_text(path, TABLE_BYTES)
+        T_body_imu = _place(text.partition("\n")[0])
+        table = np.loadtxt(io.StringIO(text), delimiter=",", ndmin=2)
     if table.shape[1] != 7 or not np.isfinite(table).all():
         raise InputError(
             f"{path}: needs rows of seven finite numbers: t_us, gyro x y z, accel x y z"

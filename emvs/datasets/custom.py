@@ -86,7 +86,7 @@ class PosesTable(FrozenModel):
     Attributes:
         file: text `t x y z qx qy qz qw`, or a ROS bag.
         topic: the bag's topic, where it has several with poses.
-        unit: of `t`; a bag says it itself.
+        unit: of `t`, s unless a header says another; a bag says it itself.
         time_offset_us: added to the file's times.
         hand_eye: where the first camera sits on what was tracked: JSON or YAML with `T_body_cam`,
             or TUM-VIE's mocap calibration; without it the poses are the first camera's.
@@ -176,7 +176,8 @@ def _poses(folder: Path, table: PosesTable) -> Trajectory:
 
 def _stored_poses(path: Path, table: PosesTable) -> Trajectory:
     if not is_bag(path):
-        return recorded_poses(path, table.unit, table.time_offset_us)
+        stated = table.unit if "unit" in table.model_fields_set else ""
+        return recorded_poses(path, stated, table.time_offset_us, "set poses.unit to")
     from eventsweep.emvs.datasets.bags import read_bag_poses
 
     return read_bag_poses(path, table.topic, table.time_offset_us)

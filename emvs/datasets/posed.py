@@ -195,9 +195,12 @@ class PosedRecording:
         return self.sources[camera]
 
 
-def recorded_poses(path: Path, unit: str = "s", shift_us: int = 0) -> Trajectory:
+def recorded_poses(
+    path: Path, unit: str = "", shift_us: int = 0,
+    how: str = "name it in a recording.toml with poses.unit =",
+) -> Trajectory:  # fmt: skip
     """The poses of a recording's file, whose unit only a `recording.toml` can state."""
-    with unit_stated("name it in a recording.toml with poses.unit ="):
+    with unit_stated(how):
         return read_poses(path, unit, shift_us)
 
 

@@ -6,6 +6,7 @@ refuses what the format cannot hold. `FORMATS` says what that is.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,6 +33,8 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAT = b"MATLAB 5.0 MAT-f"
 _MCAP, _SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _OLD_AEDAT = b"#!AER-DAT"
+_TABLE_HEAD = 1 << 12
+_ROW = re.compile(rb"[-+.\d][-+.,;\w \t]{6,}")
 _SPAN_US = 1 << 36
 _PER_MS = "an index entry per millisecond"
 _EVT = "11-bit pixels; longer times would be mostly counter words"
@@ -106,6 +109,14 @@ _ALL = (
         Limits(
             "µs", "signed 16-bit pixels", max_x=32767, max_y=32767, keeps_order=False, streams=64
         ),
+    ),
+    Format(
+        "aedat2", "AEDAT 2.0 of jAER (DVS128, DAVIS)", ".aedat", False,
+        Limits("µs mod 2^32", "the chip's pixels", max_x=639, max_y=479),
+    ),
+    Format(
+        "aedat3", "AEDAT 3.1 of cAER and libcaer", ".aedat", False,
+        Limits("µs", "15-bit pixels", max_x=32767, max_y=32767, streams=MANY),
     ),
     Format(
         "rosbag1", "ROS1 bag, dvs_msgs (reads prophesee_event_msgs and event_camera_msgs, too)",
@@ -216,14 +227,28 @@ def _file(path: Path, head: bytes, columns: ColumnMap | None) -> BlockReader:
 
         return _plain(path, RosbagReader(path), columns)
     if head.startswith(_OLD_AEDAT):
-        from eventsweep.emvs.formats.aedat4 import Aedat4Reader
-
-        return _plain(path, Aedat4Reader(path), columns)
-    if head.startswith(b"%"):
+        return _plain(path, _aedat(path, head), columns)
+    if head.startswith(b"%") and not _is_table(path):
         return _plain(path, RawReader(path), columns)
     from eventsweep.emvs.formats.tables.text import TextReader
 
     return TextReader(path, columns)
+
+
+def _aedat(path: Path, head: bytes) -> BlockReader:
+    from eventsweep.emvs.formats import aedat, aedat4
+
+    older = {aedat.MAGIC_2: aedat.Aedat2Reader, aedat.MAGIC_3: aedat.Aedat3Reader}
+    return older.get(head[: len(aedat.MAGIC_2)], aedat4.Aedat4Reader)(path)
+
+
+def _is_table(path: Path) -> bool:
+    """Whether lines that begin with `%` stand before one of numbers, not before binary words."""
+    with opened(path) as file:
+        head = file.read(_TABLE_HEAD)
+    rows = (line for line in head.splitlines() if line.strip() and not line.startswith(b"%"))
+    is_text = head.isascii() and b"\0" not in head
+    return is_text and _ROW.fullmatch(next(rows, b"")) is not None
 
 
 def write_events(

@@ -104,7 +104,7 @@ class Aedat4Reader(BlockReader):
 def _header(path: Path, file: BinaryIO) -> tuple[int, int, ElementTree.Element]:
     """Compression, where the table begins (-1: nowhere), and the tree of streams."""
     if file.read(len(MAGIC)) != MAGIC:
-        raise InputError(f"{path}, byte 0: not an AEDAT4 file; convert older versions first")
+        raise InputError(f"{path}, byte 0: not AEDAT 2.0, 3.1 or 4.0; convert it first")
     size = file.read(4)
     length = int.from_bytes(size, "little")
     if length > _MOST_HEADER:

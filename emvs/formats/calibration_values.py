@@ -29,7 +29,7 @@ _MOST_LETTERS = 500
 _LONG_NUMBER = re.compile(rf"[0-9_:.]{{{_MOST_LETTERS + 1}}}")
 _LARGEST = 1e100
 _LARGEST_M = 1e6
-_OPENCV_DIRECTIVE = re.compile(r"\A\ufeff?%YAML:[0-9.]+[^\n]*")
+_OPENCV_DIRECTIVE = re.compile(r"\A%YAML:[0-9.]+[^\n]*")
 
 
 class Entry(NamedTuple):
@@ -41,19 +41,49 @@ class Entry(NamedTuple):
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain values, and OpenCV's matrices as mappings of rows, cols, dt and data."""
+    """Plain values as YAML 1.2 has them, and OpenCV's matrices as mappings of rows, cols and data.
+
+    So 5e-05 is a number, 010 is ten, and neither `no` nor a date is anything but a text.
+    """
 
 
 def _matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Any, Any]:
     return loader.construct_mapping(node, deep=True)
 
 
+def _whole(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
+    text = str(loader.construct_scalar(node))
+    return int(text, 0) if text[1:2] in ("o", "x") else int(text)
+
+
+def _float(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float:
+    text = str(loader.construct_scalar(node))
+    return float(text.replace(".", "", 1) if text[-1].isalpha() else text)
+
+
+_CORE = {
+    "null": (r"~|null|Null|NULL|", "~nN"),
+    "bool": (r"true|True|TRUE|false|False|FALSE", "tTfF"),
+    "int": (r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+", "-+0123456789"),
+    "float": (
+        r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|"
+        r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN|Nan)", "-+.0123456789",
+    ),
+    "merge": (r"<<", "<"),
+}  # fmt: skip
+_Loader.yaml_implicit_resolvers = {}
+for _name, (_pattern, _first) in _CORE.items():
+    _starts = [*_first, ""] if _name == "null" else [*_first]
+    _form = re.compile(rf"(?:{_pattern})\Z")
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_name}", _form, _starts)
 _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
+_Loader.add_constructor("tag:yaml.org,2002:int", _whole)
+_Loader.add_constructor("tag:yaml.org,2002:float", _float)
 
 
 def parsed(path: Path) -> dict[str, Any]:
     """The mapping that a JSON or YAML file holds."""
-    text = text_of(path, "utf-8", "a calibration: correct the path", SETTINGS_BYTES)
+    text = text_of(path, "a calibration: correct the path", SETTINGS_BYTES)
     damage = ValueError, RecursionError, yaml.YAMLError
     with refused(f"{path}: not valid JSON or YAML", *damage, cure=": correct the file"):
         if _LONG_NUMBER.search(text):  # YAML takes time by the square of a number's digits

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -30,6 +30,7 @@ class Trajectory:
         t_us: (N,) int64, strictly increasing, µs.
         positions_m: (N, 3) float64.
         quats_xyzw: (N, 4) float64 unit quaternions; neighbours lie in one hemisphere.
+        notes: what a reader must know of the file that they are from, a sentence each.
 
     Raises:
         InputError: no poses, NaN, a quaternion that is not of unit length, or time not increasing.
@@ -38,6 +39,7 @@ class Trajectory:
     t_us: NDArray[np.int64]
     positions_m: NDArray[np.float64]
     quats_xyzw: NDArray[np.float64]
+    notes: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         check_array("trajectory's t_us", self.t_us, "an array (N,) of whole µs", "iu")
@@ -114,7 +116,8 @@ class Trajectory:
     def times(self, T_body_other: NDArray[np.float64]) -> Trajectory:
         """The trajectory of another frame on the same body: `T_world_body @ T_body_other`."""
         T_world_body = se3.from_quat_xyzw(self.positions_m, self.quats_xyzw)
-        return Trajectory.from_matrices(self.t_us, T_world_body @ T_body_other)
+        moved = Trajectory.from_matrices(self.t_us, T_world_body @ T_body_other)
+        return replace(moved, notes=self.notes)
 
     def _check_covers(self, times_us: NDArray[np.generic]) -> None:
         if times_us.size == 0:

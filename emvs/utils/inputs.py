@@ -6,6 +6,7 @@ Python's stack.
 
 from __future__ import annotations
 
+import codecs
 import json
 import os
 import stat
@@ -156,9 +157,25 @@ def file_in(path: Path, name: str) -> Path:
 
 
 def read_text(path: Path, most_bytes: int, encoding: str = "utf-8") -> str:
-    """The whole text of a file, as `check_file` allows; OSError or UnicodeDecodeError otherwise."""
+    """The whole text of a file, as `check_file` allows; OSError or UnicodeDecodeError otherwise.
+
+    A byte order mark is left out, lines end as Unix has it.
+    """
     check_file(path, most_bytes)
-    return Path(path).read_text(encoding=encoding)
+    data = Path(path).read_bytes()
+    text = data[mark_bytes(path, data) :].decode(encoding)
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def mark_bytes(path: Path, head: bytes) -> int:
+    """Length of the byte order mark that a text begins with: 3 of UTF-8, or 0.
+
+    Raises:
+        InputError: the mark of UTF-16 or UTF-32.
+    """
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)):
+        raise InputError(f"{path}: is a text in UTF-16 or UTF-32; save it as UTF-8")
+    return len(codecs.BOM_UTF8) if head.startswith(codecs.BOM_UTF8) else 0
 
 
 def opened_npz(path: Path, most_bytes: int = NPZ_BYTES) -> NpzFile:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import DAMAGED_NPY, InputError, refused
 from eventsweep.emvs.formats.depth import read_exr
-from eventsweep.emvs.utils.inputs import opened_npz
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, opened_npz, read_text
 
 Image = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ def _exr(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
 def _points(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
     """Rows of `column row number`, as the method authors' program writes them."""
     with _damaged(path, OSError, ValueError):
-        lines = path.read_text(encoding="ascii").splitlines()
+        lines = read_text(path, TABLE_BYTES).splitlines()
         if not any(lines):
             return np.full(shape, np.nan)
         table = np.loadtxt(lines, dtype=np.float64, ndmin=2, comments=None)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, FiniteFloat, ValidationError
 
-from eventsweep.emvs.errors import InputError, repeated
+from eventsweep.emvs.errors import InputError, refused, repeated
 from eventsweep.emvs.parameters import FrozenModel, TimeUs, first_fault
 from eventsweep.emvs.utils.inputs import (
     SETTINGS_BYTES,
@@ -126,8 +126,8 @@ def plain(name: str) -> str:
 
 
 def _listed(path: Path, files: Sequence[Path]) -> list[str]:
-    check_file(inside(path.parent, path.name), TABLE_BYTES)
-    times = path.read_text(encoding="utf-8", errors="replace").split()
+    with refused(f"{path}: cannot be read", OSError, UnicodeDecodeError):
+        times = read_text(inside(path.parent, path.name), TABLE_BYTES).split()
     bad = [time for time in times if not _STEM.fullmatch(time)]
     if bad or len(times) != len(files):
         reason = f"{bad[0]!r} is not a time" if bad else f"it has {len(times)} of them"

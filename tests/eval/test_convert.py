@@ -200,6 +200,21 @@ def test_trajectories_go_to_tum_and_kitti(tmp_path):
     np.testing.assert_allclose(got.at(made.t_us), T_world_body, atol=1e-9)
     rows = np.loadtxt(tmp_path / "c").reshape(-1, 3, 4)
     np.testing.assert_allclose(rows, T_world_body[:, :3], atol=1e-9)
+    np.savetxt(tmp_path / "times.txt", made.t_us / 1e6, "%.6f")
+    assert run(tmp_path / "c", tmp_path / "d", "--to", "tum") == 0
+    assert np.array_equal(read_poses(tmp_path / "d").t_us, made.t_us)
+
+
+def test_what_a_header_says_needs_no_flag_and_contradicts_one(tmp_path, capsys):
+    path, tum = tmp_path / "p.csv", tmp_path / "p.tum"
+    path.write_text("t_us,x,y,z,qw,qx,qy,qz\n5,1,2,3,1,0,0,0\n5,9,9,9,1,0,0,0\n9,1,2,3,1,0,0,0\n")
+    assert run(path, tum, "--to", "tum") == 0
+    assert "note: 1 of 3 poses repeat the time before them" in capsys.readouterr().err
+    assert read_poses(tum).t_us.tolist() == [5, 9]
+    assert read_poses(tum).quats_xyzw.tolist() == [[0, 0, 0, 1]] * 2
+    assert "leave the setting out" in command_refused(
+        capsys, "convert", path, tmp_path / "q", "--to", "tum", "--unit", "s"
+    )
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("s", 1e-6), ("ms", 1e-3), ("us", 1), ("ns", 1000)])

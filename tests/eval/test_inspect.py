@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.formats import write_events
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.event_statistics import GAP_US, StreamCount
 from refusals import command_refused
@@ -101,3 +103,58 @@ def test_nothing_but_what_was_asked_for(tmp_path, capsys, word):
     main(["info", str(path), word])
     out = capsys.readouterr().out
     assert json.loads(out) if word == "--json" else not out
+
+
+HEADER = "#timestamp [ns],x,y,z,qw,qx,qy,qz\n"
+NS = HEADER + "".join(f"{k}0000000,0.{k},0,0,1,0,0,0\n" for k in range(12))
+SAYS = {  # poses of a recording with events from 0 to 0.1 s, a line of its table, and what is told
+    "header in ns": (NS, "", ""),
+    "unit agrees": (NS, 'unit = "ns"\n', ""),
+    "ms, silent": ("".join(f"{10 * k} 0.{k} 0 0 0 0 0 1\n" for k in range(12)), "",
+                   "fewer than two from the first event to the last: check their unit"),
+    "another clock": ("".join(f"{1.6e9 + k / 100} 0.{k} 0 0 0 0 0 1\n" for k in range(12)), "",
+                      "none at the time of the events: check clock and unit"),
+    "repeated": ("".join(f"{k / 100} 0.{k} 0 0 0 0 0 1\n" * 2 for k in range(12)), "",
+                 "12 of 24 poses repeat the time before them"),
+    "an impossible year": ("".join(f"{1e10 + k / 100} 0.{k} 0 0 0 0 0 1\n" for k in range(12)),
+                           'unit = "s"\n', "times reach the year 2286"),
+}  # fmt: skip
+REFUSED = {
+    "unit contradicts": (HEADER + "0,0,0,0,1,0,0,0\n", 'unit = "us"\n', "leave the setting out"),
+    "ns, silent": ("".join(f"{k}0000000 0 0 0 0 0 0 1\n" for k in range(12)), "",
+                   "set poses.unit to 'ns'"),
+}  # fmt: skip
+
+
+def recording_of(folder, poses, table):
+    """A recording of one camera with these poses, beside its events."""
+    rig = Rig("r", (Camera(64, 64, 60, 60, 32, 32, "pinhole"),), (np.eye(4),))
+    (folder / "rig.json").write_text(json.dumps(rig.to_json()), encoding="utf-8-sig")
+    (folder / "poses.txt").write_text(poses, encoding="utf-8-sig")
+    events = "t_us,x,y,p\n" + "".join(f"{1000 * k},{k % 64},5,1\n" for k in range(101))
+    (folder / "cam0.csv").write_text(events, encoding="utf-8-sig")
+    (folder / "recording.toml").write_text(
+        f'[calibration]\nfile = "rig.json"\n[poses]\nfile = "poses.txt"\n{table}'
+        '[[events]]\nfile = "cam0.csv"\n', encoding="utf-8-sig",
+    )  # fmt: skip
+    return folder
+
+
+@pytest.mark.parametrize("name", SAYS)
+def test_what_the_poses_of_a_recording_say_is_told(tmp_path, capsys, name):
+    poses, table, words = SAYS[name]
+    assert main(["info", str(recording_of(tmp_path, poses, table))]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"note: poses: {words}" in said or (words in said if words else "note" not in said)
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_poses_that_contradict_or_cannot_be_are_refused(tmp_path, capsys, name):
+    poses, table, words = REFUSED[name]
+    assert words in command_refused(capsys, "info", recording_of(tmp_path, poses, table))
+
+
+def test_a_year_that_a_header_states_is_told(tmp_path, capsys):
+    (tmp_path / "e.csv").write_text("t_us,x,y,p\n1600000000000000000,2,3,1\n")
+    assert main(["info", str(tmp_path / "e.csv")]) == 0
+    assert "events: times reach the year 526" in capsys.readouterr().out

@@ -97,6 +97,43 @@ def decode_dat(words):
     return rows
 
 
+def decode_aedat2(data, size_px):
+    """Big-endian words of an address and a time, the pixel counted from below and the right."""
+    rows, clock, (width, height) = [], Counter(32), size_px
+    for at in range(0, len(data), 8):
+        address = int.from_bytes(data[at : at + 4], "big")
+        clock.take(int.from_bytes(data[at + 4 : at + 8], "big"))
+        bits = f"{address:032b}"
+        if size_px == (128, 128) and bits[:17] == "0" * 17:
+            x, y, p = int(bits[24:31], 2), int(bits[17:24], 2), bits[31] == "0"
+        elif size_px != (128, 128) and bits[0] == "0" and bits[21] == "0":
+            x, y, p = int(bits[10:20], 2), int(bits[1:10], 2), bits[20] == "1"
+        else:
+            continue
+        rows.append((clock.whole, width - 1 - x, height - 1 - y, int(p)))
+    return rows
+
+
+def decode_aedat3(data):
+    """Packets one after another, their events one after another."""
+    rows, at = [], 0
+
+    def take(size):
+        nonlocal at
+        at += size
+        return int.from_bytes(data[at - size : at], "little")
+
+    while at < len(data):
+        kind, _, size, _, overflow, _, count, _ = (take(n) for n in (2, 2, 4, 4, 4, 4, 4, 4))
+        for _ in range(count):
+            word, stamp = (take(4), take(4)) if kind == 1 else (0, 0)
+            at += 0 if kind == 1 else size
+            if word % 2:
+                t_us = overflow * 2**31 + stamp
+                rows.append((t_us, word // 2**17, word // 4 % 2**15, word // 2 % 2))
+    return rows
+
+
 def decode_ros(data, count, ros2):
     """Field by field; ROS2 aligns each to its own size."""
     rows, at = [], 0

@@ -8,25 +8,19 @@ brackets where several lie in one data set (`CD/events[x]`, `events[0]`); a bare
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.data.headers import POLARITIES, agreed_unit, check_whole_us, column_of
 from eventsweep.emvs.errors import InputError, quoted
 
 UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-# What a column's name says of its unit; None: µs where whole, seconds where floating
-TIMES: Mapping[str, float | None] = {
-    "t_us": 1e-6,
-    "t_ns": 1e-9,
-    "t_ms": 1e-3,
-    "t_s": 1.0,
-    **dict.fromkeys(("t", "ts", "time", "timestamp", "timestamps")),
-}
-POLARITIES = ("p", "pol", "polarity", "on")
+# Usual names of times; those without a unit count µs where whole, seconds where floating
+TIMES = ("t_us", "t_ns", "t_ms", "t_s", "t", "ts", "time", "timestamp", "timestamps")
 ORDERS = ("txyp", "xytp")
 CURE = "set `columns` (x=..., y=..., t=..., p=...) and `time_unit` (s, ms, us, ns)"
 _ADDRESS = re.compile(r"(?P<name>[^\[\]]*)(?:\[(?P<key>[^\[\]]+)\])?")
@@ -66,11 +60,19 @@ class ColumnMap:
             raise InputError(f"columns: none given; {CURE}")
         for address in self.addresses.values():
             address_of(address)
+        agreed_unit("columns", self._named_unit, self.time_unit)
 
     @property
     def addresses(self) -> dict[str, str]:
         """The addresses of x, y, t and p."""
         return {"x": self.x, "y": self.y, "t": self.t, "p": self.p}
+
+    @property
+    def _named_unit(self) -> str:
+        """The unit that the name of the times says, or empty."""
+        name, key = address_of(self.t)
+        said = column_of(key or name.rpartition("/")[2])
+        return said.unit if said.role == "t" and said.unit in UNITS_S else ""
 
     @property
     def unit_s(self) -> float | None:
@@ -97,16 +99,25 @@ def address_of(address: str) -> tuple[str, str]:
     return match["name"], match["key"] or ""
 
 
-def by_names(where: str, names: Collection[str]) -> tuple[ColumnMap, float | None]:
-    """The columns whose names say what they are, and the unit that the time's name says, s."""
+def by_names(where: str, names: Collection[str]) -> tuple[dict[str, str], float | None]:
+    """The addresses whose names say what they are, and the unit that the time's name says, s."""
     times = [name for name in TIMES if name in names]
+    times = times or [name for name in names if column_of(name).role == "t"]
     signs = [name for name in POLARITIES if name in names]
     if len(times) != 1 or len(signs) != 1 or not {"x", "y"} <= set(names):
         raise InputError(
             f"{where}: columns {quoted(*sorted(names)) or 'none'}; needs x, y, one of "
             f"{', '.join(POLARITIES)} and one of {', '.join(TIMES)}: rename them, or {CURE}"
         )
-    return ColumnMap("x", "y", times[0], signs[0], "us"), TIMES[times[0]]
+    addresses = {"x": "x", "y": "y", "t": times[0], "p": signs[0]}
+    return addresses, UNITS_S.get(column_of(times[0]).unit)
+
+
+def agreed_unit_s(where: str, named_s: float | None, stated: ColumnMap | None) -> float | None:
+    """What times count, s, by a column's name or as stated, which must agree; None: neither."""
+    unit_s = None if stated is None else stated.unit_s
+    words = [{s: unit for unit, s in UNITS_S.items()}.get(s or 0.0, "") for s in (named_s, unit_s)]
+    return UNITS_S.get(agreed_unit(where, *words))
 
 
 def order_of(where: str, columns: Sequence[NDArray[Any]]) -> str:
@@ -139,6 +150,8 @@ def _may_be(name: str, values: NDArray[Any]) -> bool:
 def nameless_unit_s(where: str, t: NDArray[Any]) -> float:
     """What the times of a nameless column count, s: µs where of a whole type, else seconds."""
     if t.dtype.kind != "f":
+        if len(t):
+            check_whole_us(where, int(t[0]))
         return 1e-6
     if (t == np.floor(t)).all():
         raise InputError(f"{where}: times of type {t.dtype} without fractions; set `time_unit`")

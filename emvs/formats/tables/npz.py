@@ -31,6 +31,7 @@ from eventsweep.emvs.formats.tables.columns import (
     CURE,
     ColumnMap,
     address_of,
+    agreed_unit_s,
     by_names,
     nameless_unit_s,
     order_of,
@@ -85,7 +86,7 @@ class ArrayReader(BlockReader):
         addresses, unit_s = (
             (columns.addresses, None) if columns and is_stated else self._chosen(arrays)
         )
-        self._unit_s = columns.unit_s if columns and columns.unit_s is not None else unit_s
+        self._unit_s = agreed_unit_s(str(self.path), unit_s, columns)
         self._runs: list[_Run] = []
         self._columns: dict[str, tuple[int, Any]] = {}
         rows: dict[str, int] = {}
@@ -129,12 +130,11 @@ class ArrayReader(BlockReader):
     def _chosen(self, arrays: Mapping[str, Array]) -> tuple[dict[str, str], float | None]:
         """The addresses of x, y, t and p, and what times count, s, if names say it."""
         if len(arrays) != 1:
-            named, unit_s = by_names(str(self.path), arrays)
-            return named.addresses, unit_s
+            return by_names(str(self.path), arrays)
         (array,) = arrays.values()
         if array.kind.names:
             named, unit_s = by_names(str(self.path), array.kind.names)
-            return {name: f"{array.name}[{key}]" for name, key in named.addresses.items()}, unit_s
+            return {name: f"{array.name}[{key}]" for name, key in named.items()}, unit_s
         if len(array.shape) != 2 or array.shape[1] != 4:
             raise InputError(
                 f"{self.path}: one array of shape {array.shape}; needs (N, 4), or {CURE}"

@@ -13,7 +13,7 @@ from eventsweep.emvs.data.events import Events, Numbers, to_events
 from eventsweep.emvs.errors import InputError, quoted, refused, shown
 from eventsweep.emvs.formats.blocks import BlockReader
 from eventsweep.emvs.formats.prophesee import STREAM, opened
-from eventsweep.emvs.formats.tables.columns import UNITS_S, ColumnMap, by_names
+from eventsweep.emvs.formats.tables.columns import UNITS_S, ColumnMap, agreed_unit_s, by_names
 from eventsweep.emvs.utils.plugins import extra_module
 
 _ROWS = 1 << 18
@@ -38,11 +38,10 @@ class ParquetReader(BlockReader):
                 table.metadata.row_group(k).num_rows for k in range(table.num_row_groups)
             ]
         if columns is None or not columns.x:
-            chosen, unit_s = by_names(str(self.path), schema.names)
+            self._names, unit_s = by_names(str(self.path), schema.names)
         else:
-            chosen, unit_s = columns, None
-        self._names = chosen.addresses
-        self._unit_s = unit_s if columns is None else columns.unit_s
+            self._names, unit_s = columns.addresses, None
+        self._unit_s = agreed_unit_s(str(self.path), unit_s, columns)
         for name in self._names.values():
             self._check(schema, name)
         if sum(self._groups) != self._rows:

@@ -1,13 +1,17 @@
 """Events as text, read and written: `t x y p` in lines, with or without a size line, or CSV.
 
 A time with a decimal point or an exponent is in seconds, a whole number in µs, and a whole file
-is one or the other; a CSV header may name the unit instead (`t_s`, `t_ms`, `t_us`, `t_ns`)
-and the sensor (`x@1280`, `y@720`, as faery writes it).
+is one or the other; a header, of names or in a comment, may name order and unit instead (`t_s`,
+`t_ms`, `t_us`, `t_ns`) and the sensor (`x@1280`, `y@720`, as faery writes it). Prophesee's CSV says
+`%geometry:1280,720` and has x, y, p, t in µs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import codecs
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,26 +20,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.headers import (
+    Column,
+    agreed_unit,
+    check_whole_us,
+    checked_columns,
+    columns_of,
+    fields_of,
+    header_of,
+    is_names,
+    unit_of,
+)
 from eventsweep.emvs.errors import InputError, quoted
 from eventsweep.emvs.formats.base import FileWriter
 from eventsweep.emvs.formats.blocks import BlockReader
 from eventsweep.emvs.formats.prophesee import STREAM, opened
-from eventsweep.emvs.formats.tables.columns import CURE, POLARITIES, TIMES, ColumnMap
+from eventsweep.emvs.formats.tables.columns import CURE, ColumnMap
 from eventsweep.emvs.formats.tables.text_kernels import format_rows, parse_rows
+from eventsweep.emvs.utils.inputs import mark_bytes
 from eventsweep.emvs.utils.release import page
 
 _BLOCK_BYTES = 1 << 22
 _HEAD_BYTES = 1 << 16
-_POWERS = {"t_s": 6, "t_ms": 3, "t_us": 0, "t_ns": -3}
-_NAMES = dict.fromkeys(TIMES, 0) | {"x": 1, "y": 2} | dict.fromkeys(POLARITIES, 3)
+_POWERS = {"s": 6, "ms": 3, "us": 0, "ns": -3}
+_CODES = {"t": 0, "secs": 0, "x": 1, "y": 2, "p": 3, "nsecs": 4}
+_ROLES = ("t", "x", "y", "p")
+_LINE = columns_of("t x y p")
+_SIZE = re.compile(r"%\s*geometry\s*[:= ]\s*(\d{1,5})\s*[,x]\s*(\d{1,5})\s*$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class TextLayout:
     """How lines are read: behind `skip` bytes, with times that count `10**power` µs.
 
-    `order` is what each field is: 0 time, 1 x, 2 y, 3 polarity, -1 anything; `size_px` is width and
-    height, where a line says them.
+    `order` is what each field is: 0 time, 1 x, 2 y, 3 polarity, 4 ns beside the time, -1 anything;
+    `size_px` is width and height, where a line says them; `is_stated` whether the unit is.
     """
 
     format: str
@@ -44,6 +63,7 @@ class TextLayout:
     power: int
     whole_times: bool
     size_px: tuple[int, int] | None = None
+    is_stated: bool = False
 
 
 class TextReader(BlockReader):
@@ -58,7 +78,12 @@ class TextReader(BlockReader):
     ) -> None:
         super().__init__(Path(path), (STREAM,))
         with opened(self.path) as file:
-            self._layout = layout or text_layout(self.path, file.read(_HEAD_BYTES), columns)
+            head = file.read(_HEAD_BYTES)
+            self._layout = (
+                replace(layout, skip=mark_bytes(self.path, head))
+                if layout
+                else text_layout(self.path, head, columns)
+            )
         self.format = self._layout.format
         self.width_px, self.height_px = self._layout.size_px or (None, None)
 
@@ -92,85 +117,130 @@ class TextReader(BlockReader):
         count, bad = parse_rows(data, order, layout.power, layout.whole_times, events.columns)
         if bad >= 0:
             line = text[bad : bad + 60].split(b"\n")[0].decode("ascii", "replace")
-            fields = " ".join("txyp"[what] if what >= 0 else "..." for what in layout.order)
-            times = "a whole number of µs" if layout.whole_times else "seconds"
-            times = f"{times}, as the file begins" if layout.power in (0, 6) else "in its unit"
+            names = {0: "t", 1: "x", 2: "y", 3: "p", 4: "ns"}
+            fields = " ".join(names.get(what, "...") for what in layout.order)
+            times = {6: "seconds", 3: "ms", 0: "µs", -3: "ns"}[layout.power]
+            times = f"a whole number of {times}" if layout.whole_times else times
+            times += ", as stated" if layout.is_stated else ", as the file begins"
             raise InputError(
                 f"{self.path}, line {self.line_at(offset + bad)}: {line!r} is not an event; "
-                f"needs `{fields}`, t >= 0 ({times}), whole pixels 0 to 65535, p 0 or 1 or -1: "
-                "correct or remove the line"
+                f"needs `{fields}`, t >= 0 ({times}), whole pixels 0 to 65535, p 0 or 1 or -1 or "
+                "True or False: correct or remove the line"
             )
         return events.slice(0, count)
 
 
 def text_layout(path: Path, head: bytes, columns: ColumnMap | None = None) -> TextLayout:
     """Recognises the layout from the first bytes of a file, or takes it as stated."""
-    if b"\0" in head or not head.isascii():
+    skip, comments, lines = _begin(path, head)
+    first, size = lines[0].decode("utf-8", "replace"), _size_px(comments)
+    found = columns_of(first) if is_names(first) else None
+    if found is not None:
+        skip, size = skip + len(lines.pop(0)), _size_px([first]) or size
+    elif re.fullmatch(r"\d{1,5}\s+\d{1,5}\s*", first):
+        skip, size = skip + len(lines.pop(0)), (int(first.split()[0]), int(first.split()[1]))
+        return _layout(path, "esim-text", _LINE, skip, lines, size, columns)
+    if columns is not None and columns.x:
+        count = len(fields_of(first)) if found is None else len(found)
+        if found is None:
+            with suppress(InputError):  # what is stated is the cure
+                found = header_of(str(path), comments, first, _ROLES)
+        chosen = _stated(path, columns, found, count)
+        return _layout(path, "csv", chosen, skip, lines, size, columns)
+    try:
+        if found is not None:
+            found = checked_columns(f"{path}, byte 0", found, _ROLES)
+        else:
+            found = header_of(str(path), comments, first, _ROLES)
+    except InputError as error:
+        raise InputError(f"{error}; or {CURE}") from error
+    if found is None and size is not None:  # Prophesee's, whose only words are its size
+        return _layout(path, "csv", columns_of("x y p t_us"), skip, lines, size, columns)
+    kind = "csv" if is_names(first) or (found and found != _LINE) else "text"
+    return _layout(path, kind, found or _LINE, skip, lines, size, columns)
+
+
+def _begin(path: Path, head: bytes) -> tuple[int, list[str], list[bytes]]:
+    """Bytes before the first line that is no comment, the comments, and the lines from there."""
+    skip = mark_bytes(path, head)
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        skip = -1
+    if skip < 0 or b"\0" in head:
         raise InputError(
             f"{path}: neither text nor a known binary event format; "
             f"{page('formats', 'event-files')} lists what can be opened"
         )
-    lines = head.splitlines(keepends=True)
-    skip = 0
-    while lines and (lines[0].startswith(b"#") or not lines[0].strip()):
-        skip += len(lines.pop(0))
+    lines, comments = head[skip:].splitlines(keepends=True), []
+    while lines and (lines[0].startswith((b"#", b"%")) or not lines[0].strip()):
+        skip += len(lines[0])
+        comments.append(lines.pop(0).decode("utf-8", "replace"))
     if not lines:
         raise InputError(
             f"{path}: only blank lines and comments in the first {len(head)} bytes; needs lines "
             "`t x y p`: the file is cut off or empty, download it again"
         )
-    words = lines[0].decode("ascii").replace(",", " ").split()
-    is_header = bool(words) and words[0].strip("\"'")[:1].isalpha()
-    size = None
-    if columns is not None and columns.x:
-        layout = _stated_layout(path, columns, words, skip + is_header * len(lines[0]), is_header)
-    elif is_header:
-        layout = _csv_layout(path, words, skip + len(lines[0]), lines[1:])
-    else:
-        if len(words) == 2 and all(word.isdigit() and len(word) < 6 for word in words):
-            size = (int(words[0]), int(words[1]))
-            skip += len(lines.pop(0))
-        seconds = _has_points(lines, 0)
-        name = "esim-text" if size else "text"
-        layout = TextLayout(name, skip, (0, 1, 2, 3), 6 if seconds else 0, not seconds, size)
-    if columns is None:
-        return layout
-    return replace(layout, power=_POWERS[f"t_{columns.time_unit}"], whole_times=False)
+    return skip, comments, lines
 
 
-def _stated_layout(
-    path: Path, columns: ColumnMap, words: list[str], skip: int, is_header: bool
-) -> TextLayout:
+def _stated(path: Path, columns: ColumnMap, named: list[Column] | None, count: int) -> list[Column]:
     """The fields that are stated, by their names in the header or by their numbers."""
-    names = [word.strip("\"'") for word in words] if is_header else []
-    order = [-1] * len(words)
-    for what, address in enumerate((columns.t, columns.x, columns.y, columns.p)):
+    named = named or [Column("", "", "")] * count
+    names = [column.name.strip("\"' ") for column in named]
+    found = [Column(name, "", "") for name in names]
+    for role, address in columns.addresses.items():
         place = names.index(address) if address in names else -1
-        if place < 0 and address.isdecimal() and int(address) < len(words):
+        if place < 0 and address.isdecimal() and int(address) < count:
             place = int(address)
-        if place < 0 or order[place] >= 0:
-            there = quoted(*names) or f"0 to {len(words) - 1}"
+        if place < 0 or found[place].role:
+            there = quoted(*filter(None, names)) or f"0 to {count - 1}"
             raise InputError(f"{path}: no separate column {quoted(address)}; choose from {there}")
-        order[place] = what
-    return TextLayout("csv", skip, tuple(order), 0, False)
+        if named[place].role in set(_ROLES) - {role}:
+            raise InputError(
+                f"{path}: column {quoted(names[place])} is stated as {role}, but its name says "
+                f"{named[place].role}: correct `columns`, or the header"
+            )
+        found[place] = Column(names[place], role, named[place].unit)
+    return found
 
 
-def _csv_layout(path: Path, words: list[str], skip: int, body: list[bytes]) -> TextLayout:
-    parts = [word.strip("\"'").lower().partition("@") for word in words]
-    names = [name for name, _, _ in parts]
-    sizes = {name: int(size) for name, _, size in parts if size.isdecimal() and len(size) < 6}
-    order = tuple(_NAMES.get(name, -1) for name in names)
-    if sorted(what for what in order if what >= 0) != [0, 1, 2, 3]:
-        raise InputError(
-            f"{path}, byte 0: columns {quoted(*names)}; needs x, y, p (or polarity) and one of "
-            f"t, {', '.join(_POWERS)}: rename them in the header, or {CURE}"
-        )
+def _layout(
+    path: Path, kind: str, found: Sequence[Column], skip: int, lines: list[bytes],
+    size_px: tuple[int, int] | None, columns: ColumnMap | None,
+) -> TextLayout:  # fmt: skip
+    """How the lines are read whose columns were found; of times that nothing states, the first."""
+    roles = [column.role for column in found]
+    order = tuple(_CODES.get(role, -1) for role in roles)
     place = order.index(0)
-    seconds = names[place] == "t_s" or (names[place] not in _POWERS and _has_points(body, place))
-    power = 6 if seconds else _POWERS.get(names[place], 0)
-    whole = names[place] not in _POWERS and not seconds
-    size = (sizes["x"], sizes["y"]) if {"x", "y"} <= set(sizes) else None
-    return TextLayout("csv", skip, order, power, whole, size)
+    word = _first_word(lines, place)
+    said = agreed_unit(str(path), unit_of(found, word), columns.time_unit if columns else "")
+    if said:
+        return TextLayout(kind, skip, order, _POWERS[said], False, size_px, True)
+    seconds = _has_points(lines, place)
+    if not seconds and word.isdecimal():
+        check_whole_us(str(path), int(word))
+    return TextLayout(kind, skip, order, 6 if seconds else 0, not seconds, size_px)
+
+
+def _size_px(lines: Iterable[str]) -> tuple[int, int] | None:
+    """Width and height as `%geometry:1280,720` or `x@1280,y@720` say them."""
+    for line in lines:
+        if match := _SIZE.match(line):
+            return int(match[1]), int(match[2])
+        sizes = dict(re.findall(r"\b([xy])@(\d{1,5})\b", line))
+        if len(sizes) == 2:
+            return int(sizes["x"]), int(sizes["y"])
+    return None
+
+
+def _first_word(lines: list[bytes], place: int) -> str:
+    """The first row's field at a place; empty without one."""
+    for line in lines:
+        if line.strip() and not line.startswith(b"#"):
+            words = fields_of(line.decode("utf-8", "replace"))
+            return words[place] if place < len(words) else ""
+    return ""
 
 
 def _has_points(lines: list[bytes], place: int) -> bool:

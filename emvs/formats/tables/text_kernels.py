@@ -87,6 +87,20 @@ def _scaled(mantissa: Whole, power: Whole) -> tuple[Whole, bool]:
     return mantissa, not rest
 
 
+@njit(cache=True)
+def _truth(text: Bytes, k: int, stop: int) -> tuple[Whole, int]:
+    """1 for `true`, 0 for `false`, in any case, and the place behind it (-1: neither)."""
+    value = np.int64((text[k] | 32) == 116)
+    word = b"true" if value else b"false"
+    end = k + len(word)
+    if end > stop or (end < stop and text[end] != 10 and not _is_gap(text[end])):
+        return value, -1
+    for j in range(len(word)):
+        if text[k + j] | 32 != word[j]:
+            return value, -1
+    return value, end
+
+
 @njit(cache=True, nogil=True)
 def parse_rows(  # noqa: C901 - one pass over the bytes
     text: Bytes,
@@ -97,13 +111,13 @@ def parse_rows(  # noqa: C901 - one pass over the bytes
 ) -> tuple[int, int]:
     """Reads whole lines of numbers; returns the rows, and where a bad line begins (-1: none).
 
-    `order[f]` says what field f is: 0 time, 1 x, 2 y, 3 polarity, -1 anything; a time counts
-    `10**power` µs and is a whole number where `whole_times`. Blank lines and lines that begin with
-    `#` are passed over.
+    `order[f]` says what field f is: 0 time, 1 x, 2 y, 3 polarity, 4 ns that are added to the time,
+    -1 anything; a time counts `10**power` µs and is a whole number where `whole_times`. Blank lines
+    and lines that begin with `#` are passed over.
     """
     x, y, t_us, p = columns
     n, k = 0, 0
-    values = np.zeros(4, np.int64)
+    values = np.zeros(5, np.int64)
     while k < len(text):
         line = k
         while k < len(text) and _is_gap(text[k]):
@@ -124,18 +138,26 @@ def parse_rows(  # noqa: C901 - one pass over the bytes
             if what < 0:
                 while k < len(text) and text[k] != 10 and not _is_gap(text[k]):
                     k += 1
+            elif what == 3 and text[k] > 64:
+                values[3], k = _truth(text, k, len(text))
+                if k < 0:
+                    return n, line
             else:
                 mantissa, exponent, negative, k = _number(text, k, len(text))
                 if k < 0:
                     return n, line
-                value, whole = _scaled(mantissa, exponent + (power if what == 0 else 0))
-                if not whole and (what > 0 or whole_times):
+                exponent += power if what == 0 else -3 if what == 4 else 0
+                value, whole = _scaled(mantissa, exponent)
+                if not whole and (0 < what < 4 or whole_times):
                     return n, line
                 values[what] = -value if negative else value
             while k < len(text) and _is_gap(text[k]):
                 k += 1
         if k < len(text) and text[k] != 10:
             return n, line
+        if not 0 <= values[4] <= 1000000 or values[0] < 0:
+            return n, line
+        values[0] += values[4]
         good = 0 <= values[0] <= _MOST and 0 <= values[1] <= 65535 and 0 <= values[2] <= 65535
         if not good or values[3] < -1 or values[3] > 1:
             return n, line

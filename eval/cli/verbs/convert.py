@@ -20,7 +20,7 @@ def convert(
     from_zero: bool = False,
     columns: str = "",
     time_unit: str = "",
-    unit: str = "s",
+    unit: str = "",
     width_px: int | None = None,
     height_px: int | None = None,
     baseline_m: float | None = None,
@@ -44,7 +44,8 @@ def convert(
         columns: Columns of an HDF5, NumPy, MATLAB, Parquet or text file of events, such as
             "x=ev/xs,y=ev/ys,t=ev/ts,p=ev/on"; with --time-unit.
         time_unit: Unit of the times in such a file: s, ms, us or ns.
-        unit: Unit of time in a text file of poses: s, ms, us or ns.
+        unit: Unit of time in a text file of poses: s, ms, us or ns; by default what its header
+            says, else s.
         width_px: Sensor width, if the input does not contain it.
         height_px: Sensor height, if the input does not contain it.
         baseline_m: Distance between the cameras, for disparity-png.

@@ -104,7 +104,9 @@ def score_poses(
     errors = _errors(matched, world_odom, truth, estimate, config)
     scores = tuple(metric.score(errors) for metric in metrics_of(steps_of_config(config)))
     ate_m = scores[0].value
-    notes = tuple(notes_on(matched, world_odom, ate_m, truth, estimate, config))
+    found = notes_on(matched, world_odom, ate_m, truth, estimate, config)
+    read = [*(f"truth: {note}" for note in truth.notes), *estimate.notes]
+    notes = (*read, *found)
     return TrajectoryScore(scores, matched, world_odom, errors, notes, config, sha256_of(truth))
 
 

@@ -49,7 +49,7 @@ def read_estimate(asked: str | Path, config: TrajectoryConfig) -> Source:
             )
     found = path.resolve()
     default = found.name if path.is_dir() else found.stem
-    return Source(plain(name.strip() or default), path, read_poses(file, config.unit))
+    return Source(plain(name.strip() or default), path, read_poses(file, _stated(config, "unit")))
 
 
 def read_truth(path: str | Path, config: TrajectoryConfig) -> Source:
@@ -63,9 +63,15 @@ def read_truth(path: str | Path, config: TrajectoryConfig) -> Source:
         recording = open_recording(path)
         return Source(recording.name, path, recording.trajectory)
     try:
-        return Source(plain(path.resolve().stem), path, read_poses(path, config.truth_unit))
+        poses = read_poses(path, _stated(config, "truth_unit"))
+        return Source(plain(path.resolve().stem), path, poses)
     except InputError as error:
         raise InputError(str(error).replace("set unit to", "set truth_unit to")) from error
+
+
+def _stated(config: TrajectoryConfig, name: str) -> str:
+    """A unit that somebody set; empty where a header may say another than the default."""
+    return str(getattr(config, name)) if name in config.model_fields_set else ""
 
 
 def score_sources(

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import math
 import re
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 import yaml
 
 from eventsweep.emvs.formats.calibration import read_rig
+from eventsweep.emvs.formats.calibration_values import parsed
 from eventsweep.emvs.geometry import se3
 from eventsweep.sim.rigs import RIGS, rig
 from places import SHARED
@@ -253,3 +255,21 @@ def test_every_rig_has_its_body_at_camera_0_and_looks_ahead(name):
     assert np.array_equal(made.T_body_cam[0], np.eye(4))
     for T_body_cam in made.T_body_cam:
         assert T_body_cam[2, 2] > np.cos(np.radians(6))
+
+
+def test_yaml_has_the_numbers_of_its_version_1_2(tmp_path):
+    text = """%YAML:1.0
+a: [5e-05, 1e3, +1E-4, .5, 0o17, 0x1F, 010, 1., 1.e+02, -.5, +12]
+b: [yes, no, on, 1_000, 1:30, 2020-01-01, "5e-05"]
+c: [true, False, ~, null, .inf, -.Inf]
+d: !!opencv-matrix {rows: 1, cols: 1, dt: d, data: [2.5e-01]}
+e: &it {f: 1}
+g: {<<: *it, h: 2}
+"""
+    (tmp_path / "a.yaml").write_text(text, encoding="utf-8-sig")
+    found = parsed(tmp_path / "a.yaml")
+    assert found["a"] == [5e-05, 1000.0, 1e-4, 0.5, 15, 31, 10, 1.0, 100.0, -0.5, 12]
+    assert found["b"] == ["yes", "no", "on", "1_000", "1:30", "2020-01-01", "5e-05"]
+    assert found["c"] == [True, False, None, None, math.inf, -math.inf]
+    assert found["d"]["data"] == [0.25]
+    assert found["g"] == {"f": 1, "h": 2}

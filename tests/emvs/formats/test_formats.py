@@ -184,7 +184,19 @@ def test_formats_that_are_only_read_are_named_so(tmp_path, kind):
     refused(words, write_events, tmp_path / "f", kind, *SIZE_PX, {"events": []})
 
 
-NO_SIZE = {"dsec", "tumvie", "mvsec", "m3ed", "v2e", "e2calib", "evimo2", "npy", "mat", "parquet"}
+NO_SIZE = {
+    "aedat3",
+    "dsec",
+    "tumvie",
+    "mvsec",
+    "m3ed",
+    "v2e",
+    "e2calib",
+    "evimo2",
+    "npy",
+    "mat",
+    "parquet",
+}
 
 
 @pytest.mark.parametrize("kind", [kind for kind in ALL if kind not in {*NO_SIZE, "text", "csv"}])

@@ -1,4 +1,4 @@
-"""An npz that would unpack to more than memory holds is refused before it is unpacked."""
+"""Small files of others: an npz that would fill the memory, and byte order marks of texts."""
 
 import struct
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats.depth import read_depth
 from eventsweep.emvs.maps.folder import read_npz
-from eventsweep.emvs.utils.inputs import NPZ_BYTES, opened_npz
+from eventsweep.emvs.utils.inputs import NPZ_BYTES, opened_npz, read_text
 from eventsweep.eval.scoring.depth_files import read_confidence, read_stored
 from refusals import refused
 
@@ -50,3 +50,13 @@ def test_no_pipe_and_no_more_than_is_asked_for(tmp_path):
         assert arrays["depth_m"].shape == SHAPE
     refused("at most 10 are read", opened_npz, tmp_path / "right.npz", 10)
     refused("is a folder", opened_npz, tmp_path)
+
+
+def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
+    path = tmp_path / "t"
+    for encoding in ("utf-8", "utf-8-sig"):
+        path.write_bytes("a µ\r\nb\r".encode(encoding))
+        assert read_text(path, 99) == "a µ\nb\n"
+    for encoding in ("utf-16", "utf-32"):
+        path.write_bytes("{}".encode(encoding))
+        refused("UTF-16 or UTF-32; save it as UTF-8", read_text, path, 99)

@@ -61,6 +61,25 @@ def test_several_estimates_are_scored_into_a_folder(files, capsys):
     assert set(es.read_results("out").rows["case"]) == {"room"}
 
 
+def test_a_header_says_the_unit_and_a_flag_may_not_contradict(files, capsys):
+    """Written in ns with `qw` first, the estimate scores as it did in TUM's columns."""
+    rows = [
+        f"{t_us}000,{','.join(map(repr, [*map(float, place), float(q[3]), *map(float, q[:3])]))}"
+        for t_us, place, q in zip(TRUTH.t_us, TRUTH.positions_m, TRUTH.quats_xyzw, strict=True)
+    ]
+    text = "\n".join(["#timestamp [ns],x,y,z,qw,qx,qy,qz", *rows, rows[-1]])
+    (files / "ns.csv").write_text(text, encoding="utf-8-sig")
+    words = ("score", "ns.csv", "--truth", "gt.txt", "--json", "--out", "out")
+    assert run(*words) == 0
+    assert "poses repeat the time before them" in capsys.readouterr().out
+    assert run(*words, "--unit", "ns", "--force") == 0
+    capsys.readouterr()
+    for flag in (("--unit", "s"), ("--unit", "us")):
+        assert "leave the setting out" in command_refused(capsys, *words, "--force", *flag)
+    words = ("score", "good.txt", "--truth", "ns.csv", "--truth-unit", "ms", "--out", "other")
+    assert "leave the setting out" in command_refused(capsys, *words)
+
+
 def test_the_page_shows_paths_errors_and_boxes_and_needs_no_network(files):
     run("score", "good.txt", "<b>=tracked", "--truth", "gt.txt", "--out", "out")
     text = (files / "out" / "report.html").read_text("utf-8")

@@ -6,6 +6,7 @@ than 2^31 µs from a first one below 2^32 µs, as its 32 bits demand.
 """
 
 import importlib.util
+import itertools
 import struct
 from functools import partial
 
@@ -21,7 +22,11 @@ from eventsweep.emvs.formats import FORMATS, write_events
 
 HAS_PARQUET = importlib.util.find_spec("pyarrow") is not None
 # Formats that open without more words; `hdf5` is any file whose columns somebody states
-ALL = [name for name in FORMATS if name != "hdf5" and (HAS_PARQUET or name != "parquet")]
+# and `aedat2` has the pixels of few chips
+ALL = [
+    name for name in FORMATS
+    if name not in ("hdf5", "aedat2") and (HAS_PARQUET or name != "parquet")
+]  # fmt: skip
 WRITTEN = [name for name, entry in FORMATS.items() if entry.writes]
 READ_ONLY = [name for name in ALL if name not in WRITTEN]
 # Those whose events a test puts together from whole columns
@@ -63,7 +68,7 @@ def write_any(path, kind, size_px, packets):
     """Writes packets of events in any format, read-only ones too; returns the path."""
     writers = {
         "evt21": write_evt21, "dat": write_dat, "rosbag2": write_rosbag2,
-        "prophesee-hdf5": write_prophesee_hdf5,
+        "prophesee-hdf5": write_prophesee_hdf5, "aedat2": write_aedat2, "aedat3": write_aedat3,
         **dict.fromkeys(COLUMNS, partial(write_columns, kind)),
     }  # fmt: skip
     if kind in writers:
@@ -114,6 +119,41 @@ def write_dat(path, size_px, packets):
         for e in packets:
             place = e.p.astype(np.int64) << 28 | e.y.astype(np.int64) << 14 | e.x
             file.write(np.stack([e.t_us & (2**32 - 1), place], axis=1).astype("<u4").tobytes())
+
+
+def write_aedat2(path, size_px, packets, chip=None, loops=True):
+    """As jAER has it: big-endian addresses of a chip, mirrored in both axes, and µs mod 2^32."""
+    chip = chip or {(128, 128): "ch.unizh.ini.jaer.chip.retina.DVS128"}.get(
+        size_px, f"eu.seebetter.ini.chips.davis.DAVIS{size_px[0]}C"
+    )
+    with path.open("wb") as file:
+        file.write(f"#!AER-DAT2.0\r\n# made\r\n# AEChip: {chip}\r\n".encode())
+        for e in packets:
+            x, y, p = (c.astype(np.int64) for c in (e.x, e.y, e.p))
+            x, y = size_px[0] - 1 - x, size_px[1] - 1 - y
+            is_dvs = size_px == (128, 128)
+            place = y << 8 | x << 1 | 1 - p if is_dvs else y << 22 | x << 12 | p << 11
+            file.write(np.stack([place, e.t_us & (2**32 - 1)], axis=1).astype(">u4").tobytes())
+
+
+def write_aedat3(path, size_px, packets, head="#Source 1: DAVIS240C\r\n"):
+    """Packets of polarity events; the high bits of times are their heads'."""
+    del size_px
+    with path.open("wb") as file:
+        file.write(f"#!AER-DAT3.1\r\n#Format: RAW\r\n{head}#!END-HEADER\r\n".encode())
+        for e in packets:
+            cuts = np.flatnonzero(np.diff(e.t_us >> 31)) + 1
+            for first, stop in itertools.pairwise([0, *cuts.tolist(), len(e)]):
+                file.write(aedat3_packet(e.slice(first, stop)))
+
+
+def aedat3_packet(e, source=1, valid=1):
+    """A packet's 28 bytes of head and 8 of each event, all of one overflow."""
+    overflow = int(e.t_us[0]) >> 31 if len(e) else 0
+    head = struct.pack("<hhiiiiii", 1, source, 8, 4, overflow, len(e), len(e), len(e))
+    x, y, p = (c.astype(np.int64) for c in (e.x, e.y, e.p))
+    data = x << 17 | y << 2 | p << 1 | valid
+    return head + np.stack([data, e.t_us & (2**31 - 1)], axis=1).astype("<u4").tobytes()
 
 
 def write_prophesee_hdf5(path, size_px, packets):
