@@ -265,7 +265,8 @@ def opened_archive(path: Path) -> Iterator[zipfile.ZipFile]:
     # Of zipfile, of four decompressors, and of damaged names comes any exception.
     with (
         refused(f"{path}: not a complete npz archive", Exception, cure="; save it again"),
-        zipfile.ZipFile(path) as archive,
+        opened(path) as file,
+        zipfile.ZipFile(file) as archive,
     ):
         yield archive
 
