@@ -29,6 +29,7 @@ DAMAGED_NPY: tuple[type[Exception], ...] = (
     zlib.error,
 )
 _SHOWN_WHOLE = 12
+_MOST_OFFERED = 64
 
 
 class InputError(ValueError):
@@ -58,8 +59,15 @@ class ByName(dict[str, Value]):
 
     def __missing__(self, name: str) -> Value:
         close = difflib.get_close_matches(str(name), self, n=1)
-        known = f"did you mean {close[0]}?" if close else f"choose from {', '.join(self)}"
+        known = f"did you mean {close[0]}?" if close else offer(self, "there is none")
         raise InputError(f"no {self.what} {name!r}: {known}")
+
+
+def offer(names: Iterable[str], instead: str) -> str:
+    """`choose from A, B` for an error about a name; `instead` where there are none to choose."""
+    there = [name if name.isprintable() else ascii(name) for name in map(str, names)]
+    more = [f"and {len(there) - _MOST_OFFERED} more"] if len(there) > _MOST_OFFERED else []
+    return f"choose from {', '.join(there[:_MOST_OFFERED] + more)}" if there else instead
 
 
 def shown(value: object, most: int = 80) -> str:

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 # Groups of geoms from this one on are not drawn.
 _HIDDEN = 3
 _ROBOT = re.compile(r"<robot\b[^>]*>")
+_LINK = re.compile(r"""<link\b[^>]*?\bname\s*=\s*["']([^"']+)["']""")
+KEEPS_LINKS = '<mujoco><compiler fusestatic="false"/></mujoco>'
+"""What keeps all links of a robot in a URDF; it draws what it does without."""
+_KEEPS = re.compile(r"<mujoco>\s*<compiler\s+fusestatic\s*=\s*[\"']false[\"']\s*/>\s*</mujoco>")
 _VISIBLE = '<mujoco><compiler discardvisual="false"/></mujoco>'
 _PACKAGE = "package:"
 _FILE = re.compile(r"""\bfile\w*\s*=\s*["']([^"']+)["']""")
@@ -66,9 +70,12 @@ def read_spec(path: Path) -> mujoco.MjSpec:
 def _robot(mj: Any, path: Path) -> mujoco.MjSpec:
     """A URDF with its visual geometry, which MuJoCo leaves out unless the file says otherwise."""
     text = read_text(path, _XML_BYTES)
+    visible, keeps = _VISIBLE, _KEEPS.search(text)
+    if keeps:
+        text, visible = _KEEPS.sub("", text), _VISIBLE.replace("/>", ' fusestatic="false"/>')
     if "<mujoco" in text:
         return mj.MjSpec.from_file(str(path.resolve()))
-    spec = mj.MjSpec.from_string(_ROBOT.sub(rf"\g<0>{_VISIBLE}", text, count=1))
+    spec = mj.MjSpec.from_string(_ROBOT.sub(rf"\g<0>{visible}", text, count=1))
     spec.modelfiledir = str(path.resolve().parent)
     for asset in (*spec.meshes, *spec.textures):
         asset.file = _resolved(asset.file, path.resolve().parent)
@@ -154,7 +161,7 @@ def _check_claims(file: Path) -> None:
     def start(name: str, values: dict[str, str]) -> None:
         nonlocal copied
         count, *sides = (
-            int(word) if word.isdecimal() and len(word) < _MOST_DIGITS else 1
+            int(word[:_MOST_DIGITS]) if word.isdecimal() else 1
             for word in (values.get(key, "") for key in ("count", *_SIDES))
         )
         above.append(above[-1] * (count if name == "replicate" else 1))
@@ -236,6 +243,12 @@ def _places(names: set[str], roots: set[Path], folder: Path) -> Iterator[Path]:
     for name in names:
         known = _resolved(name, folder)
         yield from (root / place for root in roots for place in {known, Path(known).name})
+
+
+def links_of(path: Path) -> list[str]:
+    """The links of a robot in a URDF; none of another model."""
+    is_robot = path.suffix.lower() == ".urdf"
+    return _LINK.findall(read_text(path, _XML_BYTES)) if is_robot else []
 
 
 def named(mj: Any, model: Any, kind: str) -> list[str]:

@@ -14,7 +14,7 @@ from typing import Any
 import lz4.frame
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.errors import InputError, quoted, refused
+from eventsweep.emvs.errors import InputError, offer, quoted, refused
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -116,7 +116,7 @@ class BlockReader:
         """Refuses a stream that the file does not have."""
         if stream not in self.streams:
             raise InputError(
-                f"{self.path}: no stream {stream!r}; choose from {quoted(*self.streams) or 'none'}"
+                f"{self.path}: no stream {stream!r}; {offer(self.streams, 'it has none')}"
             )
 
     def _index(self, stream: str) -> list[IndexedBlock]:

@@ -17,7 +17,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
-from eventsweep.emvs.errors import InputError, heed_interrupt, said
+from eventsweep.emvs.errors import InputError, heed_interrupt, offer, said
 from eventsweep.emvs.utils.release import install_extra
 
 Value = TypeVar("Value")
@@ -64,7 +64,7 @@ def offered(group: str, name: str, kind: str, known: Iterable[str]) -> Any:
     for point in points(group):
         if point.name == name:
             return loaded(point, f"its {kind} {{}} cannot be used")
-    raise InputError(f"unknown {kind} {name!r}: choose one of {', '.join(known)}")
+    raise InputError(f"unknown {kind} {name!r}: {offer(known, 'no plug-in offers one')}")
 
 
 def loaded(point: EntryPoint, what: str) -> Any:

@@ -52,7 +52,7 @@ _FLAGS = {
     "set align to": "say --align",
     "with calibration and poses": "with --calibration and --poses",
 }
-_SIM_SETTING = re.compile(r"(?<![\w./-])(frames|imu|replay)\.(\w+)")
+_SIM_SETTING = re.compile(r"(?<![\w./-])(frames|imu|replay|model)\.(\w+)")
 
 _came: list[int] = []
 """Interrupts since the command began: if it ends otherwise, a library lost one."""
