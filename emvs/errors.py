@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import re
 import textwrap
 import tokenize
 import zipfile
@@ -29,6 +30,9 @@ DAMAGED_NPY: tuple[type[Exception], ...] = (
     zlib.error,
 )
 _SHOWN_WHOLE = 12
+_COMMANDS = re.compile(
+    "[\0-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
 _MOST_OFFERED = 64
 
 
@@ -155,6 +159,15 @@ def printable(text: str, most: int = 200) -> str:
     """A text of somebody's in one line of bounded length, without what a terminal would obey."""
     line = " ".join(text.split())[:most]
     return line if line.isprintable() else ascii(line)
+
+
+def visible(text: str) -> str:
+    """A text whose characters that command a terminal stand as JSON writes them.
+
+    These are controls, but for line ends and tabs, marks that turn the direction of writing, and
+    halves of surrogate pairs, which no terminal can show.
+    """
+    return _COMMANDS.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def quoted(*words: object) -> str:

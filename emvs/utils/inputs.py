@@ -215,6 +215,7 @@ def parse_json(text: str) -> Any:
     """The content of a JSON text; ValueError for none, deep nesting, half of a surrogate pair."""
     try:
         content = json.loads(text)
+        _check_depth(content)
         if "\\ud" in text.lower():  # such a half cannot be written anywhere
             json.dumps(content, ensure_ascii=False).encode()
         return content
@@ -225,9 +226,25 @@ def parse_json(text: str) -> Any:
 def parse_toml(text: str) -> dict[str, Any]:
     """The content of a TOML text; ValueError where it is none, or too deep or long in numbers."""
     try:
-        return tomllib.loads(text)
+        content = tomllib.loads(text)
     except RecursionError as error:
         raise ValueError("nested too deeply") from error
+    _check_depth(content)
+    return content
+
+
+def _check_depth(content: Any) -> None:
+    """Raises ValueError for what code that calls itself for every level could not go through.
+
+    The parsers do not see to that: a key of TOML, `a.a.a`, nests without calls.
+    """
+    level, depth = [[content]], 0
+    while level:
+        depth += 1
+        if depth > _MOST_DEPTH:
+            raise ValueError("nested too deeply")
+        groups = (one.values() if isinstance(one, dict) else one for one in level)
+        level = [value for group in groups for value in group if isinstance(value, dict | list)]
 
 
 def check_yaml(text: str) -> None:

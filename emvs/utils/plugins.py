@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from eventsweep.emvs.errors import InputError, heed_interrupt, offer, said
+from eventsweep.emvs.utils.inputs import check_file
 from eventsweep.emvs.utils.release import install_extra
 
 Value = TypeVar("Value")
@@ -139,6 +140,7 @@ def named(name: str) -> Any:
     if not place.endswith(".py"):
         with _working_directory():
             return getattr(import_module(place), attribute)
+    check_file(Path(place))  # a pipe would be waited for
     values = runpy.run_path(place, run_name="eventsweep_plugin")
     if attribute not in values:
         raise InputError(f"{place} has no function {attribute}")

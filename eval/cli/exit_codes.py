@@ -11,9 +11,9 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TextIO
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, visible
 
 if TYPE_CHECKING:
     from eventsweep.emvs.maps.folder import MapInfo
@@ -65,6 +65,20 @@ class ExitCode:
     value: int = OK
 
 
+class Escaping:
+    """A stream on which nothing that is written commands a terminal; `rich` goes past it."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.rich_proxied_file = stream
+
+    def write(self, text: str) -> int:
+        """Writes a text as `visible` has it."""
+        return self.rich_proxied_file.write(visible(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.rich_proxied_file, name)
+
+
 @contextmanager
 def exit_code() -> Iterator[ExitCode]:
     """Turns what a user, the disk or the memory can cause into one line and a code.
@@ -78,6 +92,8 @@ def exit_code() -> Iterator[ExitCode]:
         signal.signal(signal.SIGINT, _interrupt)
     sys.unraisablehook = _send_again
     _came.clear()
+    streams = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = Escaping(sys.stdout), Escaping(sys.stderr)  # type: ignore[assignment]
     try:
         yield code
         if _came and code.value != INTERRUPTED:
@@ -89,6 +105,7 @@ def exit_code() -> Iterator[ExitCode]:
         code.value = ending
     finally:
         sys.unraisablehook = sys.__unraisablehook__
+        sys.stdout, sys.stderr = streams
         for thread in threading.enumerate():
             if isinstance(thread, _Later):
                 thread.cancel()
