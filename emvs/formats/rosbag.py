@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from functools import partial
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
@@ -208,7 +208,7 @@ class _BoundedMcap(McapReader):
         if any(a.chunk_start_offset + a.chunk_length > b.chunk_start_offset
                for a, b in pairwise(chunks)):  # fmt: skip
             raise ValueError("chunks that overlap in the file")
-        size = Path(self.path).stat().st_size
+        size = Path(str(self.path)).stat().st_size
         steps = [(c.message_start_time, c.uncompressed_size) for c in chunks]
         steps += [(c.message_end_time + 1, -c.uncompressed_size) for c in chunks]
         at_once = max(accumulate(step for _, step in sorted(steps)), default=0)
@@ -235,11 +235,11 @@ class _PlainSqlite(Sqlite3Reader):
 
 
 class _Folder(ros2_reader.DirectoryReader):
-    STORAGE_PLUGINS: ClassVar = {"mcap": _BoundedMcap, "sqlite3": _PlainSqlite}
+    STORAGE_PLUGINS: Any = {"mcap": _BoundedMcap, "sqlite3": _PlainSqlite}  # noqa: RUF012
 
 
 class _Reader2(ros2_reader.Reader):
-    STORAGE_PLUGINS: ClassVar = {"dir": _Folder, ".mcap": _BoundedMcap}
+    STORAGE_PLUGINS: Any = {"dir": _Folder, ".mcap": _BoundedMcap}  # noqa: RUF012
 
 
 @contextmanager
@@ -252,7 +252,7 @@ def opened_bag(path: Path) -> Iterator[Any]:
         own = _LoneMcapPath(path) if ros2 and not path.is_dir() else _BagPath(path)
         DECOMPRESSORS.update({name: partial(_bounded_part, name) for name in ("lz4", "zstd")})
         ros2_reader.zstd = _BoundedCodec  # type: ignore[attr-defined,assignment]
-        ros2_reader.YAML = metadata.YAML = _Yaml  # type: ignore[misc]
+        ros2_reader.YAML = metadata.YAML = _Yaml  # type: ignore[attr-defined]
         with _Reader2(own) if ros2 else Reader1(own) as bag:
             if isinstance(bag, Reader1):
                 if any(

@@ -238,7 +238,8 @@ def _check_depth(content: Any) -> None:
 
     The parsers do not see to that: a key of TOML, `a.a.a`, nests without calls.
     """
-    level, depth = [[content]], 0
+    level: list[Any] = [[content]]
+    depth = 0
     while level:
         depth += 1
         if depth > _MOST_DEPTH:
@@ -255,7 +256,7 @@ def check_yaml(text: str) -> None:
     """
     import yaml
 
-    sizes: dict[str, int] = {}
+    sizes: dict[str | None, int] = {}
     above: list[tuple[str | None, int]] = []
     count = 0
     loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

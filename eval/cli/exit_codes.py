@@ -93,7 +93,7 @@ def exit_code() -> Iterator[ExitCode]:
     sys.unraisablehook = _send_again
     _came.clear()
     streams = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = Escaping(sys.stdout), Escaping(sys.stderr)  # type: ignore[assignment]
+    sys.stdout, sys.stderr = Escaping(sys.stdout), Escaping(sys.stderr)
     try:
         yield code
         if _came and code.value != INTERRUPTED:
