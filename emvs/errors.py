@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import re
 import textwrap
 import tokenize
 import zipfile
@@ -29,6 +30,10 @@ DAMAGED_NPY: tuple[type[Exception], ...] = (
     zlib.error,
 )
 _SHOWN_WHOLE = 12
+_COMMANDS = re.compile(
+    "[\0-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+_MOST_OFFERED = 64
 
 
 class InputError(ValueError):
@@ -58,8 +63,15 @@ class ByName(dict[str, Value]):
 
     def __missing__(self, name: str) -> Value:
         close = difflib.get_close_matches(str(name), self, n=1)
-        known = f"did you mean {close[0]}?" if close else f"choose from {', '.join(self)}"
+        known = f"did you mean {close[0]}?" if close else offer(self, "there is none")
         raise InputError(f"no {self.what} {name!r}: {known}")
+
+
+def offer(names: Iterable[str], instead: str) -> str:
+    """`choose from A, B` for an error about a name; `instead` where there are none to choose."""
+    there = [name if name.isprintable() else ascii(name) for name in map(str, names)]
+    more = [f"and {len(there) - _MOST_OFFERED} more"] if len(there) > _MOST_OFFERED else []
+    return f"choose from {', '.join(there[:_MOST_OFFERED] + more)}" if there else instead
 
 
 def shown(value: object, most: int = 80) -> str:
@@ -147,6 +159,15 @@ def printable(text: str, most: int = 200) -> str:
     """A text of somebody's in one line of bounded length, without what a terminal would obey."""
     line = " ".join(text.split())[:most]
     return line if line.isprintable() else ascii(line)
+
+
+def visible(text: str) -> str:
+    """A text whose characters that command a terminal stand as JSON writes them.
+
+    These are controls, but for line ends and tabs, marks that turn the direction of writing, and
+    halves of surrogate pairs, which no terminal can show.
+    """
+    return _COMMANDS.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def quoted(*words: object) -> str:

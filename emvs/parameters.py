@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from eventsweep.emvs.errors import InputError, shown
+from eventsweep.emvs.errors import InputError, offer, shown
 
 RUNS_CODE = "runs code"
 """Marks, in `Annotated`, a field that names code to run: a flag or a call may set it, no file."""
@@ -137,7 +137,7 @@ def _suggestion(model: type[BaseModel], place: tuple[int | str, ...]) -> str:
     if not known:  # such as an entry of a list: what it may hold is not looked up
         return ""
     close = difflib.get_close_matches(str(place[-1]), known, n=1)
-    return f"; did you mean {close[0]}?" if close else f"; known are {', '.join(sorted(known))}"
+    return f"; did you mean {close[0]}?" if close else f"; {offer(sorted(known), 'leave it out')}"
 
 
 def _annotation(model: type[BaseModel], place: tuple[int | str, ...]) -> Any:

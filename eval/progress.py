@@ -9,6 +9,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from rich.console import Console as RichConsole
+
     from eventsweep.emvs.utils.runtime import Progress
 
 Update = Callable[[float, str], None]
@@ -47,11 +49,13 @@ SILENT = Silent()
 class Bars:
     """A bar per stage while it runs, on a terminal, and one line when it is done.
 
-    `wording` puts lines of the libraries into words for people.
+    `wording` puts lines of the libraries into words for people; `console` draws, a `rich` one.
     """
 
-    def __init__(self, wording: Callable[[str], str] = str) -> None:
-        self._wording = wording
+    def __init__(
+        self, wording: Callable[[str], str] = str, console: RichConsole | None = None
+    ) -> None:
+        self._wording, self._console = wording, console
 
     @contextmanager
     def stage(self, title: str, total: float) -> Iterator[Update]:
@@ -60,15 +64,15 @@ class Bars:
         from rich.console import Console
 
         columns = (
-            progress.TextColumn("{task.description:<16}"),
+            progress.TextColumn("{task.description:<16}", markup=False),
             progress.BarColumn(),
             progress.TaskProgressColumn(),
             progress.TimeElapsedColumn(),
             progress.TextColumn("left"),
             progress.TimeRemainingColumn(),
-            progress.TextColumn("{task.fields[words]}"),
+            progress.TextColumn("{task.fields[words]}", markup=False),
         )
-        console = Console(stderr=True, highlight=False)
+        console = self._console or Console(stderr=True, highlight=False, markup=False)
         bars = progress.Progress(
             *columns, console=console, transient=True, disable=not console.is_terminal
         )

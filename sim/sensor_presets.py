@@ -243,13 +243,11 @@ def read_preset(path: Path) -> Preset:
     Raises:
         InputError: as `find_preset`.
     """
-    import tomllib
-
-    from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, also_read, read_text
+    from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, also_read, parse_toml, read_text
 
     also_read(path)  # settings keep its values, not its name
     try:
-        table = tomllib.loads(read_text(path, SETTINGS_BYTES, "utf-8"))
+        table = parse_toml(read_text(path, SETTINGS_BYTES))
     except (OSError, ValueError) as error:
         names = ", ".join(PRESETS)
         raise InputError(

@@ -15,9 +15,10 @@ from typing import Any, Self
 import h5py
 import hdf5plugin
 import numpy as np
+from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError, printable, quoted, said
-from eventsweep.emvs.utils.inputs import check_file
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file
 
 # LZ4 writes ten times as fast as zstd for 1.3 bytes more per event.
 COMPRESSION = {
@@ -235,8 +236,8 @@ def check_dataset(path: Path, data: Any) -> int:
     """Number of rows of a data set.
 
     Raises:
-        InputError: no data set, a filter that is not installed or damaged, chunks beyond 2^28
-            bytes, or fewer bytes than it declares.
+        InputError: no data set, a filter that is not installed or damaged, chunks or rows beyond
+            2^28 bytes, or fewer bytes than it declares.
     """
     if not isinstance(data, h5py.Dataset) or not data.shape:
         raise InputError(
@@ -245,7 +246,26 @@ def check_dataset(path: Path, data: Any) -> int:
     where = f"{path}, data set {data.name}"
     _check_filters(where, data)
     _check_storage(where, data)
+    row_bytes = int(np.prod(data.shape[1:], dtype=object)) * data.dtype.itemsize
+    if row_bytes > _MOST_CHUNK:
+        raise InputError(f"{where}: rows of {row_bytes} bytes, at most {_MOST_CHUNK} are read")
     return int(data.shape[0])
+
+
+def read_whole(path: Path, data: Any) -> NDArray[Any]:
+    """All values of a data set that is a short list, of times for example.
+
+    Raises:
+        InputError: what `check_dataset` refuses, or more than `TABLE_BYTES`: a file of a megabyte
+            can hold a thousand.
+    """
+    check_dataset(path, data)
+    if data.nbytes > TABLE_BYTES:
+        raise InputError(
+            f"{path}, data set {data.name}: {data.nbytes} bytes, at most {TABLE_BYTES} are read"
+        )
+    values: NDArray[Any] = data[()]
+    return values
 
 
 def check_columns(path: Path, file: h5py.File, axes: Mapping[str, int]) -> int:

@@ -21,6 +21,7 @@ from eventsweep.emvs.data.hdf5 import (
     check_dataset,
     known_names,
     open_hdf5,
+    read_whole,
 )
 from eventsweep.emvs.errors import InputError
 
@@ -91,9 +92,9 @@ class TruthReader:
         self.path = Path(path)
         with open_hdf5(self.path) as file:
             self.optional = tuple(name for name in OPTIONAL if name in file)
-            for name in ("t_us", *_ALWAYS, *self.optional):
+            for name in (*_ALWAYS, *self.optional):
                 check_dataset(self.path, file[name])
-            self.t_us: NDArray[np.int64] = file["t_us"][:]
+            self.t_us: NDArray[np.int64] = read_whole(self.path, file["t_us"])
 
     def depth_m(self, t_us: int) -> NDArray[np.float32]:
         """(H, W) z-depth in metres at a stored time; not finite where nothing is seen."""
@@ -188,10 +189,10 @@ class FrameReader:
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
         with open_hdf5(self.path) as file:
-            self._start_us: NDArray[np.int64] = file["start_us"][:]
-            self._end_us: NDArray[np.int64] = file["end_us"][:]
-            self._gain: NDArray[np.float64] = file["gain"][:]
-            count = file["image"].shape[0]
+            self._start_us: NDArray[np.int64] = read_whole(self.path, file["start_us"])
+            self._end_us: NDArray[np.int64] = read_whole(self.path, file["end_us"])
+            self._gain: NDArray[np.float64] = read_whole(self.path, file["gain"])
+            count = check_dataset(self.path, file["image"])
         if not len(self._start_us) == len(self._end_us) == len(self._gain) == count:
             raise InputError(
                 f"{self.path}: times, gains and frames differ in number; create the sequence again"

@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 import pickle
 import struct
+import sys
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
@@ -265,6 +266,8 @@ class _Mapping(dict[Any, Any]):
     def __setitem__(self, key: Any, value: Any) -> None:
         if not isinstance(key, str | int | float):
             raise TypeError("a mapping whose keys are neither texts nor numbers")
+        if isinstance(key, int) and abs(key) >= sys.hash_info.modulus:  # these can all hash alike
+            raise ValueError(f"a mapping with a key beyond {sys.hash_info.modulus}")
         super().__setitem__(key, value)
 
 

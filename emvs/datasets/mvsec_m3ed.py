@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.hdf5 import Hdf5Writer, check_columns, open_hdf5
+from eventsweep.emvs.data.hdf5 import Hdf5Writer, check_columns, open_hdf5, read_whole
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording, find_one, find_optional
@@ -138,7 +138,7 @@ def _matrices(path: Path, stack: _Stack) -> tuple[NDArray[np.int64], NDArray[np.
         if shape[1:] != (4, 4) or not 1 <= shape[0] <= _MOST_POSES:
             raise InputError(f"{path}: {stack.data} has shape {shape}; needs (N, 4, 4)")
         T = np.asarray(file[stack.data][()], np.float64)
-        t_us = _times(path, file[stack.times][()], len(T), stack.per_us)
+        t_us = _times(path, read_whole(path, file[stack.times]), len(T), stack.per_us)
     turned = T[:, :3, :3]
     with np.errstate(over="ignore", invalid="ignore"):  # damage may be of any size
         wrong = np.abs(turned @ turned.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
@@ -196,7 +196,7 @@ class DepthStack:
     def t_us(self) -> NDArray[np.int64]:
         """(T,) times, µs."""
         with open_hdf5(self._path) as file:
-            times = file[self._stack.times][()]
+            times = read_whole(self._path, file[self._stack.times])
         return _times(self._path, times, self._count, self._stack.per_us)
 
     def view_depth_m(self, t_us: int) -> NDArray[np.float32]:

@@ -14,7 +14,7 @@ from typing import Any
 import lz4.frame
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.errors import InputError, quoted, refused
+from eventsweep.emvs.errors import InputError, offer, quoted, refused
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -22,7 +22,8 @@ else:
     from backports import zstd
 
 MOST_BYTES = 1 << 28  # what one compressed packet or chunk may unpack to
-_MOST_RATIO = 64  # and how many times its own size a compressed file of more than that
+SMALL_BYTES = 1 << 26  # and what it may to whatever its own size
+MOST_RATIO = 64  # how many times its own size something compressed may unpack to beyond that
 _STEP = 1 << 24  # bytes that are unpacked at a time
 _DECOMPRESSORS = {
     "bz2": bz2.BZ2Decompressor,
@@ -121,7 +122,7 @@ class BlockReader:
         """Refuses a stream that the file does not have."""
         if stream not in self.streams:
             raise InputError(
-                f"{self.path}: no stream {stream!r}; choose from {quoted(*self.streams) or 'none'}"
+                f"{self.path}: no stream {stream!r}; {offer(self.streams, 'it has none')}"
             )
 
     def _index(self, stream: str) -> list[IndexedBlock]:
@@ -147,20 +148,22 @@ def unpacked(data: bytes | memoryview, compression: str, where: str) -> bytes:
     """Unpacks one frame of `bz2`, `lz4` or `zstd`.
 
     Raises:
-        InputError: damage, or more than `MOST_BYTES`; named after `where` (file and place).
+        InputError: damage, or more than `MOST_BYTES`, or than `MOST_RATIO` times its size where
+            that is more than `SMALL_BYTES`; named after `where` (file and place).
     """
     frame: Any = _DECOMPRESSORS[compression]()
+    most = min(MOST_BYTES, max(SMALL_BYTES, MOST_RATIO * len(data)))
     parts: list[bytes] = []
     cure = "; damaged, download it again"
     with refused(f"{where}: cannot be decompressed", *_FAULTS, cure=cure):
         # LZ4 reserves the whole length that it is allowed, so that is a guess, not the bound.
-        guess = min(8 * len(data) + 1024, MOST_BYTES)
+        guess = min(8 * len(data) + 1024, most)
         parts.append(frame.decompress(data, max_length=guess))
-        while not (frame.eof or frame.needs_input or sum(map(len, parts)) >= MOST_BYTES):
+        while not (frame.eof or frame.needs_input or sum(map(len, parts)) >= most):
             parts.append(frame.decompress(b"", max_length=_STEP))
     if not frame.eof:
         raise InputError(
-            f"{where}: its compressed frame has no end, or unpacks to more than {MOST_BYTES} "
+            f"{where}: its compressed frame has no end, or unpacks to more than {most} "
             "bytes; the file is damaged, download it again"
         )
     return b"".join(parts)
@@ -193,7 +196,7 @@ class BoundedZstd(zstd.ZstdFile):
 
     def __init__(self, file: io.BufferedReader, mode: Any) -> None:
         super().__init__(file, mode)
-        self._most = max(MOST_BYTES, _MOST_RATIO * os.fstat(file.fileno()).st_size)
+        self._most = max(MOST_BYTES, MOST_RATIO * os.fstat(file.fileno()).st_size)
 
     def read(self, size: int | None = -1) -> bytes:
         """Reads up to `size` bytes, unpacked.

@@ -6,26 +6,45 @@ import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache, partial
+from itertools import accumulate, pairwise
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 import numpy as np
 import yaml
+from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag1 import Writer
+from rosbags.rosbag1.reader import decompressors
+from rosbags.rosbag2 import metadata
+from rosbags.rosbag2 import reader as ros2_reader
+from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, McapReader
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from ruamel.yaml import YAML
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.errors import InputError, quoted, refused
 from eventsweep.emvs.formats import event_packets
 from eventsweep.emvs.formats.base import Sizes, StreamWriter
-from eventsweep.emvs.formats.blocks import BlockReader, BoundedPath, BoundedZstd, unpacked, within
+from eventsweep.emvs.formats.blocks import (
+    MOST_RATIO,
+    SMALL_BYTES,
+    BlockReader,
+    BoundedPath,
+    BoundedZstd,
+    unpacked,
+    within,
+)
 from eventsweep.emvs.formats.prophesee import opened
 from eventsweep.emvs.formats.prophesee_kernels import State, initial_state
 from eventsweep.emvs.formats.rosbag_kernels import decode_array, encode_array
-from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, read_text
+from eventsweep.emvs.utils.inputs import check_file, check_yaml, read_text
 
 _BLOCK_EVENTS = 1 << 18
 _MOST_NS = 1 << 62
+_METADATA_BYTES = 1 << 22
+_TABLES = ("schema", "topics", "messages", "message_definitions")
 _CURE = "the bag is damaged, reindex or record it again"
 MCAP, SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\0"
 SUFFIXES, METADATA = (".bag", ".mcap", ".db3"), "metadata.yaml"
@@ -174,7 +193,7 @@ def bag_at(path: Path) -> Path | None:
     if not path.is_dir():
         return path if path.suffix in SUFFIXES else None
     metadata = path / METADATA
-    if metadata.is_file() and _names_its_files(path, metadata.stat().st_mtime_ns):
+    if metadata.exists() and _names_its_files(path, metadata.stat().st_mtime_ns):
         return path
     files = sorted(file for end in SUFFIXES[1:] for file in path.glob(f"*{end}") if file.is_file())
     if len(files) > 1:
@@ -187,49 +206,124 @@ def bag_at(path: Path) -> Path | None:
 
 @lru_cache(maxsize=64)  # a reader opens its bag anew for every slice
 def _names_its_files(folder: Path, _changed_ns: int) -> bool:
-    """Whether a folder's metadata can be read and name files that are there."""
+    """Whether a folder's metadata can be read and name files that are there.
+
+    Raises:
+        InputError: it is no regular file, too long, or stands for more than memory holds.
+    """
+    check_file(folder / METADATA)
     try:
+        text = read_text(folder / METADATA, _METADATA_BYTES)
+        with refused(f"{folder / METADATA}: cannot be read", ValueError, RecursionError):
+            check_yaml(text)
         # As texts, for YAML takes time by the square of a number's digits.
-        values = yaml.load(read_text(folder / METADATA, SETTINGS_BYTES), yaml.BaseLoader)
+        values = yaml.load(text, yaml.BaseLoader)
         names = values["rosbag2_bagfile_information"]["relative_file_paths"]
-        return bool(names) and all((folder / PurePath(name).name).is_file() for name in names)
-    except (OSError, ValueError, RecursionError, yaml.YAMLError, KeyError, TypeError):
+        return bool(names) and all((folder / PurePath(name).name).exists() for name in names)
+    except (OSError, UnicodeError, yaml.YAMLError, KeyError, TypeError):
         return False
 
 
-class _McapPath(BoundedPath):
+class _BagPath(BoundedPath):
+    """A path in a bag: only regular files are opened, and of texts only those of usual length."""
+
+    def open(self, *args: Any, **kwargs: Any) -> Any:
+        """Opens the file as `BoundedPath` does."""
+        check_file(self)
+        return super().open(*args, **kwargs)
+
+    def read_text(self, *_args: Any, **_kwargs: Any) -> str:
+        """The whole text of `metadata.yaml`."""
+        return read_text(self, _METADATA_BYTES)
+
+
+class _LoneMcapPath(_BagPath):
     """A lone MCAP file, whatever its name: the library goes by the name's end."""
 
     suffix = ".mcap"
 
 
-class _SqlitePath(BoundedPath):
+class _LoneSqlitePath(_BagPath):
     """A lone SQLite file."""
 
     suffix = ".db3"
 
 
-_STORAGES = {MCAP: _McapPath, SQLITE: _SqlitePath}
+_STORAGES: dict[bytes, type[BoundedPath]] = {MCAP: _LoneMcapPath, SQLITE: _LoneSqlitePath}
+
+
+class _Yaml(YAML):
+    """What the library reads metadata with: no text that stands for more than memory holds."""
+
+    def load(self, stream: Any) -> Any:
+        """The content of a text."""
+        check_yaml(stream)
+        return super().load(stream)
+
+
+class _BoundedMcap(McapReader):
+    """Chunks of which each is there once, and no more at a time than the file's size explains."""
+
+    def read_index(self) -> None:
+        """Reads the index; of chunks that overlap in time the library holds all."""
+        super().read_index()
+        chunks = sorted(self.chunks, key=lambda chunk: chunk.chunk_start_offset)
+        if any(a.chunk_start_offset + a.chunk_length > b.chunk_start_offset
+               for a, b in pairwise(chunks)):  # fmt: skip
+            raise ValueError("chunks that overlap in the file")
+        size = Path(str(self.path)).stat().st_size
+        steps = [(c.message_start_time, c.uncompressed_size) for c in chunks]
+        steps += [(c.message_end_time + 1, -c.uncompressed_size) for c in chunks]
+        at_once = max(accumulate(step for _, step in sorted(steps)), default=0)
+        if at_once > max(2 * SMALL_BYTES, MOST_RATIO * size):
+            raise ValueError(f"chunks of the same time unpack to {at_once} bytes")
+
+
+class _PlainSqlite(Sqlite3Reader):
+    """A database of plain tables: a view or a computed column can be endless."""
+
+    def __init__(self, path: Any) -> None:
+        check_file(path)
+        super().__init__(Path(quote(str(path))))  # the library makes an address of it
+
+    def _open(self) -> None:
+        assert self.dbconn is not None
+        for kind, name, text in self.dbconn.execute("SELECT type, name, sql FROM sqlite_master"):
+            if str(name).lower() in _TABLES:
+                is_table = kind == "table" and str(text).upper().startswith("CREATE TABLE")
+                ask = "SELECT count(*) FROM pragma_table_xinfo(?) WHERE hidden"
+                if not is_table or self.dbconn.execute(ask, (name,)).fetchall() != [(0,)]:
+                    raise ValueError(f"{quoted(name)} is no plain table")
+        super()._open()
+
+
+class _Folder(ros2_reader.DirectoryReader):
+    STORAGE_PLUGINS: Any = {"mcap": _BoundedMcap, "sqlite3": _PlainSqlite}  # noqa: RUF012
+
+
+class _Reader2(ros2_reader.Reader):
+    STORAGE_PLUGINS: Any = {"dir": _Folder, ".mcap": _BoundedMcap, ".db3": _PlainSqlite}  # noqa: RUF012
 
 
 @contextmanager
 def opened_bag(path: Path) -> Iterator[Any]:
     """Opens a bag for reading."""
-    from rosbags.rosbag1 import Reader as Reader1  # 0.2 s that other formats need not wait for
-    from rosbags.rosbag2 import reader as ros2_reader
-    from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
-
     # Damaged bags end in asserts, struct errors, decoders' own, ...
     cure = "; it is cut off or damaged, reindex or record it again"
     with refused(f"{path}: cannot be read as a ROS bag", Exception, cure=cure):
         path = bag_at(path) or path
         ros2 = is_ros2(path)
         storage = None if path.is_dir() else _storage(path)
-        own = BoundedPath(path) if storage is None else storage(path)
+        own = _BagPath(path) if storage is None else storage(path)
         DECOMPRESSORS.update({name: partial(_bounded_part, name) for name in ("lz4", "zstd")})
         ros2_reader.zstd = _BoundedCodec  # type: ignore[attr-defined,assignment]
-        with ros2_reader.Reader(own) if ros2 else Reader1(own) as bag:
+        ros2_reader.YAML = metadata.YAML = _Yaml  # type: ignore[attr-defined]
+        with _Reader2(own) if ros2 else Reader1(own) as bag:
             if isinstance(bag, Reader1):
+                if any(
+                    a[1:] == b[1:] for index in bag.indexes.values() for a, b in pairwise(index)
+                ):
+                    raise ValueError("messages that are listed twice")
                 bag.chunks = {at: _bounded(path, at, chunk) for at, chunk in bag.chunks.items()}
             if not all(isinstance(n, str) for c in bag.connections for n in (c.topic, c.msgtype)):
                 raise ValueError("topics and types without names")
@@ -238,8 +332,6 @@ def opened_bag(path: Path) -> Iterator[Any]:
 
 def _bounded(path: Path, at: int, chunk: Any) -> Any:
     """A ROS1 chunk whose unpacking ends at a bound; the library's own does not."""
-    from rosbags.rosbag1.reader import decompressors
-
     kind = next(name for name, unpack in decompressors.items() if unpack is chunk.decompressor)
     if kind == "none":
         return chunk

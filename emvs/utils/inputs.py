@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ from eventsweep.emvs.errors import InputError, quoted
 
 if TYPE_CHECKING:
     from numpy.lib.npyio import NpzFile
+    from numpy.typing import NDArray
 
 SETTINGS_BYTES = 1 << 18
 """More than any calibration, rig or table of settings."""
@@ -32,6 +34,7 @@ TABLE_BYTES = 1 << 28
 """More than any list of poses, results or files."""
 NPZ_BYTES = 1 << 30
 """More than the arrays of any depth map or slice take, unpacked."""
+_MOST_VALUES, _MOST_DEPTH = 1_000_000, 64
 
 
 _OUTPUTS = ("out", "picture", "junit", "markdown")
@@ -113,7 +116,8 @@ def check_file(path: Path, most_bytes: int | None = None) -> None:
     Symbolic links are followed; of a file that is read piece by piece `most_bytes` is None.
 
     Raises:
-        InputError: a pipe, a device, a socket or a folder, a name with a NUL, or too large.
+        InputError: a pipe, a device, a socket, a folder or a file that the system makes up, as in
+            `/proc`; a name with a NUL, or too large.
         OSError: nothing there, or it cannot be looked at.
     """
     try:
@@ -122,11 +126,24 @@ def check_file(path: Path, most_bytes: int | None = None) -> None:
         raise InputError(
             f"{str(path)!r}: is not a valid file name ({error}); correct it"
         ) from error
-    if not stat.S_ISREG(seen.st_mode):
-        kind = "a folder" if stat.S_ISDIR(seen.st_mode) else "a pipe, device or socket"
+    if (kind := _strange(seen)) is not None:
         raise InputError(f"{path}: is {kind}; needs a regular file")
     if most_bytes is not None and seen.st_size > most_bytes:
         raise InputError(f"{path}: {seen.st_size} bytes, at most {most_bytes} are read")
+
+
+def _strange(seen: os.stat_result) -> str | None:
+    """What something is that is not a regular file; None for one."""
+    if stat.S_ISREG(seen.st_mode):
+        return "made up by the system" if seen.st_dev in _made_up() else None
+    kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+    return kinds.get(stat.S_IFMT(seen.st_mode), "a device")
+
+
+@cache
+def _made_up() -> frozenset[int]:
+    """Where the system makes files up when they are read: of no size, and some without an end."""
+    return frozenset(os.stat(at).st_dev for at in ("/proc", "/sys") if os.path.ismount(at))  # noqa: PTH116
 
 
 def inside(folder: Path, name: str) -> Path:
@@ -197,10 +214,25 @@ def opened_npz(path: Path, most_bytes: int = NPZ_BYTES) -> NpzFile:
     return arrays
 
 
+def opened_npy(path: Path) -> NDArray[Any]:
+    """The array of an npy file, read when it is used: no larger than the file, never a pickle.
+
+    Raises:
+        InputError: no regular file.
+        DAMAGED_NPY: what `numpy` raises where it is no npy.
+    """
+    import numpy as np
+
+    check_file(path)
+    array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
+    return array
+
+
 def parse_json(text: str) -> Any:
     """The content of a JSON text; ValueError for none, deep nesting, half of a surrogate pair."""
     try:
         content = json.loads(text)
+        _check_depth(content)
         if "\\ud" in text.lower():  # such a half cannot be written anywhere
             json.dumps(content, ensure_ascii=False).encode()
         return content
@@ -211,6 +243,48 @@ def parse_json(text: str) -> Any:
 def parse_toml(text: str) -> dict[str, Any]:
     """The content of a TOML text; ValueError where it is none, or too deep or long in numbers."""
     try:
-        return tomllib.loads(text)
+        content = tomllib.loads(text)
     except RecursionError as error:
         raise ValueError("nested too deeply") from error
+    _check_depth(content)
+    return content
+
+
+def _check_depth(content: Any) -> None:
+    """Raises ValueError for what code that calls itself for every level could not go through.
+
+    The parsers do not see to that: a key of TOML, `a.a.a`, nests without calls.
+    """
+    level: list[Any] = [[content]]
+    depth = 0
+    while level:
+        depth += 1
+        if depth > _MOST_DEPTH:
+            raise ValueError("nested too deeply")
+        groups = (one.values() if isinstance(one, dict) else one for one in level)
+        level = [value for group in groups for value in group if isinstance(value, dict | list)]
+
+
+def check_yaml(text: str) -> None:
+    """Raises ValueError for a YAML text that stands for more values than any file of facts has.
+
+    A few lines that name each other stand for more than memory holds, and a parser calls itself
+    for every level. Each value counts as often as it is meant.
+    """
+    import yaml
+
+    sizes: dict[str | None, int] = {}
+    above: list[tuple[str | None, int]] = []
+    count = 0
+    loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    for event in yaml.parse(text, loader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            above.append((event.anchor, count))
+        elif isinstance(event, yaml.AliasEvent):
+            count += sizes.get(event.anchor, 0)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            anchor, before = above.pop()
+            sizes |= {anchor: count - before} if anchor else {}
+        count += isinstance(event, yaml.NodeEvent)
+        if count > _MOST_VALUES or len(above) > _MOST_DEPTH:
+            raise ValueError(f"more than {_MOST_VALUES} values, or nested beyond {_MOST_DEPTH}")

@@ -17,7 +17,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
-from eventsweep.emvs.errors import InputError, heed_interrupt, said
+from eventsweep.emvs.errors import InputError, heed_interrupt, offer, said
+from eventsweep.emvs.utils.inputs import check_file
 from eventsweep.emvs.utils.release import install_extra
 
 Value = TypeVar("Value")
@@ -64,7 +65,7 @@ def offered(group: str, name: str, kind: str, known: Iterable[str]) -> Any:
     for point in points(group):
         if point.name == name:
             return loaded(point, f"its {kind} {{}} cannot be used")
-    raise InputError(f"unknown {kind} {name!r}: choose one of {', '.join(known)}")
+    raise InputError(f"unknown {kind} {name!r}: {offer(known, 'no plug-in offers one')}")
 
 
 def loaded(point: EntryPoint, what: str) -> Any:
@@ -139,6 +140,7 @@ def named(name: str) -> Any:
     if not place.endswith(".py"):
         with _working_directory():
             return getattr(import_module(place), attribute)
+    check_file(Path(place))  # a pipe would be waited for
     values = runpy.run_path(place, run_name="eventsweep_plugin")
     if attribute not in values:
         raise InputError(f"{place} has no function {attribute}")

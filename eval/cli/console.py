@@ -4,19 +4,33 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console as RichConsole
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
+from eventsweep.emvs.errors import visible
 from eventsweep.eval.cli.exit_codes import with_flags
 from eventsweep.eval.progress import Bars, Display, Silent
 
 Part = str | Text | Table
 """What a summary is made of; a string is a line of its own, printed as it is."""
+
+
+class Terminal(RichConsole):
+    """What draws tables, bars and styles: of texts, which may be data's, none commands it."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(markup=False, highlight=False, **options)
+
+    def render(self, *shown: Any, **options: Any) -> Iterator[Segment]:
+        """The parts of what is shown."""
+        for part in super().render(*shown, **options):
+            yield part if part.control else part._replace(text=visible(part.text))
 
 
 class Console:
@@ -29,10 +43,12 @@ class Console:
     def __init__(self, *, quiet: bool, as_json: bool, piped_width: int | None = None) -> None:
         self._shows = not (quiet or as_json)
         self._as_json = as_json
-        self._out = RichConsole(markup=False, highlight=False)
+        self._out = Terminal()
         if piped_width is not None and not self.is_terminal:
             self._out.width = piped_width
-        self.progress: Display = Bars(with_flags) if self._shows else Silent()
+        self.progress: Display = (
+            Bars(with_flags, Terminal(stderr=True)) if self._shows else Silent()
+        )
 
     @property
     def is_terminal(self) -> bool:
@@ -48,7 +64,7 @@ class Console:
             text = (
                 facts if isinstance(facts, str) else json.dumps(facts, indent=2, ensure_ascii=False)
             )
-            self._out.out(text.rstrip("\n"), highlight=False)
+            self._out.out(visible(text.rstrip("\n")), highlight=False)
         self._print(parts)
 
     def say(self, line: str) -> None:
@@ -79,7 +95,7 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str | Text
             overflow="fold",
         )
     for row in rows:
-        made.add_row(*row)
+        made.add_row(*(cell.replace("\n", " ") if isinstance(cell, str) else cell for cell in row))
     return made
 
 

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TextIO
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, visible
 
 if TYPE_CHECKING:
     from eventsweep.emvs.maps.folder import MapInfo
@@ -51,7 +51,7 @@ _FLAGS = {
     "set associate to": "say --associate",
     "set align to": "say --align",
 }
-_SIM_SETTING = re.compile(r"(?<![\w./-])(frames|imu|replay)\.(\w+)")
+_SIM_SETTING = re.compile(r"(?<![\w./-])(frames|imu|replay|model)\.(\w+)")
 
 _came: list[int] = []
 """Interrupts since the command began: if it ends otherwise, a library lost one."""
@@ -62,6 +62,20 @@ class ExitCode:
     """The process's exit code, known when the context ends."""
 
     value: int = OK
+
+
+class Escaping:
+    """A stream on which nothing that is written commands a terminal; `rich` goes past it."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.rich_proxied_file = stream
+
+    def write(self, text: str) -> int:
+        """Writes a text as `visible` has it."""
+        return self.rich_proxied_file.write(visible(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.rich_proxied_file, name)
 
 
 @contextmanager
@@ -77,6 +91,8 @@ def exit_code() -> Iterator[ExitCode]:
         signal.signal(signal.SIGINT, _interrupt)
     sys.unraisablehook = _send_again
     _came.clear()
+    streams = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = Escaping(sys.stdout), Escaping(sys.stderr)
     try:
         yield code
         if _came and code.value != INTERRUPTED:
@@ -88,6 +104,7 @@ def exit_code() -> Iterator[ExitCode]:
         code.value = ending
     finally:
         sys.unraisablehook = sys.__unraisablehook__
+        sys.stdout, sys.stderr = streams
         for thread in threading.enumerate():
             if isinstance(thread, _Later):
                 thread.cancel()

@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, offer
 from eventsweep.eval.results.direction import change_of
 from eventsweep.eval.results.series import (
     SIGNED_ERRORS,
@@ -79,8 +79,8 @@ class Choice:
             known = {getattr(key, what): None for key in baseline}
             for name in chosen:
                 if name not in known:
-                    there = ", ".join(known)
-                    raise InputError(f"the baseline has no {what} {name!r}: choose from {there}")
+                    there = offer(known, "it is empty, make it anew")
+                    raise InputError(f"the baseline has no {what} {name!r}: {there}")
 
     def has(self, key: Key) -> bool:
         """Whether a number is looked at."""

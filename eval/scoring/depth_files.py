@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import DAMAGED_NPY, InputError, refused
-from eventsweep.emvs.formats.depth import read_exr
-from eventsweep.emvs.utils.inputs import TABLE_BYTES, opened_npz, read_text
+from eventsweep.emvs.formats.depth import decoded, read_exr
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, opened_npy, opened_npz, read_text
 
 Image = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ def _npz(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
 
 def _npy(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
     with _damaged(path, *DAMAGED_NPY):
-        return _plain(path, np.load(path, allow_pickle=False))
+        return _plain(path, np.asarray(opened_npy(path)))
 
 
 def _png(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
@@ -142,13 +142,7 @@ def _points(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
 
 
 def _decoded(path: Path) -> NDArray[Any]:
-    import cv2
-
-    with _damaged(path, OSError, cv2.error):
-        image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise InputError(f"{path}: cannot be decoded as {path.suffix[1:].upper()}: export it again")
-    return _plain(path, image)
+    return _plain(path, decoded(path))
 
 
 def _plain(path: Path, array: NDArray[Any]) -> NDArray[Any]:

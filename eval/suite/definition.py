@@ -227,11 +227,28 @@ def load(name: str) -> tuple[Suite, str]:
     if not subset and not path.is_file() and not place.endswith(".toml"):
         place, subset, path = GATED, place, FOLDER / f"{GATED}.toml"
     if not path.is_file():
-        known = ", ".join(sorted(file.stem for file in FOLDER.glob("*.toml")))
+        known = ", ".join(installed())
         raise InputError(f"unknown suite {place!r}: choose one of {known}, or name a TOML file")
     suite = read(path)
     suite.subset(subset or ALL)
     return suite, subset or ALL
+
+
+def installed() -> list[str]:
+    """The names of the suites that come with the program."""
+    return sorted(file.stem for file in FOLDER.glob("*.toml"))
+
+
+def check_name(suite: Suite) -> None:
+    """Refuses another definition under the name of a suite that comes with the program.
+
+    Whoever reads the name would take its scores for those of that suite.
+    """
+    if suite.name in installed() and suite.digest != read(FOLDER / f"{suite.name}.toml").digest:
+        raise InputError(
+            f"a suite of your own is named {suite.name}, but is not the one that comes with the "
+            "program: give it another name"
+        )
 
 
 def overview() -> dict[str, str]:

@@ -14,7 +14,7 @@ from eventsweep import scenes
 from eventsweep.emvs import methods
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.dsi.device import check_device
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, offer
 from eventsweep.emvs.parameters import stated
 from eventsweep.emvs.utils.runtime import check_openmp
 from eventsweep.eval.config import Settings
@@ -172,5 +172,5 @@ def extent(
 def _chosen(known: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ...]:
     for case in wanted or ():
         if case not in known:
-            raise InputError(f"no case {case!r} here: choose from {', '.join(known)}")
+            raise InputError(f"no case {case!r} here: {offer(known, 'the suite has none')}")
     return tuple(case for case in known if not wanted or case in wanted)

@@ -19,7 +19,7 @@ from eventsweep.emvs.parameters import FrozenModel, first_fault
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, check_file, inside, parse_toml, read_text
 from eventsweep.emvs.utils.output_manifest import NAME as LISTED
 from eventsweep.emvs.utils.outputs import atomic_dir
-from eventsweep.eval.suite.definition import ALL, load
+from eventsweep.eval.suite.definition import ALL, check_name, installed, load
 from eventsweep.plugins.ranking.archives.manifest import ArchiveManifest
 from eventsweep.plugins.ranking.archives.tarball import sha256_of
 from eventsweep.plugins.ranking.submission import (
@@ -109,8 +109,8 @@ def check_entry(
 
     Args:
         folder: the entry.
-        suite: its suite as `load` takes it; by default the one that the entry names. The subset
-            is always the entry's.
+        suite: its suite as `load` takes it; by default the one that the entry names, which must
+            come with the program. The subset is always the entry's.
         archive: whose cases and seeds are enough; by default all of the subset.
 
     Returns:
@@ -121,7 +121,14 @@ def check_entry(
     if strange:
         raise InputError(f"{folder}: {quoted(strange[0])} does not belong to an entry: remove it")
     entry, package = read_entry(folder), package_of(folder)
-    (found, _), (own, _, subset) = load(suite or entry.suite), entry.suite.partition(":")
+    own, _, subset = entry.suite.partition(":")
+    if not suite and own not in installed():  # a file of that name would be the entry's own
+        raise InputError(
+            f"{folder}: its suite {quoted(own)} is not one of {', '.join(installed())}: whoever "
+            "checks gives the file of another suite"
+        )
+    found, _ = load(suite or entry.suite)
+    check_name(found)
     if found.name != own:
         raise InputError(f"{folder}: is for {own}, not for {found.name}")
     asked = Asked.of(found, subset or ALL, archive)

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.data.stamps import STAMP_FILES, Stamps, read_stamps
 from eventsweep.emvs.errors import InputError, quoted
+from eventsweep.emvs.formats.depth import check_pixels, quiet_opencv
 from eventsweep.emvs.utils.inputs import check_file
-from eventsweep.plugins.video.images import READERS, Image, quiet_opencv, read_image
+from eventsweep.plugins.video.images import READERS, Image, read_image
 from eventsweep.sim.config import VideoConfig
 
 IMAGE_FOLDERS = ("imgs", "images")
@@ -302,6 +303,8 @@ class VideoFile:
             capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
         if not capture.isOpened():
             raise InputError(f"{self.path}: cannot be opened as a video; {_CURE}")
+        sides = (capture.get(cv2.CAP_PROP_FRAME_WIDTH), capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        check_pixels(self.path, *map(int, sides))
         return capture
 
 

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import DAMAGED_NPY, InputError, said
-from eventsweep.emvs.formats.depth import check_png, read_exr
-from eventsweep.emvs.utils.inputs import check_file
+from eventsweep.emvs.formats.depth import decoded, read_exr
+from eventsweep.emvs.utils.inputs import check_file, opened_npy
 
 Image = NDArray[Any]
 """(H, W) grey levels or (H, W, 3) red, green, blue; uint8, uint16 or float32."""
@@ -58,38 +56,16 @@ def _jpeg(path: Path) -> Image:
 
 
 def _decoded(path: Path) -> NDArray[Any]:
-    """What OpenCV decodes of a PNG or TIFF: it keeps 16 bits and floats."""
-    data = path.read_bytes()
-    if path.suffix.lower() == ".png":
-        check_png(path, data)
-    try:
-        with quiet_opencv():
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise InputError(
-            f"{path}: not a complete image ({said(error)}); export it again"
-        ) from error
-    if image is None:
-        raise InputError(f"{path}: not a complete {path.suffix[1:].upper()} image; export it again")
+    """A PNG or TIFF, colours as red, green, blue."""
+    image = decoded(path)
     if image.ndim == 3 and image.shape[2] >= 3:
         image = image[..., [2, 1, 0, *range(3, image.shape[2])]]
-    return np.asarray(image)
-
-
-@contextmanager
-def quiet_opencv() -> Iterator[None]:
-    """Keeps OpenCV from telling of damage on the error stream: who asked gets an error."""
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        yield
-    finally:
-        cv2.utils.logging.setLogLevel(level)
+    return image
 
 
 def _npy(path: Path) -> NDArray[Any]:
     try:
-        stored = np.load(path, mmap_mode="r", allow_pickle=False)
+        stored = opened_npy(path)
         kind = np.float32 if stored.dtype.kind == "f" else stored.dtype
         _check_size(path, *stored.shape[1::-1])
         return np.asarray(stored, kind)

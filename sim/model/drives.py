@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError, heed_interrupt
+from eventsweep.emvs.errors import InputError, heed_interrupt, offer
 from eventsweep.emvs.utils.inputs import read_text
 from eventsweep.emvs.utils.plugins import FUNCTION
 from eventsweep.emvs.utils.plugins import named as named_function
@@ -38,9 +38,8 @@ def initial_data(model: Any, key: str) -> Any:
     if key:
         keys = named(mj, model, "key")
         if key not in keys:
-            raise InputError(
-                f"no key frame {key!r} in the model: choose one of {', '.join(keys) or 'none'}"
-            )
+            there = offer(keys, "it has none, leave model.key out")
+            raise InputError(f"no key frame {key!r} in the model: {there}")
         mj.mj_resetDataKeyframe(model, data, model.key(key).id)
     mj.mj_forward(model, data)
     return data

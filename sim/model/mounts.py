@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, offer
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.graphics import import_mujoco
-from eventsweep.sim.mjcf import named
+from eventsweep.sim.mjcf import KEEPS_LINKS, links_of, named
 
 Pose = NDArray[np.float64]
 KINDS = ("camera", "site", "body")
-_MOST = 12  # names that an error lists
 # Columns: right, down and forward of a camera, in the axes of what carries it. MuJoCo's cameras
 # look along -z with y up; bodies and sites of robots look along x with z up (ROS REP 103).
 _OF_CAMERA = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
@@ -48,8 +48,13 @@ class Mount(NamedTuple):
         return pose
 
 
-def find_mount(model: Any, name: str) -> Mount:
+def find_mount(model: Any, name: str, path: Path | None = None) -> Mount:
     """Finds what `name` means: `body:NAME`, `site:NAME`, `camera:NAME`, or a name that is unique.
+
+    Args:
+        model: compiled.
+        name: what is asked for.
+        path: of the model's file, if there is one: a robot's may have links that the model lacks.
 
     Raises:
         InputError: nothing, or several things, are called so; says what there is.
@@ -66,12 +71,22 @@ def find_mount(model: Any, name: str) -> Mount:
         choice = [f"{kind}:{name}" for kind, name in known_as] or [
             f"{kind}:{name}" for kind in KINDS for name in known[kind] if name != "world"
         ]
-        more = f", and {len(choice) - _MOST} more" if len(choice) > _MOST else ""
-        some = (", ".join(choice[:_MOST]) or "nothing: it has no names") + more
-        raise InputError(f"{what} called {name!r} in the model: choose one of {some}")
+        fused = [link for link in links_of(path) if link not in known["body"]] if path else []
+        if (not known_as and (asked := own or name) in fused) or (fused and not choice):
+            raise InputError(_of_fused(path, asked if asked in fused else fused[0], choice))
+        none = "it has no names, give a body, a site or a camera one in its file"
+        raise InputError(f"{what} called {name!r} in the model: {offer(choice, none)}")
     kind, own = known_as[0]
     place = getattr(model, kind)(own)
     return Mount(kind, own, int(place.id if kind == "body" else place.bodyid[0]))
+
+
+def _of_fused(path: Path | None, link: str, others: list[str]) -> str:
+    other = f"; or {offer(others, '')}" if others else ""
+    return (
+        f"{path}: no joint moves link {link!r}, and MuJoCo fuses such a link into what it is fixed "
+        f"to: give it a joint, or keep it with {KEEPS_LINKS} inside <robot>{other}"
+    )
 
 
 def first_camera(model: Any) -> str:
@@ -122,6 +137,11 @@ def _intrinsics(model: Any, name: str) -> Camera:
             f"camera {name!r} of the model has a resolution of {width_px} x {height_px}: give it "
             '`resolution="346 260"` there, or name a rig'
         )
+    if model.cam_projection[k] != import_mujoco().mjtProjection.mjPROJ_PERSPECTIVE:
+        raise InputError(
+            f"camera {name!r} of the model is orthographic, and event cameras here are pinholes: "
+            'give it projection="perspective" and `fovy` or `focal` there, or name a rig'
+        )
     middle_px = (width_px - 1) / 2, (height_px - 1) / 2
     if model.cam_sensorsize[k].any():
         per_m = model.cam_resolution[k] / model.cam_sensorsize[k]
@@ -129,7 +149,13 @@ def _intrinsics(model: Any, name: str) -> Camera:
         # MuJoCo says where the picture's middle lies from the axis, to the right and down.
         centre_px = middle_px[0] - shift_px[0], middle_px[1] - shift_px[1]
     else:
-        focal = 0.5 * height_px / np.tan(0.5 * np.radians(model.cam_fovy[k]))
+        with np.errstate(divide="ignore"):
+            focal = 0.5 * height_px / np.tan(0.5 * np.radians(model.cam_fovy[k]))
         focal_px, centre_px = (focal, focal), middle_px
     fx_px, fy_px, cx_px, cy_px = (float(value) for value in (*focal_px, *centre_px))
+    if not (0 < fx_px < np.inf and 0 < fy_px < np.inf):
+        raise InputError(
+            f"camera {name!r} of the model has a focal length of {fx_px:g} x {fy_px:g} px: give it "
+            "`fovy` above 0, or `focal` beside `sensorsize`, or name a rig"
+        )
     return Camera(width_px, height_px, fx_px, fy_px, cx_px, cy_px)

@@ -138,7 +138,7 @@ def rig_on(path: Path, rig: str | None, mount: str) -> Rig:
     if rig is not None:
         return rig_of_cameras(model, tuple(rig.removeprefix(_OWN).split(",")))
     name = mount or first_camera(model)
-    place = find_mount(model, name) if name else None
+    place = find_mount(model, name, path) if name else None
     if place and place.kind == "camera" and has_resolution(model, place.name):
         return rig_of_cameras(model, (place.name,))
     return named_rig(_USUAL_RIG)
@@ -169,26 +169,28 @@ class _Drive:
         self.duration_s = config.duration_s or _DURATION_S
         self._track = self._states(config)
         name = self._config.mount or first_camera(model)
-        self._mount = find_mount(model, name) if name else None
+        self._mount = find_mount(model, name, path) if name else None
 
     def _check(self) -> None:
         what = self._config.motion
         if what not in ("", DYNAMICS, *STYLES) and not what.lower().endswith(".csv"):
             raise InputError(
-                f"motion {what!r}: give {DYNAMICS}, a table of joints (.csv), poses in TUM format, "
-                f"or one of {', '.join(STYLES)}"
+                f"model.motion {what!r}: give {DYNAMICS}, a table of joints (.csv) or one of "
+                f"{', '.join(STYLES)}; poses in TUM format are replay.trajectory"
             )
         if not what and self._recorded is None:
             raise InputError(
-                f"{self._path}: nothing moves, so there are no events: add --motion, one of "
-                f"{DYNAMICS}, a table of joints (.csv), poses in TUM format, {', '.join(STYLES)}"
+                f"{self._path}: nothing moves, so there are no events: set model.motion to one of "
+                f"{DYNAMICS}, a table of joints (.csv), {', '.join(STYLES)}, or replay.trajectory "
+                "to poses in TUM format"
             )
         if self._config.controller and what != DYNAMICS:
             raise InputError(
-                f"a controller needs --motion {DYNAMICS}: add that, or leave the controller out"
+                f"model.controller needs model.motion {DYNAMICS}: set that, or leave the "
+                "controller out"
             )
         if what in STYLES and self._recorded is not None:
-            raise InputError(f"--motion {what} and a recorded trajectory: give one of the two")
+            raise InputError(f"model.motion {what} and replay.trajectory: give one of the two")
 
     def _states(self, config: SimConfig) -> StateTrack:
         key, what = self._config.key, self._config.motion
@@ -236,4 +238,4 @@ class _Drive:
         return self._mount.T_world_body(data)
 
     def _needed_mount(self) -> Mount:
-        return self._mount or find_mount(self._model, self._config.mount)
+        return self._mount or find_mount(self._model, self._config.mount, self._path)

@@ -42,12 +42,14 @@ class _Seen(NamedTuple):
         still_m: the same of surfaces that stay where they are: what a map is of.
         edges: share of pixels on edges, of each picture.
         beyond_8_bits: share of pixels too dark or too bright for 8 bits, of each picture.
+        beyond_far: of each camera at the start, where the farther clipping plane hides a surface.
     """
 
     depths_m: list[float]
     still_m: list[float]
     edges: list[float]
     beyond_8_bits: list[float]
+    beyond_far: list[NDArray[np.bool_]]
 
 
 def not_drawn(model: Any) -> str:
@@ -77,6 +79,7 @@ def survey(
         InputError: no surface is seen.
     """
     seen = _looked(scene, rig, config, seed)
+    _tell_of_far(scene, np.concatenate([hidden.ravel() for hidden in seen.beyond_far]), notice)
     if not seen.depths_m:
         raise InputError(
             f"no camera of rig {rig.name} sees a surface of {scene.name}: check where the rig is "
@@ -92,10 +95,20 @@ def survey(
     return replace(scene, depth_range_m=known_m)
 
 
+def _tell_of_far(scene: Scene, hidden: NDArray[np.bool_], notice: Callable[[str], None]) -> None:
+    if hidden.any():
+        assert scene.clip_m is not None
+        notice(
+            f"{scene.name}: in the first pictures {np.count_nonzero(hidden)} pixels "
+            f"({100 * hidden.mean():.2g} %) have no depth, because their surfaces lie beyond the "
+            f"farther clipping plane ({scene.clip_m[1]:.3g} m): raise visual/map/zfar in the model"
+        )
+
+
 def _looked(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> _Seen:
     duration_s = config.duration_s or scene.duration_s
     motion = replayed(scene, config)[0].motion(duration_s, seed)
-    seen = _Seen([], [], [], [])
+    seen = _Seen([], [], [], [], [])
     with MUJOCO.open(scene, rig, 1, floats=True, border_px=None) as renderer:
         moves = moving_ids(renderer) & (scene.animate is not None)
         for t_s in np.linspace(0, duration_s, _LOOKS).tolist():
@@ -103,6 +116,8 @@ def _looked(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> _Seen:
             T_world_body = motion.T_world_body(t_s)
             for k in range(len(rig)):
                 frame = renderer.frame(k, T_world_body)
+                if t_s == 0:
+                    seen.beyond_far.append(renderer.beyond_far(k, T_world_body))
                 still = ~moves[renderer.segmentation(k, T_world_body)]
                 seen.depths_m.extend(ends_m(frame.nearest_depth_m))
                 seen.still_m.extend(ends_m(renderer.depth(k, T_world_body)[still]))

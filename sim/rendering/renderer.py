@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 # least, and with fine frames at most. Only edges gain by more: they lie wrong by half a sample.
 _LEAST_LENS_SAMPLES, _MOST_LENS_SAMPLES = 2, 3
 # When moving bodies are looked at to tell one animation from another: evenly, and early.
+# How much farther a look goes that asks what the farther clipping plane hides.
+_FAR = 1000
 _IDENTITY_SAMPLES, _EARLY_S = 32, (0.001, 0.01, 0.1)
 
 
@@ -274,6 +276,17 @@ class StereoRenderer:
         window_depth = np.empty(mapped.position.shape[:2], np.float32)
         pixel_kernels.centre_depth(samples, mapped.position, window_depth)
         return self._metric_depth(window_depth, mapped)
+
+    def beyond_far(self, camera: int, T_world_body: Pose) -> NDArray[np.bool_]:
+        """(H, W) where a surface is not seen because it lies beyond the farther clipping plane."""
+        seen = np.isfinite(self.depth(camera, T_world_body))
+        if seen.all():
+            return ~seen
+        far_m, self._far_m = self._far_m, _FAR * self._far_m
+        try:
+            return ~seen & np.isfinite(self.depth(camera, T_world_body))
+        finally:
+            self._far_m = far_m
 
     def segmentation(
         self, camera: int, T_world_body: Pose, *, border: bool = False

@@ -108,8 +108,8 @@ def test_auto_is_the_cpu_where_nobody_brings_another_device(monkeypatch, caplog)
 
 
 REFUSED = {
-    "device": (lambda _: device.choose_device("tpu"), "unknown device 'tpu': choose one of cpu"),
-    "tracker": (lambda _: trackers.tracker("slam"), "unknown tracker 'slam': choose one of true"),
+    "device": (lambda _: device.choose_device("tpu"), "unknown device 'tpu': choose from cpu"),
+    "tracker": (lambda _: trackers.tracker("slam"), "unknown tracker 'slam': choose from true"),
     "sequences": (lambda folder: source.open_source(folder), "no installed plug-in can read"),
 }
 

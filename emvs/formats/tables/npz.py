@@ -23,7 +23,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events, Numbers, to_events
-from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted, refused, said, shown
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError, offer, quoted, refused, said, shown
 from eventsweep.emvs.formats.base import StreamWriter
 from eventsweep.emvs.formats.blocks import BlockReader
 from eventsweep.emvs.formats.prophesee import STREAM, opened
@@ -265,7 +265,8 @@ def opened_archive(path: Path) -> Iterator[zipfile.ZipFile]:
     # Of zipfile, of four decompressors, and of damaged names comes any exception.
     with (
         refused(f"{path}: not a complete npz archive", Exception, cure="; save it again"),
-        zipfile.ZipFile(path) as archive,
+        opened(path) as file,
+        zipfile.ZipFile(file) as archive,
     ):
         yield archive
 
@@ -347,7 +348,8 @@ def _run_of(path: Path, arrays: Mapping[str, Array], address: str) -> tuple[_Run
     if name not in arrays and not key and "" in arrays:
         name, key = "", address  # the columns of an npy file
     if name not in arrays:
-        raise InputError(f"{path}: no column {quoted(name)}; choose from {quoted(*sorted(arrays))}")
+        known = offer(sorted(arrays), "it holds no array")
+        raise InputError(f"{path}: no column {quoted(name)}; {known}")
     array, where = arrays[name], _where(path, name)
     kind, shape = array.kind, array.shape
     if kind.names and not kind.hasobject:

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from eventsweep.emvs.data.manifest import FileEntry
-from eventsweep.emvs.errors import InputError, repeated
+from eventsweep.emvs.errors import InputError, offer, repeated
 from eventsweep.emvs.parameters import FrozenModel, first_fault
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, inside
 from eventsweep.emvs.utils.outputs import files_together
@@ -135,8 +135,8 @@ class ArchiveManifest(FrozenModel):
     ) -> tuple[PackedSequence, ...]:
         """The sequences of a subset, of cases or of seeds; by default all."""
         if subset and subset not in self.subsets:
-            known = ", ".join(self.subsets) or "none"
-            raise InputError(f"the archive has no part {subset!r}: choose from {known}")
+            known = offer(self.subsets, "it has none, name cases")
+            raise InputError(f"the archive has no part {subset!r}: {known}")
         its_cases, its_seeds = self.subsets.get(subset, ((), ()))
         for case in set(cases) - {entry.case for entry in self.sequences}:
             raise InputError(f"the archive of {self.suite} has no case {case!r}")

@@ -1,8 +1,10 @@
 """The workflow that checks entries to a ranking runs the command that the page on it names."""
 
+import re
 import subprocess
 import sys
 import tomllib
+from hashlib import sha256
 
 import numpy as np
 import pytest
@@ -57,3 +59,42 @@ def test_its_command_accepts_an_entry_and_refuses_a_changed_one(tmp_path):
         codes.append(done.returncode)
         (out / "maps.tar.zst").write_bytes(b"changed")
     assert codes == [0, 2]
+
+
+def test_of_a_pull_request_nothing_but_its_entries_counts():
+    (job,) = yaml.safe_load(FILE.read_text(encoding="utf-8"))["jobs"].values()
+    merged, theirs = (s["with"] for s in job["steps"] if "checkout" in s.get("uses", ""))
+    assert merged == {"ref": "${{ github.base_ref }}"}
+    assert job["steps"][-1]["working-directory"] == theirs["path"]
+
+
+EVIL = suite_text(case("wall"), name="suite-v4")
+
+
+@pytest.mark.parametrize(("suite", "more", "words"), [
+    ("evil.toml", [], "its suite evil.toml is not one of"),
+    ("pair", [], "its suite pair is not one of"),
+    ("quick", [], "its suite quick is not one of"),
+    ("suite-v4", ["--suite", "evil.toml"], "is not the one that comes with the program"),
+    ("suite-v4", ["--suite", "quick"], "maps.tar.zst: damaged archive"),
+])  # fmt: skip
+def test_an_entry_names_a_suite_that_comes_with_the_program(
+    tmp_path, monkeypatch, capsys, suite, more, words
+):
+    folder = tmp_path / "submissions" / "mine"
+    folder.mkdir(parents=True)
+    (folder / "maps.tar.zst").write_bytes(b"")
+    digest = sha256(b"").hexdigest()
+    (folder / "entry.toml").write_text(f'suite = "{suite}"\nsha256 = "{digest}"\n')
+    (tmp_path / "evil.toml").write_text(EVIL)
+    monkeypatch.chdir(tmp_path)
+    assert main(["submission", "check", "submissions/mine", *more]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.search(words, line), line
+
+
+def test_a_suite_of_ones_own_has_a_name_of_its_own(tmp_path, monkeypatch, capsys):
+    (tmp_path / "evil.toml").write_text(EVIL)
+    monkeypatch.chdir(tmp_path)
+    assert main(["submission", "make", ".", "--suite", "evil.toml", "--out", "made"]) == 2
+    assert "give it another name" in capsys.readouterr().err

@@ -89,7 +89,7 @@ def check(
 
     Args:
         paths: Files of `submission make`, the folders they are made of, or entries: submissions/*.
-        suite: Such as suite-v4, quick, or FILE.toml; an entry names its own.
+        suite: Such as suite-v4, quick, or FILE.toml, which no entry names itself.
     """
     from eventsweep.plugins.ranking.archives.manifest import read
     from eventsweep.plugins.ranking.entry import check_apart, check_entry, is_entry
@@ -106,11 +106,13 @@ def check(
 
 
 def _asked(suite: str, archive: Path | None) -> Asked:
-    from eventsweep.eval.suite.definition import load
+    from eventsweep.eval.suite.definition import check_name, load
     from eventsweep.plugins.ranking.archives.manifest import read
     from eventsweep.plugins.ranking.submission import Asked
 
-    return Asked.of(*load(suite), read(archive) if archive else None)
+    definition, subset = load(suite)
+    check_name(definition)
+    return Asked.of(definition, subset, read(archive) if archive else None)
 
 
 def _checked(path: Path, suite: str | None, archive: Path | None) -> tuple[SubmissionFacts, Asked]:

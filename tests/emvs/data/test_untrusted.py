@@ -30,6 +30,7 @@ from eventsweep.eval.gate.baseline import read_baseline
 from eventsweep.eval.report.study_page import find_studies
 from eventsweep.eval.scoring.predictions import read_description
 from eventsweep.eval.suite import definition
+from eventsweep.sim.sensor_presets import read_preset
 from refusals import refused
 
 DEEP = "[" * 100_000
@@ -98,6 +99,7 @@ READERS = {
     "hdf5": lambda path: open_hdf5(path).__enter__(),
     "baseline": read_baseline, "suite": definition.read,
     "settings": lambda path: settings.load(path), "prediction.toml": read_description,
+    "preset": read_preset,
 }  # fmt: skip
 
 
@@ -105,7 +107,7 @@ READERS = {
 @pytest.mark.parametrize("name", READERS)
 def test_only_regular_files_are_opened(tmp_path, name, plant):
     plant(tmp_path / name)
-    refused_soon("pipe|device|is a link", READERS[name], tmp_path / name)
+    refused_soon("is a (pipe|device|socket|link)", READERS[name], tmp_path / name)
 
 
 @pytest.mark.parametrize("plant", [pipe, device, plug])
@@ -113,7 +115,7 @@ def test_only_regular_files_are_opened(tmp_path, name, plant):
 def test_only_regular_files_are_opened_in_a_sequence(sequence, name, plant):
     (sequence / name).unlink()
     plant(sequence / name)
-    refused_soon("pipe, device or socket|not a file in this folder", Sequence, sequence)
+    refused_soon("is a (pipe|device|socket)|not a file in this folder", Sequence, sequence)
 
 
 @pytest.mark.parametrize("name", ["/etc/hostname", "../secret", "cam0/../../secret", "a\0b", ""])
@@ -183,9 +185,14 @@ def test_deep_nesting_in_a_sequence_is_one_line(sequence, name):
 
 
 @pytest.mark.parametrize(
-    "name", ["baseline", "suite", "settings", "prediction.toml", "calibration"]
+    "name",
+    ["baseline", "suite", "settings", "prediction.toml", "calibration", "preset", "recording.toml"],
 )
-@pytest.mark.parametrize("text", [DEEP, "a = " + DEEP, '{"a":' * 30_000, "a = " + "1" * 9000])
+@pytest.mark.parametrize("text", [
+    DEEP, "a = " + DEEP, '{"a":' * 30_000, "a = " + "1" * 9000, "a" + ".a" * 20_000 + " = 1",
+    "[sim]\na" + ".a" * 900 + " = 1", '{"a":' * 900 + "1" + "}" * 900,
+    "a = " + "[" * 900 + "]" * 900, "a = " + "{a = " * 90 + "1" + "}" * 90,
+])  # fmt: skip
 def test_deep_nesting_and_long_numbers_are_one_line(tmp_path, name, text):
     (tmp_path / name).write_text(text)
     refused_soon(".", READERS[name], tmp_path / name)

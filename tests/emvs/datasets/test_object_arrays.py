@@ -4,6 +4,7 @@ import contextlib
 import io
 import os
 import pickle
+import sys
 
 import numpy as np
 import pytest
@@ -18,12 +19,15 @@ LEAVES = st.one_of(
     st.none(), st.booleans(), st.integers(-(2**70), 2**70), st.floats(allow_nan=False),
     st.text(max_size=8), st.binary(max_size=300),
 )  # fmt: skip
+KEYS = st.one_of(st.text(max_size=6), st.integers(-(2**60), 2**60))
 VALUES = st.recursive(
     LEAVES,
     lambda inner: st.one_of(
         st.lists(inner, max_size=4),
         st.tuples(inner, inner, inner, inner),
-        st.dictionaries(st.one_of(st.text(max_size=6), st.integers()), inner, max_size=4),
+        st.dictionaries(
+            st.one_of(st.text(max_size=6), st.integers(-(2**60), 2**60)), inner, max_size=4
+        ),
     ),
     max_leaves=12,
 )
@@ -90,3 +94,9 @@ def test_every_byte_may_be_damaged():
                 object_values(data[:k] + bytes([value]) + data[k + 1 :], "f")
                 harmless.add(k)
     assert 0 < len(harmless) < len(data)
+
+
+def test_keys_that_hash_alike_take_no_time():
+    """Of 60,000 such keys each would be compared with all before it."""
+    data = pickled({k * sys.hash_info.modulus: None for k in range(1, 4)}, 4)
+    refused("a mapping with a key beyond", object_values, data, "f")

@@ -27,7 +27,7 @@ def here(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("words", "message"), [
-    (["--mount", "tail"], "nothing is called 'tail' in the model: choose one of camera:flat"),
+    (["--mount", "tail"], "nothing is called 'tail' in the model: choose from camera:flat"),
     (["--mount", "body:tail"], "nothing is called 'body:tail'"),
     (["--rig", "model:left,rear"], "nothing is called 'camera:rear'"),
     (["--rig", "model:blind"], "'blind' of the model has a resolution of 1 x 1: give it"),

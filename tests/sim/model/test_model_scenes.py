@@ -10,6 +10,7 @@ import rover
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.scenes import prepared
 from eventsweep.sim.config import ModelConfig, ReplayConfig, SimConfig
+from eventsweep.sim.mjcf import KEEPS_LINKS
 from eventsweep.sim.model.scenes import scene_of
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.simulate import simulate
@@ -90,7 +91,7 @@ def test_a_table_of_joints_moves_a_urdf(tmp_path):
 @pytest.mark.parametrize(("model", "message"), [
     ({}, "nothing moves"),
     ({"motion": "flying"}, "motion 'flying': give dynamics"),
-    ({"motion": "walk", "controller": "math:sin"}, "a controller needs"),
+    ({"motion": "walk", "controller": "math:sin"}, "controller needs"),
     ({"motion": "dynamics", "mount": "nose"}, "nothing is called 'nose'"),
     ({"motion": "dynamics", "key": "home"}, "no key frame 'home'"),
     ({"motion": "walk", "mount": "body:kite", "sha256": "1"}, "its SHA-256 is not 1"),
@@ -113,6 +114,7 @@ def test_files_that_are_no_models_are_refused(tmp_path, text, words):
 
 MIRROR = rover.MJCF.replace('specular="0"/>', 'specular="0" reflectance=".3"/>')
 CLIPPED = rover.MJCF.replace('znear="0.002"', 'znear="0.05"')
+FAR = rover.MJCF.replace('znear="0.002"', 'znear="0.002" zfar=".2"')
 BARE = """<mujoco><worldbody><geom type="plane" size="9 9 1"/>
 <camera name="c" pos="0 0 2" xyaxes="0 -1 0 .9 0 .4" resolution="64 48"/></worldbody></mujoco>"""
 
@@ -121,6 +123,7 @@ BARE = """<mujoco><worldbody><geom type="plane" size="9 9 1"/>
     (BARE, None, "shake", "few events"), (rover.MJCF, "model:left,right", "dynamics", None),
     (MIRROR, "model:left,right", "dynamics", "a surface is reflective"),
     (CLIPPED, "model:left,right", "dynamics", "may be cut"),
+    (FAR, "model:left,right", "dynamics", "have no depth, because their surfaces lie beyond"),
 ])  # fmt: skip
 def test_a_look_around_tells_what_is_wrong(tmp_path, text, rig, motion, words):
     said = []
@@ -152,3 +155,34 @@ def test_a_look_around_decides_how_light_is_drawn(tmp_path, brightness, floats):
     scene, _, config = made(wall, rig=None, said=said, motion="shake")
     assert config.light.floats(scene.hdr) is floats
     assert any("rendered in floating point" in line for line in said) is floats
+
+
+ROBOT = """<robot name="r"><link name="base"><visual><geometry><box size="1 1 1"/></geometry>
+</visual></link><link name="eye"/><joint name="j" type="fixed"><parent link="base"/>
+<child link="eye"/><origin xyz="-3 0 0"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("mount", ["base", "body:eye", "eye", ""])
+def test_a_link_that_mujoco_fuses_is_told_of_and_the_cure_works(tmp_path, mount):
+    path = tmp_path / "r.urdf"
+    path.write_text(ROBOT)
+    said = refused("MuJoCo fuses such a link into what it is fixed to", made, path, rig=None,
+                   mount=mount, motion="walk")  # fmt: skip
+    assert (mount.rpartition(":")[2] or "base") in said
+    path.write_text(ROBOT.replace('name="r">', f'name="r">{KEEPS_LINKS}'))
+    assert KEEPS_LINKS in said
+    scene, _, _ = made(path, rig=None, mount="eye", motion="walk")
+    assert scene.carrier == "eye"
+    refused("called 'nose' in the model: choose from body:base, body:eye$", made, path, rig=None,
+            mount="nose", motion="walk")  # fmt: skip
+
+
+def test_a_model_without_names_says_so(tmp_path):
+    path = tmp_path / "bare.xml"
+    path.write_text('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>')
+    refused("called 'eye' in the model: it has no names, give", made, path, rig=None, mount="eye",
+            motion="walk")  # fmt: skip
+    path.write_text('<mujoco><worldbody><body name="b"><joint/><geom size="1"/></body></worldbody>'
+                    "</mujoco>")  # fmt: skip
+    refused("no key frame 'k' in the model: it has none", made, path, rig=None, key="k",
+            mount="b", motion="dynamics")  # fmt: skip

@@ -124,3 +124,14 @@ def theirs(text, folder):
 def centre(image):
     rows, columns = np.nonzero(image > 0.2 * image.max())
     return np.array([columns.mean(), rows.mean()])
+
+
+@pytest.mark.parametrize(("lens", "words"), [
+    ('projection="orthographic" fovy="2"', "is orthographic, and event cameras here are pinholes"),
+    ('fovy="0"', "has a focal length of inf x inf px"), ('fovy="-5"', "has a focal length of -"),
+    ('sensorsize=".01 .02"', "has a focal length of 0 x 0 px"),
+    ('sensorsize=".01 .02" focal="-.01 .01"', "has a focal length of -80 x 30 px"),
+])  # fmt: skip
+def test_a_camera_that_is_no_pinhole_is_refused(lens, words):
+    text = BALL.format(y=0, z=0, lens=f'resolution="80 60" {lens}')
+    refused(words, rig_of_cameras, mujoco.MjModel.from_xml_string(text), ("c",))
