@@ -8,10 +8,10 @@ import signal
 import sys
 import threading
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from eventsweep.emvs.errors import InputError
 
@@ -58,6 +58,58 @@ _came: list[int] = []
 """Interrupts since the command began: if it ends otherwise, a library lost one."""
 
 
+class _Stream:
+    """A standard stream that may be closed, broken, full, or know few letters.
+
+    Who reads no more, as `head` does, ends nothing: the work is done, and its code is its own.
+    """
+
+    def __init__(self, stream: TextIO | None) -> None:
+        self._stream = stream or open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
+        if getattr(self._stream, "errors", "") == "strict":
+            with suppress(AttributeError):
+                self._stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """Writes as a text stream does, to nowhere once nobody reads."""
+        with self._unbroken():
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Writes what is kept back."""
+        with self._unbroken():
+            self._stream.flush()
+
+    @contextmanager
+    def _unbroken(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
+            if not isinstance(error, BrokenPipeError):
+                raise InputError(
+                    f"{self._stream.name}: cannot be written ({error.strerror}): free the disk or "
+                    "write elsewhere"
+                ) from error
+
+
+@contextmanager
+def standard_streams() -> Iterator[None]:
+    """Guards what is printed; the streams are what they were in the end."""
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (cast(TextIO, _Stream(stream)) for stream in before)
+    try:
+        yield
+    finally:
+        with suppress(OSError, ValueError):
+            sys.stdout.flush()
+        sys.stdout, sys.stderr = before
+
+
 @dataclass
 class ExitCode:
     """The process's exit code, known when the context ends."""
@@ -100,9 +152,6 @@ def _ending(error: BaseException) -> int | None:
         return _say(_INTERRUPTED, INTERRUPTED)
     if isinstance(error, InputError):
         return _say(with_flags(error), BAD_INPUT)
-    if isinstance(error, BrokenPipeError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return OK
     if isinstance(error, OSError):
         return _say(f"{error}: free the disk or choose another output", BAD_INPUT)
     if isinstance(error, MemoryError):
