@@ -76,7 +76,9 @@ def has_kernel(name: str) -> bool:
 def kernel_version() -> str:
     """16 hexadecimal digits over the files of compiled functions and over who compiles them."""
     parts = [repr(_HEAD), platform.python_implementation(), platform.python_version()]
-    parts += [numba.__version__, llvmlite.__version__]
+    # Numba's own name of a kernel does not say whether its indices are checked.
+    checked: Any = numba.config.BOUNDSCHECK  # type: ignore[attr-defined]
+    parts += [numba.__version__, llvmlite.__version__, f"bounds checked: {checked}"]
     parts += digests(kernel_files(), _ROOT)
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 

@@ -44,6 +44,7 @@ _FLAGS = {
     "resume=False": "--fresh",
     "inpaint=True": "--map.inpaint",
     "set rate_hz": "add --rate-hz",
+    "set full_scale to": "add --full-scale",
     "set unit to": "say --unit",
     "set truth_unit to": "say --truth-unit",
     "set offset_s": "add --offset-s",
