@@ -54,7 +54,7 @@ def check_numba() -> None:
     Raises:
         InputError: names the variable: numba itself ends in errors that do not.
     """
-    config: Any = numba.config  # type: ignore[attr-defined]
+    config: Any = numba.config
     if config.DISABLE_JIT:
         raise InputError("NUMBA_DISABLE_JIT is set, but kernels run only when compiled: unset it")
     layer = os.environ.get("NUMBA_THREADING_LAYER", "omp").split()

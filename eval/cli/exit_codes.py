@@ -69,7 +69,7 @@ class _Stream:
         self._stream = stream or open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
         if getattr(self._stream, "errors", "") == "strict":
             with suppress(AttributeError):
-                self._stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+                self._stream.reconfigure(errors="backslashreplace")  # type: ignore[attr-defined]
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
