@@ -60,6 +60,7 @@ _LOOKS = 3
 _COMMIT_S = 10.0
 # Events per pixel: a tenth of those of a picture that moves by one edge.
 _FEW_EVENTS = 0.002
+_FEW_SEEN = 0.05
 # Lossless compression of rendered images gains at least this.
 _COMPRESSED = 0.4
 _IMAGE_BYTES = {"depth_m": 4, "intensity": 1, "flow": 8, "segmentation": 4, "boundary": 1}
@@ -137,11 +138,16 @@ def simulate(
             frames = frames_from_workers(job, folder.next_chunk, workers)
         _run(job, frames, folder, commit_s, progress, drawn_elsewhere=workers > 1)
         try:
-            _assemble(job, folder, arguments, out, force=force)
+            seen = _assemble(job, folder, arguments, out, force=force)
         except InputError as error:
             # Somebody came in between: the work itself is good.
             raise Stopped(f"{error} (the simulation is kept in {folder.path})") from error
         _say_if_empty(job, sum(checkpoint.events for checkpoint in folder.finished), notice)
+        if seen < _FEW_SEEN:
+            notice(
+                f"{job.scene.name}: surfaces fill {100 * seen:.2g} % of the view: check where the "
+                "cameras look, or of a recorded trajectory its unit and replay.place"
+            )
     return out
 
 
@@ -252,8 +258,9 @@ def _exposed(
 
 def _assemble(
     job: RenderJob, folder: CheckpointFolder, arguments: dict[str, Any], out: Path, *, force: bool
-) -> None:
-    """Streams all checkpoints into the sequence."""
+) -> float:
+    """Streams all checkpoints into the sequence; returns the share of the view with a surface."""
+    shares = []
     counts = folder.finished[-1].counts if job.labelled else None
     read = (job.config, files_of(job.scene.mjcf))
     with SequenceWriter(out, **arguments, sensor_counts=counts, force=force, inputs=read) as writer:
@@ -266,7 +273,9 @@ def _assemble(
                     writer.append_photo(k, photo)
                 for t_us, images in truth.times():
                     depth_m, intensity = images.pop("depth_m"), images.pop("intensity")
+                    shares.append(float(np.mean(np.isfinite(depth_m))))
                     writer.append_truth(k, t_us, depth_m, intensity, images)
+    return float(np.mean(shares)) if shares else 1.0
 
 
 def _tell(job: RenderJob, folder: CheckpointFolder, notice: Notice) -> None:

@@ -28,6 +28,7 @@ from eventsweep.emvs.formats.blocks import BlockReader
 from eventsweep.emvs.formats.prophesee import RawReader, RawWriter, opened
 from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.inputs import check_file
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAT = b"MATLAB 5.0 MAT-f"
@@ -173,6 +174,7 @@ def open_events(path: str | Path, columns: ColumnMap | None = None) -> BlockRead
         raise InputError(f"{path}: no such file; needs an event file")
     if not path.is_file():
         raise InputError(f"{path}: is a pipe or device; copy its content into a file first")
+    check_file(path)
     with opened(path) as file:
         head = file.read(16)
     if not head:

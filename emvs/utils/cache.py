@@ -78,7 +78,7 @@ class Cache:
         self.folder = Path(folder).absolute()
         self._whole: dict[str, tuple[list[Any], CacheEntry]] = {}
         if not self.folder.is_dir():
-            check_parent(self.folder)
+            check_parent(self.folder / "entry")
 
     def get(self, key: str, facts: Any, fill: Fill) -> CacheEntry:
         """The entry called `key`, filled now if it is not there or damaged.

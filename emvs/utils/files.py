@@ -3,6 +3,7 @@
 The hidden folder `.NAME.partial` is ours because of the mark in it, which is there before anything
 else, and in use as long as a process holds its lock: no other one writes the same output then. One
 that nobody holds was left by a killed process, and the next that writes the output takes it over.
+What a killed process can go on from lies in `.NAME.unfinished`, which nothing else removes.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ MARK = ".eventsweep-work"
 """An empty file in every hidden work folder; its creation is atomic."""
 REPLACED = "replaced"
 """What lies in a work folder until the output that takes its place is there."""
-_ENDING = ".partial"
+_ENDING, _RESUMED = ".partial", ".unfinished"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 _log = logging.getLogger(__name__)
@@ -124,15 +125,15 @@ def rename_away(source: Path, to: Path) -> None:
 def work_folder(place: Path, *, wait: bool = False, resume: bool = False) -> Iterator[Path]:
     """Makes a hidden folder beside a place, for this process alone; removes it at the end.
 
-    What a killed process left in it is removed first; with `resume` it is kept, also after an
-    error.
+    What a killed process left in it is removed first. With `resume` it is another folder: what is
+    in it is kept, also after an error, until the work it belongs to is taken up and ends well.
 
     Raises:
         InputError: another process has it, unless to `wait` for that; or it cannot be made.
     """
     if not os.access(place.parent, os.W_OK):
         raise InputError(f"cannot write to {place.parent}: no permission, choose another output")
-    work = place.with_name(f".{place.name}{_ENDING}")
+    work = place.with_name(f".{place.name}{_RESUMED if resume else _ENDING}")
     if _is_foreign(work):
         move_aside(work, work, "has the name of unfinished work")
     lock = _locked(work, make=True, wait=wait)
@@ -153,7 +154,7 @@ def work_folder(place: Path, *, wait: bool = False, resume: bool = False) -> Ite
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Removes what killed processes left in a folder."""
+    """Removes what killed processes left in a folder, but for what they can go on from."""
     for work in [path for path in folder.glob(f".*{_ENDING}") if is_work_folder(path)]:
         lock = _locked(work)
         if lock is not None:
@@ -210,7 +211,7 @@ def _locked(work: Path, *, make: bool = False, wait: bool = False) -> int | None
 
 def _empty(work: Path) -> None:
     """Removes all but the mark; what was being replaced goes back, or beside its successor."""
-    replaced, place = work / REPLACED, work.with_name(work.name[1 : -len(_ENDING)])
+    replaced, place = work / REPLACED, work.with_name(work.name[1:].rpartition(".")[0])
     if os.path.lexists(replaced) and not os.path.lexists(place):
         replaced.rename(place)
     elif os.path.lexists(replaced):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import codecs
 import json
 import os
+import re
 import stat
 import tomllib
 import zipfile
@@ -32,6 +33,9 @@ SETTINGS_BYTES = 1 << 18
 """More than any calibration, rig or table of settings."""
 TABLE_BYTES = 1 << 28
 """More than any list of poses, results or files."""
+_LFS = b"version https://git-lfs.github.com/spec/"
+_WEB_PAGE = re.compile(rb"(\xef\xbb\xbf)?\s*<(!doctype\s+html|html[\s>])", re.IGNORECASE)
+_HEAD_BYTES = 64
 NPZ_BYTES = 1 << 30
 """More than the arrays of any depth map or slice take, unpacked."""
 _MOST_VALUES, _MOST_DEPTH = 1_000_000, 64
@@ -111,13 +115,14 @@ def _texts(content: Any) -> Iterator[str]:
 
 
 def check_file(path: Path, most_bytes: int | None = None) -> None:
-    """Refuses what cannot be read to its end; looks, and opens nothing.
+    """Refuses what cannot be read to its end, or only stands for a file; looks before it opens.
 
     Symbolic links are followed; of a file that is read piece by piece `most_bytes` is None.
 
     Raises:
         InputError: a pipe, a device, a socket, a folder or a file that the system makes up, as in
-            `/proc`; a name with a NUL, or too large.
+            `/proc`; a name with a NUL, or too large; a pointer of Git LFS, or a web page that was
+            saved instead of a file.
         OSError: nothing there, or it cannot be looked at.
     """
     try:
@@ -130,6 +135,22 @@ def check_file(path: Path, most_bytes: int | None = None) -> None:
         raise InputError(f"{path}: is {kind}; needs a regular file")
     if most_bytes is not None and seen.st_size > most_bytes:
         raise InputError(f"{path}: {seen.st_size} bytes, at most {most_bytes} are read")
+    with suppress(OSError):  # whoever reads it will say so
+        _check_stands_for_itself(Path(path))
+
+
+def _check_stands_for_itself(path: Path) -> None:
+    """Refuses what is often stored in the place of a file, and is none of any format."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    if head.startswith(_LFS):
+        raise InputError(
+            f"{path}: is a Git LFS pointer, not the file itself: fetch it with `git lfs pull`"
+        )
+    if _WEB_PAGE.match(head):
+        raise InputError(
+            f"{path}: is a web page, not a {path.suffix or 'data'} file: download the file itself"
+        )
 
 
 def _strange(seen: os.stat_result) -> str | None:

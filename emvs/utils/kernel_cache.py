@@ -18,6 +18,7 @@ import os
 import pickle
 import platform
 import re
+import struct
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
@@ -42,7 +43,8 @@ _HEAD = b"eventsweep kernel 1\n"
 _HASH_BYTES = 32
 _KEEP = 8  # a version takes 10 MB
 _BUSY_S, _OLD_S = 86_400, 30 * 86_400
-_PATIENCE_S = 60.0
+_PATIENCE_S = 20.0
+_FLOCK = "hhqqi"  # the system's structure: type, whence, start, length, process
 
 
 def use_kernel_cache() -> Path:
@@ -74,7 +76,9 @@ def has_kernel(name: str) -> bool:
 def kernel_version() -> str:
     """16 hexadecimal digits over the files of compiled functions and over who compiles them."""
     parts = [repr(_HEAD), platform.python_implementation(), platform.python_version()]
-    parts += [numba.__version__, llvmlite.__version__]
+    # Numba's own name of a kernel does not say whether its indices are checked.
+    checked: Any = numba.config.BOUNDSCHECK  # type: ignore[attr-defined]
+    parts += [numba.__version__, llvmlite.__version__, f"bounds checked: {checked}"]
     parts += digests(kernel_files(), _ROOT)
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
@@ -195,17 +199,40 @@ class VerifiedKernels(caching.IndexDataCacheFile):
         self._lock(fcntl.LOCK_UN)
 
     def _wait(self) -> None:
-        """Waits while another process compiles this function, but not for one that hangs."""
-        end = time.monotonic() + _PATIENCE_S
-        while not self._lock(fcntl.LOCK_EX | fcntl.LOCK_NB) and time.monotonic() < end:
+        """Waits while another process compiles this function, but not for one that hangs.
+
+        It hangs if it is not even given time of a processor, as while it is stopped.
+        """
+        begun_s, used = time.monotonic(), self._holder_ticks()
+        while not self._lock(fcntl.LOCK_EX | fcntl.LOCK_NB):
+            if time.monotonic() - begun_s >= _PATIENCE_S:
+                now = self._holder_ticks()
+                if now == used:
+                    return
+                begun_s, used = time.monotonic(), now
             time.sleep(0.05)
+
+    def _holder_ticks(self) -> int | None:
+        """How long the process that has this function's lock has run; None where none is seen."""
+        try:
+            asked = struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, self._byte(), 1, 0)
+            found = fcntl.fcntl(self._mark(), fcntl.F_GETLK, asked)
+            holder = struct.unpack(_FLOCK, found)[-1]
+            words = Path(f"/proc/{holder}/stat").read_text("utf-8").rpartition(")")[2].split()
+        except OSError:  # it has ended, or runs on another machine
+            return None
+        return sum(map(int, words[11:13]))
+
+    def _byte(self) -> int:
+        return int.from_bytes(hashlib.sha256(self._index_path.encode()).digest()[:7], "big")
+
+    def _mark(self) -> int:
+        return _opened(Path(self._cache_path).parent / _MARK)
 
     def _lock(self, kind: int) -> bool:
         """Locks a byte of the folder's mark, which stands for this function; or unlocks it."""
-        byte = hashlib.sha256(self._index_path.encode()).digest()[:7]
         try:
-            mark = _opened(Path(self._cache_path).parent / _MARK)
-            fcntl.lockf(mark, kind, 1, int.from_bytes(byte, "big"))
+            fcntl.lockf(self._mark(), kind, 1, self._byte())
         except BlockingIOError:
             return False
         except OSError:  # no locks on this disk: each process compiles for itself

@@ -6,6 +6,7 @@ import ctypes
 import faulthandler
 import multiprocessing
 import os
+import re
 import resource
 import select
 import signal
@@ -21,6 +22,29 @@ _PR_SET_PDEATHSIG = 1
 _REFUSED, _FAULT, _OUT_OF_MEMORY = 3, 4, 5
 _MOST_WORDS = 4096  # what a pipe holds at once
 _LOOKS_S = 0.02  # between looks at a child's memory
+# Whoever asks one of these knows that a worker imports the script.
+_GUARD = re.compile(rb"__name__|current_process|parent_process")
+
+
+def check_guard() -> None:
+    """Refuses workers for a script that would run again in each of them.
+
+    A worker is a new Python, which imports the program's main file first.
+
+    Raises:
+        InputError: names the file, and what its calls must stand under.
+    """
+    main = sys.modules["__main__"]
+    file, spec = getattr(main, "__file__", None), getattr(main, "__spec__", None)
+    if file is None or (spec is not None and spec.name.rpartition(".")[2] == "__main__"):
+        return  # an interpreter, or what workers do not import
+    with suppress(OSError):
+        source = Path(file).read_bytes()
+        if b"\0" not in source and not _GUARD.search(source):
+            raise InputError(
+                f"{file}: each worker would run this script again: put its calls below "
+                'if __name__ == "__main__":, or use one worker'
+            )
 
 
 def end_with_parent() -> None:

@@ -11,6 +11,7 @@ from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numba
 from numba.core import event
@@ -44,6 +45,27 @@ class Stopwatch:
         self.seconds[stage], self._since = now - self._since, now
 
 
+_LAYERS = ("default", "safe", "forksafe", "threadsafe", "omp", "tbb", "workqueue")
+
+
+def check_numba() -> None:
+    """Refuses what the environment tells numba and no kernel can run with.
+
+    Raises:
+        InputError: names the variable: numba itself ends in errors that do not.
+    """
+    config: Any = numba.config
+    if config.DISABLE_JIT:
+        raise InputError("NUMBA_DISABLE_JIT is set, but kernels run only when compiled: unset it")
+    layer = os.environ.get("NUMBA_THREADING_LAYER", "omp").split()
+    if not set(layer) <= {*_LAYERS}:
+        raise InputError(
+            f"NUMBA_THREADING_LAYER is {' '.join(layer)!r}: needs one of {', '.join(_LAYERS)}; "
+            "correct or unset it"
+        )
+
+
+check_numba()
 # Threads that spin while they wait take the time of others that work: here, or in other processes.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 # OpenMP is safe when several Python threads call kernels; numba's own queue ends the process.

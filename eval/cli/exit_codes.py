@@ -11,9 +11,9 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING
 
-from eventsweep.emvs.errors import InputError, visible
+from eventsweep.emvs.errors import InputError
 
 if TYPE_CHECKING:
     from eventsweep.emvs.maps.folder import MapInfo
@@ -44,6 +44,7 @@ _FLAGS = {
     "resume=False": "--fresh",
     "inpaint=True": "--map.inpaint",
     "set rate_hz": "add --rate-hz",
+    "set full_scale to": "add --full-scale",
     "set unit to": "say --unit",
     "set truth_unit to": "say --truth-unit",
     "set offset_s": "add --offset-s",
@@ -64,20 +65,6 @@ class ExitCode:
     value: int = OK
 
 
-class Escaping:
-    """A stream on which nothing that is written commands a terminal; `rich` goes past it."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self.rich_proxied_file = stream
-
-    def write(self, text: str) -> int:
-        """Writes a text as `visible` has it."""
-        return self.rich_proxied_file.write(visible(text))
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.rich_proxied_file, name)
-
-
 @contextmanager
 def exit_code() -> Iterator[ExitCode]:
     """Turns what a user, the disk or the memory can cause into one line and a code.
@@ -91,8 +78,6 @@ def exit_code() -> Iterator[ExitCode]:
         signal.signal(signal.SIGINT, _interrupt)
     sys.unraisablehook = _send_again
     _came.clear()
-    streams = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = Escaping(sys.stdout), Escaping(sys.stderr)
     try:
         yield code
         if _came and code.value != INTERRUPTED:
@@ -104,7 +89,6 @@ def exit_code() -> Iterator[ExitCode]:
         code.value = ending
     finally:
         sys.unraisablehook = sys.__unraisablehook__
-        sys.stdout, sys.stderr = streams
         for thread in threading.enumerate():
             if isinstance(thread, _Later):
                 thread.cancel()
@@ -116,9 +100,6 @@ def _ending(error: BaseException) -> int | None:
         return _say(_INTERRUPTED, INTERRUPTED)
     if isinstance(error, InputError):
         return _say(with_flags(error), BAD_INPUT)
-    if isinstance(error, BrokenPipeError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return OK
     if isinstance(error, OSError):
         return _say(f"{error}: free the disk or choose another output", BAD_INPUT)
     if isinstance(error, MemoryError):

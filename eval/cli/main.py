@@ -8,6 +8,7 @@ A plug-in offers a verb as a function, whose parameters are flags, or as a progr
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -16,13 +17,14 @@ from typing import Annotated
 
 from cyclopts import App, CycloptsError, Parameter
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, quoted
 from eventsweep.emvs.parameters import fault
 from eventsweep.emvs.utils.plugins import VERBS, loaded, points
 from eventsweep.eval import config
 from eventsweep.eval.cli.app import app
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.cli.help import refusal
+from eventsweep.eval.cli.streams import standard_streams
 
 _CORE = (
     "compare", "completion", "convert", "fuse", "gate", "info", "list", "map", "report", "run",
@@ -63,8 +65,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     0 on success, 1 where a suite, a gate or some windows failed, 2 on bad input, 130 when
     interrupted.
     """
-    with exit_code() as code:
+    with standard_streams(), exit_code() as code:
         try:
+            _check_threads()
             returned = app(arguments, exit_on_error=False, print_error=False)
             code.value = returned if isinstance(returned, int) else code.value
         except CycloptsError as error:
@@ -72,6 +75,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         sys.exit(code.value)
     return code.value
+
+
+def _check_threads() -> None:
+    """Refuses what numba ends with at its import, without the variable's name."""
+    threads = os.environ.get("NUMBA_NUM_THREADS", "").strip() or "1"
+    if not threads.isdecimal() or int(threads) < 1:
+        raise InputError(
+            f"NUMBA_NUM_THREADS is {quoted(threads)}: needs a whole number of at least 1; correct "
+            "or unset it"
+        )
 
 
 def _refusal(error: CycloptsError) -> InputError:

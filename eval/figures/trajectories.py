@@ -94,6 +94,8 @@ def _draw_boxes(axes: Axes, scored: Scored, steps: list[Step], column: str) -> N
         ]
         at = np.arange(len(steps)) + (position - (len(scored) - 1) / 2) * width
         drawn = [k for k, one in enumerate(values) if one.size]
+        if not drawn:  # Matplotlib fails on no box at all
+            continue
         colour = line_style(method).colour
         axes.boxplot(
             [values[k] for k in drawn], positions=at[drawn].tolist(), widths=0.85 * width,

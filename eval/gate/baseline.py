@@ -17,7 +17,7 @@ from eventsweep.eval.results.files import json_text, read_json
 from eventsweep.eval.results.series import SPEED_METRIC, Key, Measured, Origin, Series
 
 SCHEMA_VERSION = 3
-_CURE = "write it again with `eventsweep gate --update --reason ...`"
+_CURE = "restore it, or move it away and write another by `eventsweep gate --update --reason ...`"
 
 
 class BaselineChange(FrozenModel):

@@ -12,7 +12,7 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 from eventsweep.emvs.utils.cache import Cache
-from eventsweep.emvs.utils.processes import end_with_parent
+from eventsweep.emvs.utils.processes import check_guard, end_with_parent
 from eventsweep.eval.jobs.job import Done, Failed, Job, Outcome, do, find
 
 # One thread per worker: the jobs are the parallelism. Mesa's rasteriser counts helpers beside the
@@ -41,6 +41,7 @@ class LocalWorkers:
     """At most `count` worker processes, started when there is work for them."""
 
     def __init__(self, count: int, cache: Path) -> None:
+        check_guard()
         self.count, self._cache = count, Cache(cache)
         self._over: list[Outcome] = []
         self._digests: dict[str, str] = {}

@@ -147,10 +147,13 @@ def sentences(scored: Scored) -> Iterator[str]:
     """What the page says first, one line for each estimate."""
     for method, found in scored.items():
         values = found.values
+        share, drift = (
+            "undefined" if math.isnan(value) else f"{significant(value, 3)} %"
+            for value in (values["ate_share"], values["drift"])
+        )
         yield (
-            f"{method}: ATE {significant(100 * values['ate_rmse'], 3)} cm, "
-            f"{significant(values['ate_share'], 3)} % of a path of "
-            f"{significant(values['way'], 3)} m; drift {significant(values['drift'], 3)} %; "
+            f"{method}: ATE {significant(100 * values['ate_rmse'], 3)} cm, or {share}, of a path "
+            f"of {significant(values['way'], 3)} m; drift {drift}; "
             f"{values['time_covered']:.1f} % of the time covered, {len(found.matched):,} poses."
         )
 

@@ -32,9 +32,15 @@ def read_json(
     """
     name = name or str(file)
     try:
-        content = parse_json(read_text(file, TABLE_BYTES))
+        text = read_text(file, TABLE_BYTES)
     except OSError as error:
         raise InputError(f"{name}: cannot be read ({error.strerror}); {cure}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{name}: not a text in UTF-8 ({error.reason}); {cure}") from error
+    if not text.strip():
+        raise InputError(f"{name}: is empty; {cure}")
+    try:
+        content = parse_json(text)
     except ValueError as error:
         raise InputError(f"{name}: not complete JSON ({error}); {cure}") from error
     stored = content.get("schema_version") if isinstance(content, dict) else None

@@ -122,8 +122,8 @@ class _Kept:
 @contextmanager
 def _kept(out: Path, voxels: VoxelCloud, identity: Callable[[], str]) -> Iterator[_Kept]:
     """Where the state of a run is kept; nothing stays of one that ended, in whatever way."""
-    hidden = real(out).with_name(f"{real(out).name}.track")
-    with made_parent(hidden), work_folder(hidden, resume=True) as work:
+    place = real(out)
+    with made_parent(place), work_folder(place, resume=True) as work:
         file = work / "state.npz"
         try:
             yield _Kept(file, voxels, identity)

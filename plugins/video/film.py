@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError, heed_interrupt, said, shown
 from eventsweep.emvs.utils.plugins import FUNCTION, named
+from eventsweep.plugins.video.doubts import Doubts
 from eventsweep.plugins.video.frames import Frame, Frames, checked
 from eventsweep.plugins.video.images import Image
 from eventsweep.sim.config import Encoding, PixelConfig, VideoConfig
@@ -53,6 +54,7 @@ class Film:
         events: events so far.
         span_us: times of the first frame and of the latest.
         pace: whether frames are close enough together.
+        doubts: what seems wrong with the frames as they are in the files.
 
     Raises:
         InputError: no frame that can be read, or no function of the name to put frames in between.
@@ -60,7 +62,8 @@ class Film:
 
     def __init__(self, frames: Frames, pixels: PixelConfig, video: VideoConfig, seed: int) -> None:
         self.frames, self.pixels, self.video, self.seed = frames, pixels, video, seed
-        sources: Iterable[Frame] = checked(frames, frames.path)
+        self.doubts = Doubts(frames.path, video, pixels)
+        sources: Iterable[Frame] = self.doubts.watched(checked(frames, frames.path))
         if video.upsample is not None:
             sources = upsampled(sources, find_upsampler(video.upsample), video.upsample)
         self._rest = iter(sources)

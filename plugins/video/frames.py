@@ -159,6 +159,7 @@ def _folder(path: Path, video: VideoConfig) -> ImageFolder:
         _check_one_kind(path, images)
         t_us = tuple(round(k * 1e6 / video.rate_hz) for k in range(len(images)))
         folder = ImageFolder(path, tuple(images), t_us, f"{video.rate_hz:g} Hz as stated")
+        folder._notes += _missing_numbers(path, images)
     elif listed is None:
         raise InputError(
             f"{path}: no times; add timestamps.txt with a line `t` or `t name` for each image "
@@ -191,6 +192,22 @@ def _by_number(path: Path) -> tuple[list[tuple[int, str]], str]:
     """Sorts `9.png` before `10.png`, and what has no numbers by its letters."""
     parts = re.findall(r"\d+|\D+", path.name)
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], path.name
+
+
+def _missing_numbers(path: Path, images: list[Path]) -> list[str]:
+    """Says where the names of images at a stated rate jump: a missing one moves all after it."""
+    digits = ["".join(filter(str.isdecimal, image.stem)) for image in images]
+    if not all(digits):
+        return []
+    steps = np.diff([int(digit) for digit in digits])
+    usual = int(steps.min())
+    if usual < 1 or not (jumps := np.flatnonzero(steps > usual)).size:
+        return []
+    lacking = int((steps // usual - 1).sum())
+    return [
+        f"{path}: {lacking} numbers of images are missing, the first after {images[jumps[0]].name}"
+        ": times are counted without them; give the times of all images if frames were lost"
+    ]
 
 
 def _by_stamps(path: Path, images: list[Path], listed: Path, stamps: Stamps) -> ImageFolder:

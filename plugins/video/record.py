@@ -145,7 +145,7 @@ def record(
     return RecordedVideo(
         out, kind, film.width_px, film.height_px, film.count, film.events, film.span_us,
         film.frames.time_base, film.light.said, film.pace.lost_at_half_rate,
-        (*notes, *film.frames.notes(), *_pace_note(film)),
+        (*notes, *film.frames.notes(), *film.doubts.notes(film.events), *_pace_note(film)),
     )  # fmt: skip
 
 

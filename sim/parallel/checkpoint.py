@@ -47,7 +47,7 @@ _FORMAT = 2
 _KEY, _LOCK = "job.json", "lock"
 _INDEX, _STATE = "part.json", "state.npz"
 _OURS = re.compile(
-    r"job\.json|lock|\.job\.json\.\w{8}\.partial(/.*)?"
+    r"job\.json|lock|\.job\.json\.partial(/.*)?"
     r"|\d{6}(\.partial)?(/(part\.json|state\.npz|cam\d+\.(events|truth|frames)\.h5))?"
 )
 # A damaged checkpoint costs the work back to the last state before it.

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.processes import end_with_parent
+from eventsweep.emvs.utils.processes import check_guard, end_with_parent
 from eventsweep.sim.graphics import worker_devices
 from eventsweep.sim.graphics.choice import DEVICE
 from eventsweep.sim.parallel.checkpoint import Stopped
@@ -109,6 +109,7 @@ def frames_from_workers(job: RenderJob, first_chunk: int, workers: int) -> Itera
         InputError: what a worker refuses, or a scene that cannot be sent to another process.
         Stopped: a worker died.
     """
+    check_guard()
     _check_sendable(job)
     # After a fork, threads and graphics of this process would be dead in the child: spawn.
     context = multiprocessing.get_context("spawn")

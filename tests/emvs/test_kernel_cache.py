@@ -3,7 +3,9 @@
 import ast
 import os
 import re
+import select
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -412,6 +414,31 @@ def test_a_kernel_that_another_process_compiles_is_waited_for(tmp_path, loading)
     assert hasty.stdout.readline() == "None\n"  # it compiles, too
     kernel.save("signature", "compiled")
     assert patient.stdout.readline() == "compiled\n"
+
+
+BUSY = """
+import sys
+from eventsweep.emvs.utils import kernel_cache
+kernel = kernel_cache.VerifiedKernels(sys.argv[1], "kernel", 0)
+print(kernel.load("signature"), flush=True)
+while True:
+    pass
+"""
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_who_compiles_for_long_is_waited_for_and_who_is_stopped_is_not(tmp_path, loading, stopped):
+    """A wait of a fixed time let a slow machine compile everything twice."""
+    command = [sys.executable, "-c", BUSY, str(tmp_path / "dsi")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as busy:
+        assert busy.stdout.readline() == "None\n"
+        if stopped:
+            busy.send_signal(signal.SIGSTOP)
+        waiting = loading(0.5)
+        ready, _, _ = select.select([waiting.stdout], [], [], 3.0 if not stopped else 60.0)
+        assert bool(ready) == stopped
+        busy.kill()
+        assert waiting.stdout.readline() == "None\n"
 
 
 def test_who_dies_while_it_compiles_stands_in_nobodys_way(tmp_path, loading):

@@ -44,6 +44,12 @@ class MatchedPoses:
         steps_m = np.linalg.norm(np.diff(self.T_world_body[:, :3, 3], axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps_m)])
 
+    @property
+    def both_move(self) -> bool:
+        """Whether neither stays at one point: else there is no scale between the two."""
+        ways = (self.T_world_body[:, :3, 3], self.T_odom_body[:, :3, 3])
+        return all(bool(np.ptp(positions_m, axis=0).any()) for positions_m in ways)
+
 
 def associate(
     truth: Trajectory, estimate: Trajectory, rule: Association, max_difference_us: int,

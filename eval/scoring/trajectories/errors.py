@@ -120,7 +120,9 @@ def steps_of(progress: Floats, length: float) -> tuple[Indices, Indices]:
     before = np.maximum(after - 1, 0)
     end = np.where(aim - progress[before] <= np.abs(progress[after] - aim), before, after)
     end = np.searchsorted(progress, progress[end])
-    start = np.flatnonzero((np.abs(progress[end] - aim) < _TOLERANCE * length) & (length > 0))
+    # Where all of the way dwarfs the length, the sum rounds to no step at all.
+    near = (np.abs(progress[end] - aim) < _TOLERANCE * length) & (progress[end] > progress)
+    start = np.flatnonzero(near)
     return start, end[start]
 
 

@@ -105,7 +105,8 @@ def check_pairs(
         "median: "
     )
     cure = _other_unit(truth, estimate, config) if true < LEAST_PAIRS else ""
-    raise InputError(fault + (cure or "set max_difference_s above that, or give more poses"))
+    wider = "set max_difference_s above that, or " * (usual_s > config.max_difference_s)
+    raise InputError(fault + (cure or f"{wider}give more poses"))
 
 
 def check_size(matched: MatchedPoses, config: TrajectoryConfig) -> None:
@@ -140,6 +141,8 @@ def notes_on(
 ) -> Iterator[str]:  # fmt: skip
     """What a reader of the numbers must know, a sentence each."""
     yield from _of_pairs(matched, ate_m, truth, estimate, config)
+    if not matched.way_m[-1]:
+        yield "the truth does not move: drift, errors by way and the scale are undefined"
     if not world_odom.is_unique:
         yield (
             "all positions are on a line or at one point: alignment cannot determine the "

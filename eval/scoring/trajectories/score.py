@@ -91,7 +91,7 @@ def score_poses(
 
     Raises:
         InputError: no overlap in time, another unit of time or length, too few pairs of poses, or a
-            scale to find of an estimate that does not move.
+            scale to find where the estimate or the truth does not move.
     """
     config = TrajectoryConfig.or_default(config)
     check_times(truth, estimate, config)
@@ -114,17 +114,13 @@ def _alignment(matched: MatchedPoses, config: TrajectoryConfig) -> Similarity:
     if config.align == "none":
         return Similarity.identity()
     with_scale = config.align == "sim3"
-    if with_scale and not _moves(matched):
+    if with_scale and not matched.both_move:
         raise InputError(
-            f"all {len(matched)} positions are the same: align 'sim3' has no scale to find; set "
-            "align to 'se3'"
+            f"all {len(matched)} positions are the same{' of the truth' * (not matched.way_m[-1])}"
+            ": align 'sim3' has no scale to find; set align to 'se3'"
         )
     true_m, estimated_m = matched.T_world_body[:, :3, 3], matched.T_odom_body[:, :3, 3]
     return align_points(true_m, estimated_m, with_scale=with_scale)
-
-
-def _moves(matched: MatchedPoses) -> bool:
-    return bool(np.ptp(matched.T_odom_body[:, :3, 3], axis=0).any())
 
 
 def _errors(
@@ -143,7 +139,7 @@ def _errors(
         way_m=float(matched.way_m[-1]),
         truth_s=(last_us - first_us) / 1e6,
         covered_s=_covered_s(matched, truth, estimate),
-        scale=free.scale if _moves(matched) else np.nan,
+        scale=free.scale if matched.both_move else np.nan,
     )
 
 

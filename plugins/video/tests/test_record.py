@@ -1,6 +1,7 @@
 """Videos as sequences and as files of events: whole, streamed, and what can be done with them."""
 
 import json
+import re
 import subprocess
 import sys
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -309,3 +310,53 @@ def test_a_playlist_is_not_followed_to_other_hosts(tmp_path):
         refused("is a playlist, not a video", open_frames, tmp_path / "v.m3u8", VideoConfig())
         server.shutdown()
     assert asked == []
+
+
+TWELVE_BITS = [(13 * frame.astype(np.uint16)) for frame in drifting(6)]
+DARK = [np.zeros_like(frame) for frame in drifting(6)]
+HELD = [frame for frame in drifting(6) for _ in range(2)]
+SLOW_S = [0.02 * k for k in range(12)]
+DOUBTED = {
+    "12 bits": (TWELVE_BITS, SLOW_S, "% of full scale.*12 bits, set full_scale to 4095"),
+    "black at first": ([DARK[0], DARK[0], *drifting(6)], SLOW_S,
+                       "the first 2 frames are all black"),
+    "only black": (DARK, SLOW_S, "no events: all frames are the same"),
+    "hardly changing": ([DARK[0] + 200, DARK[0] + 201], SLOW_S, "no events: ln of no pixel's"),
+    "a hole": (drifting(8), [0, 0.02, 0.04, 0.06, 1.06, 1.08, 1.1, 1.12],
+               "longest step between frames, after 0.06 s, is 1 s, 50 times the median"),
+    "one dropped": (drifting(40), [0.02 * (k + (k > 20)) for k in range(40)],
+                    "after 0.4 s, is 0.04 s, 2 times the median"),
+    "repeated": (HELD, SLOW_S, "6 of 11 frames repeat the one before"),
+    "milliseconds": (drifting(4), ["0.0", "33.3", "66.7", "100.0"], "33.3 s apart.*set unit to ms"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", DOUBTED)
+def test_frames_that_seem_wrong_are_doubted(tmp_path, kind):
+    frames, stamps, words = DOUBTED[kind]
+    folder = write_folder(tmp_path / "video", frames, stamps[: len(frames)])
+    (note, *_) = [
+        note
+        for note in es.video_to_events(folder, tmp_path / "out").notes
+        if re.search(words, note)
+    ]
+    assert note.startswith(f"{folder}: ")
+    assert "\n" not in note
+
+
+def test_sound_frames_are_not_doubted(tmp_path):
+    sixteen = [(257 * frame.astype(np.uint16)) for frame in drifting(6, step_px=0.2)]
+    folder = write_folder(tmp_path / "video", sixteen, SLOW_S[:6])
+    assert es.video_to_events(folder, tmp_path / "out").notes == ()
+    twelve = write_folder(tmp_path / "twelve", TWELVE_BITS, SLOW_S[:6])
+    told = es.video_to_events(twelve, tmp_path / "out2", video=VideoConfig(full_scale=4095))
+    assert told.events > 0
+    assert not [note for note in told.notes if "full scale" in note]
+
+
+def test_a_missing_number_of_a_picture_is_doubted_where_a_rate_gives_the_times(tmp_path):
+    folder = write_folder(tmp_path / "video", drifting(6, step_px=0.2), SLOW_S[:6])
+    (folder / "2.png").unlink()
+    told = es.video_to_events(folder, tmp_path / "out", video=VideoConfig(rate_hz=50))
+    (note,) = [note for note in told.notes if "numbers of images are missing" in note]
+    assert "1 numbers of images are missing, the first after 1.png" in note

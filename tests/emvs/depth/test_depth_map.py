@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 import naive_sweep
 from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth import neighbours_kernels
 from eventsweep.emvs.depth.depth_map import (
     confidence_mask,
     eight_bits,
@@ -93,6 +94,16 @@ def test_depth_is_finite_everywhere_and_interpolated_where_asked():
         assert depth.depth_m.dtype == depth.confidence.dtype == np.float32
         np.testing.assert_allclose(1 / depth.depth_m[depth.mask], 2 - (4 + shift) * step, rtol=1e-5)
         np.testing.assert_array_equal(depth.argmax, plane)
+
+
+@pytest.mark.parametrize("kernel_px", [1, 3, 5])
+def test_the_scratch_of_the_median_holds_a_whole_window(monkeypatch, kernel_px):
+    """Compiled, one that is too small is written past its end, which no number need show."""
+    interpreted = neighbours_kernels.masked_median.py_func
+    monkeypatch.setattr(neighbours_kernels, "masked_median", interpreted)
+    values = np.arange(49, dtype=np.float32).reshape(7, 7)
+    expected = naive_sweep.masked_median(values, values >= 0, kernel_px)
+    np.testing.assert_array_equal(masked_median(values, values >= 0, kernel_px), expected)
 
 
 @pytest.mark.parametrize(("values", "words"), [

@@ -1,15 +1,21 @@
 """Small files of others: an npz that would fill the memory, and byte order marks of texts."""
 
+import re
 import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import open_events
+from eventsweep.emvs.formats.calibration import read_rig
 from eventsweep.emvs.formats.depth import read_depth
 from eventsweep.emvs.maps.folder import read_npz
 from eventsweep.emvs.utils.inputs import NPZ_BYTES, opened_npz, read_text
+from eventsweep.eval.gate.baseline import read_baseline
+from eventsweep.eval.results.results import read_results
 from eventsweep.eval.scoring.depth_files import read_confidence, read_stored
 from refusals import refused
 
@@ -60,3 +66,28 @@ def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
     for encoding in ("utf-16", "utf-32"):
         path.write_bytes("{}".encode(encoding))
         refused("UTF-16 or UTF-32; save it as UTF-8", read_text, path, 99)
+
+
+LFS = "version https://git-lfs.github.com/spec/v1\noid sha256:" + "a" * 64 + "\nsize 12345\n"
+PAGE = "<!DOCTYPE html>\n<html><head><title>Not found</title></head></html>\n"
+STAND_INS = {
+    LFS: "Git LFS pointer.*`git lfs pull`", PAGE: "is a web page.*download the file itself",
+    "\ufeff \n<HTML>": "is a web page",
+}  # fmt: skip
+DOORS = {
+    "events.csv": open_events, "events.raw": open_events, "events.h5": open_events,
+    "events.npz": open_events, "events.aedat4": open_events, "events.bag": open_events,
+    "poses.txt": read_poses, "kalibr.yaml": read_rig, "rig.json": read_rig,
+    "baseline.json": read_baseline, "results.json": read_results, "depth.npz": read_depth,
+    "events.mat": open_events,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("content", STAND_INS, ids=["lfs", "page", "marked page"])
+@pytest.mark.parametrize("name", DOORS)
+def test_what_stands_for_a_file_is_named_by_every_reader(tmp_path, name, content):
+    """A pointer was called a damaged file, to be made again: whoever does that loses the file."""
+    (tmp_path / name).write_text(content)
+    line = refused(STAND_INS[content], DOORS[name], tmp_path / name)
+    assert str(tmp_path / name) in line
+    assert not re.search("again|anew|update", line)

@@ -9,7 +9,7 @@ import tempfile
 import threading
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import product
+from itertools import permutations, product
 from pathlib import Path
 
 import pytest
@@ -18,7 +18,14 @@ from hypothesis import strategies as st
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils import files, outputs
-from eventsweep.emvs.utils.files import MARK, DiskFull, atomic_path, bytes_text, free_bytes
+from eventsweep.emvs.utils.files import (
+    MARK,
+    DiskFull,
+    atomic_path,
+    bytes_text,
+    free_bytes,
+    work_folder,
+)
 from eventsweep.emvs.utils.inputs import also_read, command
 from eventsweep.emvs.utils.output_manifest import NAME, complete, is_ours, strangers
 from eventsweep.emvs.utils.outputs import (
@@ -798,6 +805,69 @@ def test_a_kill_between_old_and_new_leaves_both_or_the_old_one(tmp_path, caplog,
     assert {path.relative_to(old) for path in contents(old)} == before
     assert kept(caplog, out) if done else not caplog.messages
     assert not hidden.exists()
+
+
+# --- outputs whose names begin alike, or look like what is kept beside another
+
+ALIKE = ("o", "o.a", "o.kept-1", ".o", "o.track", "o.unfinished")
+
+
+def stopped(place):
+    """Work that can be gone on from, and that a kill stopped."""
+    work = place.with_name(f".{place.name}.unfinished")
+    put(work, state="half done")
+    (work / MARK).touch()
+
+
+def written_by_all(out):
+    """Everything that writes an output, one after another, in the place of one."""
+    put(out.parent, **{"_0" + out.name.replace(".", "_0") + "_0partial__new__a": "left"})
+    (out.parent / f".{out.name}.partial" / MARK).touch()
+    for make in (replaced_whole, exchanged, discard, taken_up, discard):
+        make(out)
+    out.mkdir()
+    one_file(out)
+    with output_folder(out, force=True):
+        stopped(out / "inner")
+    with output_folder(out, force=True):
+        assert (out / ".inner.unfinished" / "state").exists()
+
+
+@pytest.mark.parametrize("name", ALIKE)
+def test_no_output_takes_the_unfinished_work_of_another_for_its_own(memory, name):
+    others = [memory / other for other in ALIKE if other != name]
+    for other in others:
+        written_new(other, f"of {other.name}")
+        stopped(other)
+    before = contents(memory)
+    written_by_all(memory / name)
+    after = contents(memory)
+    assert {path: after.get(path) for path in before} == before
+    for other in others:
+        with work_folder(other, resume=True) as work:
+            assert (work / "state").read_text() == "half done"
+
+
+@pytest.mark.parametrize(("killed", "name"), often([("o.a", "o")], permutations(ALIKE[:5], 2)))
+def test_a_kill_between_two_renames_leaves_nothing_to_an_output_of_a_like_name(
+    memory, killed, name
+):
+    def start():
+        for path in memory.iterdir():
+            shutil.rmtree(path)
+        put(memory / killed, b="old")
+        complete(memory / killed)
+
+    def check(step):
+        written_by_all(memory / name)
+        texts = [path.read_text() for path in memory.rglob("b")]
+        new = list((memory / killed).glob("new")), list((memory / killed).glob("a"))
+        assert "old" in texts or any(new), step
+        replaced_whole(memory / killed)
+        start()
+
+    start()
+    assert killed_at_every_step(lambda: replaced_whole(memory / killed), check) > 5
 
 
 # --- a full disk

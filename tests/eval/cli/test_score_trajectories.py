@@ -95,6 +95,17 @@ def test_the_page_shows_paths_errors_and_boxes_and_needs_no_network(files):
     assert drawn.count("M") == 2
 
 
+def test_a_page_without_relative_errors_has_its_figures(files):
+    """Of a truth that does not move, or of steps longer than all of the way."""
+    still = es.Trajectory(TRUTH.t_us, 0 * TRUTH.positions_m, TRUTH.quats_xyzw)
+    es.write_tum("still.txt", still)
+    assert run("score", "good.txt", "tracked", "--truth", "still.txt", "--out", "out") == 0
+    longer = ("--rpe-distances-m", "1e6", "--rpe-times-s", "1e6", "--rpe-angles-deg", "1e6")
+    assert run("score", "good.txt", "--truth", "gt.txt", "--out", "out2", *longer) == 0
+    for out in ("out", "out2"):
+        assert (files / out / "report.html").read_text("utf-8").count("<svg") == 3
+
+
 def test_poses_of_a_recording_are_a_truth(files):
     rig = stereo_rig(pinhole(12, 9, 10.0), 0.1)
     with SequenceWriter(files / "seq", name="world", rig=rig, trajectory=TRUTH, config={}):

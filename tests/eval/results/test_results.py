@@ -75,7 +75,7 @@ def _damage(damage):
 
 @pytest.mark.parametrize(("damage", "message"), [
     (lambda path: path.unlink(), "no such file"),
-    (lambda path: path.write_text(""), "not complete JSON"),
+    (lambda path: path.write_text(" \n"), "is empty"),
     (lambda path: path.write_bytes(path.read_bytes()[:-40]), "not complete JSON"),
     (lambda path: path.write_text("[]"), "schema version None"),
     (_damage(lambda content: content.update(schema_version=99)), "schema version 99"),

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.scenes import prepared
-from eventsweep.sim.config import ModelConfig, SimConfig
+from eventsweep.scenes import load, prepared
+from eventsweep.sim.config import ModelConfig, ReplayConfig, SimConfig
 from eventsweep.sim.rendering.drawing import MUJOCO
 from eventsweep.sim.rigs import rig
 from eventsweep.sim.simulate import simulate
@@ -145,3 +145,13 @@ def test_next_to_no_events_are_said(tmp_path):
     one, said = made(tmp_path, still), []
     simulate(one.scene, one.rig, one.config, 0, tmp_path / "out", notice=said.append)
     assert any("are very few" in line for line in said)
+
+
+def test_a_trajectory_that_looks_past_the_scene_is_said(tmp_path):
+    rows = "".join(f"{0.01 * k:.2f} {900 + 0.01 * k} 0 0 0 0 0 1\n" for k in range(12))
+    (tmp_path / "far.txt").write_text(rows)
+    replay = ReplayConfig(trajectory=tmp_path / "far.txt", place="world")
+    far, said = SimConfig(replay=replay, duration_s=0.03), []
+    out = tmp_path / "out"
+    simulate(load("planes"), rig("oblique"), far, 0, out, notice=said.append)
+    assert any("surfaces fill 0 % of the view" in line for line in said)

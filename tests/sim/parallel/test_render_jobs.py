@@ -16,12 +16,13 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.sim.parallel.checkpoint import checkpoint_path
+from eventsweep.sim.parallel.checkpoint import CheckpointFolder, checkpoint_path
 from eventsweep.sim.parallel.render_job import chunk_bounds_us
 from eventsweep.sim.parallel.workers import slot_count
 from eventsweep.sim.sensor.labels import Label
 from eventsweep.sim.sensor_presets import SensorConfig
 from eventsweep.sim.simulate import check_disk, make_job, simulate
+from killed import killed_at_every_step
 from mujoco_scenes import CONFIG, Killed, motion, stop_at, textures
 from places import HELPERS
 from refusals import all_bytes, refused
@@ -183,6 +184,17 @@ def main(out, workers, seed):
 if __name__ == "__main__":
     sys.exit(main(pathlib.Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])))
 """
+
+
+def test_killed_at_any_step_of_its_beginning_it_can_be_begun_again(tmp_path):
+    def begin():
+        with CheckpointFolder(
+            tmp_path / "out", "key", made.tiny_rig(), resume=True, notice=print
+        ) as work:
+            assert work.next_chunk == 0
+
+    assert killed_at_every_step(begin, lambda _step: begin()) > 5
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow

@@ -137,7 +137,7 @@ def test_a_broken_connection_is_taken_up_where_it_broke(published, tmp_path):
 
 def partial_of(folder, content):
     """What a killed process left of a file."""
-    work = folder / ".desk-seed0.tar.zst.partial"
+    work = folder / ".desk-seed0.tar.zst.unfinished"
     work.mkdir()
     (work / MARK).touch()
     (work / "desk-seed0.tar.zst").write_bytes(content)
@@ -200,7 +200,7 @@ def test_a_connection_that_breaks_for_ever_is_one_line_and_keeps_what_came(publi
     with server(published, breaks_after=100) as (address, _):
         text = one_line(address, tmp_path / "a", cases=["desk"])
     assert "cannot be fetched" in text
-    (left,) = (tmp_path / "a").glob(".desk-seed0.tar.zst.partial/desk-seed0.tar.zst")
+    (left,) = (tmp_path / "a").glob(".desk-seed0.tar.zst.unfinished/desk-seed0.tar.zst")
     assert left.stat().st_size == 400
     assert not files(tmp_path / "a")
 

@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import eventsweep as es
+from eventsweep.eval.report.trajectory_page import sentences
 from made_trajectories import moved, noisy, on_clock, part, room
 from refusals import line_of
 
@@ -95,3 +98,68 @@ def test_unsorted_times_are_refused(tmp_path):
 ])  # fmt: skip
 def test_what_is_no_trajectory_is_refused(call, words):
     assert words in line_of(call)
+
+
+STILL = es.Trajectory(TRUTH.t_us, np.zeros_like(TRUTH.positions_m), TRUTH.quats_xyzw)
+
+
+@pytest.mark.parametrize("align", ["se3", "none"])
+def test_a_truth_that_does_not_move_leaves_the_absolute_error(align):
+    found = scored(TRUTH, STILL, align=align)
+    centre_m = TRUTH.positions_m.mean(axis=0) * (align == "se3")
+    spread_m = np.sqrt(np.mean(np.sum((TRUTH.positions_m - centre_m) ** 2, axis=1)))
+    assert found.values["ate_rmse"] == pytest.approx(spread_m)
+    undefined = {name for name, value in found.values.items() if np.isnan(value)}
+    assert undefined > {"ate_share", "drift", "drift_rotation", "scale", "scale_error"}
+    assert np.isfinite(found.values["rpe_translation_1s"])
+    assert any("the truth does not move" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(("estimate", "truth"), [(TRUTH, STILL), (STILL, TRUTH)])
+def test_no_scale_is_found_where_one_of_both_does_not_move(estimate, truth):
+    """A scale of 0 would put all of the estimate where the truth is, without any error."""
+    assert "set align to 'se3'" in refused(estimate, truth, align="sim3")
+
+
+def test_too_few_poses_at_the_same_times_are_not_said_to_be_far_apart():
+    assert refused(part(TRUTH, np.r_[0:2])).endswith("in the median: give more poses")
+
+
+PLACES = st.sampled_from([-1e6, 0.0, 1e-9, 1.0, 2.0])
+STEPS_US = st.sampled_from([1, 1000, 10**5, 10**7])
+ROTATIONS = st.sampled_from([(0, 0, 0, 1), (1, 0, 0, 0), (0.5, 0.5, 0.5, 0.5)])
+
+
+@st.composite
+def few_poses(draw):
+    """A trajectory of which anything may be degenerate."""
+    poses = draw(st.lists(st.tuples(STEPS_US, PLACES, PLACES, ROTATIONS), min_size=1, max_size=7))
+    steps_us, x_m, y_m, quats = zip(*poses, strict=True)
+    z_m = np.zeros(len(poses))
+    return es.Trajectory(np.cumsum(steps_us), np.stack([x_m, y_m, z_m], axis=1), np.array(quats))
+
+
+@given(
+    truth=few_poses(), estimate=few_poses(), same=st.sampled_from(["", "times", "all"]),
+    align=st.sampled_from(["se3", "sim3", "none"]),
+    associate=st.sampled_from(["one-to-one", "nearest", "interpolate"]),
+    lengths_m=st.sampled_from([(), (1e-12,), (1.0, 1e9)]),
+)  # fmt: skip
+def test_whatever_the_poses_are_numbers_are_finite_or_undefined(
+    truth, estimate, same, align, associate, lengths_m
+):
+    if same:
+        found = estimate if same == "times" else truth
+        places = np.resize(found.positions_m, truth.positions_m.shape)
+        estimate = es.Trajectory(truth.t_us, places, truth.quats_xyzw)
+    wanted = es.TrajectoryConfig(
+        align=align, associate=associate, max_difference_s=10, rpe_distances_m=lengths_m
+    )
+    try:
+        found = es.score_trajectory(estimate, truth, wanted)
+    except es.InputError:
+        return
+    assert not np.isinf([*found.values.values()]).any()
+    text = " ".join((*found.notes, *sentences({"a": found})))
+    assert "nan" not in text
+    assert "inf" not in text
