@@ -209,6 +209,7 @@ def _scored(
     folder: Path, maps: Mapping[str, StoredMap], config: EvalConfig,
     folders: Sequence[NamedFolder], kept: Path,
 ) -> Results:  # fmt: skip
+    from eventsweep.emvs.datasets.posed import PosedRecording
     from eventsweep.eval.results.results import DEFAULT_MAPPER, joined
     from eventsweep.eval.scoring import run_folder
     from eventsweep.eval.scoring.case import CaseMaps, describe_case, score_case
@@ -216,7 +217,9 @@ def _scored(
     parts = []
     for name, stored in maps.items():
         recording = run_folder.verified(stored)
-        if not folders and not run_folder.has_any_truth(recording):
+        if isinstance(recording, PosedRecording) and not (
+            folders or run_folder.has_any_truth(recording)
+        ):
             parts.append(describe_case(CaseMaps.of_map(name, recording, stored)))
             continue
         recording = run_folder.sequence_of(stored)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -213,26 +213,28 @@ def _grid(rows: pd.DataFrame, metric: str, places: Sequence[tuple[str, int]]) ->
 def _column(
     grid: pd.DataFrame, methods: Sequence[str], direction: Direction, reference: str
 ) -> dict[str, Cell]:
+    of_cases = [str(case) for case in grid.columns.get_level_values("case")]
+    values = {method: grid.reindex([method]).to_numpy(np.float64)[0] for method in methods}
+    means = {method: _estimate(numbers, of_cases) for method, numbers in values.items()}
+    top = best((estimate.mean for estimate in means.values()), direction)
     cells = {}
-    for method in methods:
-        values = grid.loc[method] if method in grid.index else grid.iloc[0] * math.nan
-        cell = Cell(_estimate(values))
-        if reference in grid.index and method != reference:
-            differences = values - grid.loc[reference]
-            changes = [change_of(change, direction) for change in differences]
-            cell = Cell(cell.value, _estimate(differences), changes.count("better"), len(changes))
+    for method, estimate in means.items():
+        cell = Cell(estimate, is_best=estimate.mean == top)
+        if reference and method != reference:
+            differences = values[method] - values[reference]
+            changes = [change_of(float(change), direction) for change in differences]
+            cell = replace(
+                cell, difference=_estimate(differences, of_cases),
+                wins=changes.count("better"), pairs=len(changes),
+            )  # fmt: skip
         cells[method] = cell
-    top = best((cell.value.mean for cell in cells.values()), direction)
-    return {
-        method: Cell(cell.value, cell.difference, cell.wins, cell.pairs, cell.value.mean == top)
-        for method, cell in cells.items()
-    }
+    return cells
 
 
-def _estimate(values: pd.Series) -> Estimate:
-    strata: list[NDArray[np.float64]] = [
-        of_case.to_numpy(np.float64) for _, of_case in values.groupby(level="case", sort=False)
-    ]
+def _estimate(values: NDArray[np.float64], of_cases: Sequence[str]) -> Estimate:
+    """Of a number per case and seed; cases are strata."""
+    at = np.array(of_cases)
+    strata = [values[at == case] for case in dict.fromkeys(of_cases)]
     mean = float(np.mean([np.mean(stratum) for stratum in strata]))
     return Estimate(mean, *stratified_interval(strata))
 

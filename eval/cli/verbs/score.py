@@ -164,7 +164,7 @@ def _without_truth(case: str, rows: pd.DataFrame) -> Table:
         index="method", columns="metric", values="value"
     )
     lines = (
-        (method, f"{depths['reported']:,.0f}", displayed(depths["median_depth"], "m"))
+        (str(method), f"{depths['reported']:,.0f}", displayed(depths["median_depth"], "m"))
         for method, depths in of_methods.iterrows()
     )
     title = f"{case}: no ground truth, so no errors"

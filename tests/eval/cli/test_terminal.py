@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from eventsweep.emvs.errors import InputError, visible
 from eventsweep.eval.cli.console import Console, Terminal, dim, table
 from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.cli.streams import standard_streams
 from eventsweep.eval.progress import Bars
 
 EVIL = "a\x1b[2J\x1b]0;pwn\x07\x9b2J\u202e\u2066[red][/none]\r\b\udcff"
@@ -40,7 +41,7 @@ def said(terminal, say, **settings):
     """What a command writes, and its exit code."""
     out, err = Stream(terminal=terminal), Stream(terminal=terminal)
     with redirect_stdout(out), redirect_stderr(err):
-        with exit_code() as code:
+        with standard_streams(), exit_code() as code:
             say(Console(**{"quiet": False, "as_json": False} | settings))
         assert (sys.stdout, sys.stderr) == (out, err)
     return out.getvalue(), err.getvalue(), code.value
