@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events, count_late
+from eventsweep.emvs.data.occupied import Span
 from eventsweep.emvs.data.recording import summary
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import open_events
@@ -78,6 +79,11 @@ class EventSource:
         events = self.reader.between(self._name, t0_us - self.shift_us, t1_us - self.shift_us)
         return events.shifted(self.shift_us)
 
+    def occupied_us(self) -> list[Span]:
+        """First and last event of stretches without a long silence, µs."""
+        spans = self.reader.occupied_us(self._name)
+        return [(first + self.shift_us, last + self.shift_us) for first, last in spans]
+
     def chunks(self, max_events: int = 1 << 20) -> Iterator[Events]:
         """All events in file order, in packets."""
         self.late, latest_us = 0, 0
@@ -131,6 +137,10 @@ class PosedRecording:
     def event_span_us(self, camera: int) -> tuple[int, int]:
         """Times of the first and the last event, µs."""
         return self._source(camera).span_us()
+
+    def occupied_us(self, camera: int) -> list[Span]:
+        """First and last event of a camera's stretches without a long silence, µs."""
+        return self._source(camera).occupied_us()
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us`."""

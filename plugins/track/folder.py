@@ -165,6 +165,7 @@ def facts_of(tracked: Tracked) -> dict[str, Any]:
             status.value: sum(each is status for each in tracked.statuses) for status in Status
         },
         "covered": tracked.covered,
+        "silent_us": tracked.silent_us,
         "way_m": float(np.linalg.norm(steps_m, axis=1).sum()),
         "maps": tracked.maps,
         "changes": [

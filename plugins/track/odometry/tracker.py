@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.occupied import Silence
 from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
@@ -71,7 +72,8 @@ _PLAIN = (
 class Tracker:
     """Finds poses from events alone.
 
-    Packets of any size give the same poses. Memory is bounded, however long it runs.
+    Packets of any size give the same poses. Memory is bounded, however long it runs. Ten seconds
+    after the last event poses pause until the next one.
 
     Args:
         rig: the cameras; with one camera a `first_map` is needed, since one camera sees no scale.
@@ -108,7 +110,7 @@ class Tracker:
         self._map_events = self._config.map_events or self._sizes.map
         self._arrived = Arrived(rig, depth_range_m, most_events=self._map_events)
         self._fired_us = [never_fired(camera) for camera in rig.cameras]
-        self._gyroscope = Gyroscope()
+        self._silence, self._gyroscope = Silence(), Gyroscope()
         self._cloud = MapCloud(self._config.maps)
         self._maps: BackgroundMaps | None = None
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
@@ -141,6 +143,7 @@ class Tracker:
         """
         check_packet(events, self._rig, self._until_us, t_us)
         self._until_us = t_us
+        self._silence.push(packet.t_us for packet in events)
         for camera, packet in enumerate(events):
             self._take(camera, packet)
         if imu is not None:
@@ -153,6 +156,10 @@ class Tracker:
             self._next_us = self._begin_us + START_US
         newest = None
         while self._next_us <= t_us:
+            end_us = self._silence.end_us(self._next_us, t_us + 1)
+            if end_us is not None:
+                self._step_over(end_us)
+                continue
             newest = self._step(self._next_us) or newest
             self._next_us += self._step_us
         return newest
@@ -170,6 +177,7 @@ class Tracker:
             "status": self.status.value,
             "arrived": self._arrived.state(),
             "fired_us": self._fired_us,
+            "occupied_us": self._silence.spans,
             "gyroscope": self._gyroscope.state(),
             "cloud": self._cloud.state(),
             "mapper": None if maps is None else maps.mapper.state(),
@@ -190,6 +198,7 @@ class Tracker:
         self.status = Status(state["status"])
         self._arrived.restore(state["arrived"])
         self._fired_us = state["fired_us"]
+        self._silence.spans = [(first_us, last_us) for first_us, last_us in state["occupied_us"]]
         self._gyroscope.restore(state["gyroscope"])
         self._cloud.restore(state["cloud"])
         if state["mapper"] is not None:
@@ -234,6 +243,14 @@ class Tracker:
         motion, fit = self._registered(batch, end_us)
         if fit.is_good(AGREES):
             self._found(motion, fit, Status.TRACKING, filtered=True)
+
+    def _step_over(self, end_us: int) -> None:
+        """Goes to the end of a long silence: a body that nothing was seen of stands, or jumped."""
+        self._next_us += -((self._next_us - end_us) // self._step_us) * self._step_us
+        if self._motion is None:
+            self._begin_us = end_us - 1
+        else:
+            self._motion = self._motion.held(self._next_us - LONGEST_US)
 
     def _step(self, t_us: int) -> Pose | None:
         self._take_maps(t_us)
