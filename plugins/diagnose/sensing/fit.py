@@ -70,8 +70,11 @@ class SensorFit:
         return next(estimate for estimate in self.estimates if estimate.name == name)
 
     def values(self) -> dict[str, Any]:
-        """As the file sensor.toml holds them: what was determined, and the sensor's table."""
-        known = {e.name: float(f"{e.value:.4g}") for e in self.estimates if not e.refused}
+        """As sensor.toml holds them: what was determined, and the sensor's table; bounds as 0."""
+        known = {
+            e.name: 0.0 if e.bounds else float(f"{e.value:.4g}")
+            for e in self.estimates if not e.refused
+        }  # fmt: skip
         top: dict[str, Any] = {name: known.pop(name) for name in _POLARITIES if name in known}
         if self.effective:
             top |= {n: float(f"{c:.4g}") for n, c in zip(_POLARITIES, self.effective, strict=True)}

@@ -33,10 +33,12 @@ from eventsweep.plugins.diagnose.check.poses import check_parallax, check_poses
 from eventsweep.plugins.diagnose.check.recording import check
 from head_world import CAMERA, DURATION_US, head_motion, head_recording
 from planting import EditedRecording
+from point_world import Recorded
 from refusals import refused
 
 FACTORS = st.floats(0.05, 20.0)
 POSES = head_motion()
+FAR_US = 1_700_000_000_000_000
 ONE = Chosen(head_recording(), (0,))
 
 
@@ -335,3 +337,38 @@ def test_time_that_runs_backwards_is_counted_and_numbers_are_set_apart_in_thousa
 )  # fmt: skip
 def test_only_a_lens_that_distorts_gets_a_picture_of_it(lens, drawn):
     assert (of_lens(**lens)["distortion"].series is not None) == drawn
+
+
+class LaterClock(EditedRecording):
+    """The head's recording, a moment later."""
+
+    def event_span_us(self, camera):
+        first_us, last_us = super().event_span_us(camera)
+        return first_us + FAR_US, last_us + FAR_US
+
+    def events(self, camera, t0_us, t1_us):
+        return super().events(camera, t0_us - FAR_US, t1_us - FAR_US).shifted(FAR_US)
+
+
+def test_findings_do_not_depend_on_where_the_clock_begins():
+    later = LaterClock(head_recording(), lambda _camera, e: e)
+    events = checked_events(recording=head_recording())
+    poses = replace(POSES, t_us=POSES.t_us + FAR_US)
+    there = checked_events(recording=later)
+    there |= checked_poses(poses, (FAR_US, FAR_US + DURATION_US))
+    for name, finding in (events | checked_poses(POSES)).items():
+        assert there[name].verdict == finding.verdict
+        assert there[name].value == pytest.approx(finding.value, rel=1e-4, abs=1e-6), name
+
+
+@pytest.mark.parametrize("jump_us", [3_600_000_000, FAR_US])
+def test_a_clock_that_jumps_is_named_and_its_silence_costs_nothing(jump_us):
+    def jumping(_camera, e):
+        return replace(e, t_us=e.t_us + jump_us * (e.t_us >= DURATION_US // 2))
+
+    here = head_recording().events(0, 0, DURATION_US)
+    later = Recorded(ONE.rig, POSES, (jumping(0, here),))
+    findings = checked_events(recording=later)
+    assert findings["events-gaps"].verdict == "wrong"
+    assert f"no event of any camera for {jump_us / 1e6:,.0f}" in findings["events-gaps"].evidence
+    assert findings["events-rate"].verdict == "good"
