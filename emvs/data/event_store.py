@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from eventsweep.emvs.data.event_columns import ColumnReader, EventColumns
-from eventsweep.emvs.data.events import LARGEST_US, Events, Numbers
+from eventsweep.emvs.data.events import LARGEST_US, Events, Numbers, check_span
 from eventsweep.emvs.data.hdf5 import (
     COMPRESSION,
     ClosingWriter,
@@ -26,8 +26,6 @@ from eventsweep.emvs.data.hdf5 import (
 from eventsweep.emvs.errors import InputError, located
 
 _CHUNK = 1 << 17
-MOST_SPAN_US = 1 << 36
-"""With more the index by milliseconds would be larger than the events; 19 hours."""
 COLUMNS = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
 EXTRA_COLUMNS = {"label": np.uint8, "depth_m": np.float32}
 """Optional columns and their types."""
@@ -142,23 +140,6 @@ class EventStoreWriter(ClosingWriter):
         """Writes the part of the index that waits."""
         self._hdf5.extend("ms_to_idx", np.concatenate([np.zeros(0, np.int64), *self._ms_to_idx]))
         self._ms_to_idx = []
-
-
-def check_span(first_us: int, before_us: int | None, t_us: NDArray[np.int64]) -> None:
-    """Refuses (N,) times that lie too far behind the first for an index; names the longest silence.
-
-    `before_us` is the time of the last event before them, if any.
-    """
-    if int(t_us[-1]) - first_us <= MOST_SPAN_US:
-        return
-    times = t_us if before_us is None else np.append(before_us, t_us)
-    k = int(np.diff(times).argmax()) if len(times) > 1 else 0
-    begin_us, end_us = int(times[k]), int(times[min(k + 1, len(times) - 1)])
-    raise InputError(
-        f"time {t_us[-1]} µs lies more than {MOST_SPAN_US} µs after the first event, behind no "
-        f"event for {(end_us - begin_us) / 1e6:g} s from {begin_us} µs: an index by milliseconds "
-        "would be larger than the events; cut the recording there, or choose npz"
-    )
 
 
 def index_parts(

@@ -10,8 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from eventsweep.emvs.data.event_store import MOST_SPAN_US
-from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.events import MOST_SPAN_US, Events
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats.base import (
     ANY_US,

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from eventsweep.emvs.data.event_store import check_span
-from eventsweep.emvs.data.events import Events, check_sorted
+from eventsweep.emvs.data.events import Events, check_sorted, check_span
 from eventsweep.emvs.errors import InputError, located
 
 # Packets of events per stream name, each stream in the order in which it is to be written

@@ -357,7 +357,7 @@ def test_a_jump_of_the_clock_is_stepped_over(recording, jump_us):
     assert tracker.push([Events.empty()] * 2, 2 * jump_us) is not None
 
 
-@pytest.mark.parametrize("packets", [400, pytest.param(20_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("packets", [400, pytest.param(3000, marks=pytest.mark.slow)])
 def test_silence_noise_and_jumps_take_no_memory_and_are_never_tracking(recording, packets):
     tracker, poses = tracker_of(recording)
     run(recording, [END_US], tracker)
