@@ -25,6 +25,7 @@ from eventsweep.plugins.track.odometry.batches import (
     batch_before,
     never_fired,
     rising,
+    shows_edges,
     without_lone,
 )
 from eventsweep.plugins.track.odometry.checkpoint import State
@@ -64,6 +65,7 @@ Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
 _COAST_US = 100_000
 END_US = 1 << 62
+_NOISE = "events lie anywhere alike: noise, no edges"
 _PLAIN = (
     "_searched", "_until_us", "_begin_us", "_next_us", "_fed_us", "reason", "since_us",
 )  # fmt: skip
@@ -241,7 +243,7 @@ class Tracker:
         if len(batch) < self._sizes.still or batch.t_us <= self._motion.t_us:
             return
         motion, fit = self._registered(batch, end_us)
-        if fit.is_good(AGREES):
+        if fit.is_good(AGREES) and shows_edges(batch):
             self._found(motion, fit, Status.TRACKING, filtered=True)
 
     def _step_over(self, end_us: int) -> None:
@@ -271,6 +273,9 @@ class Tracker:
         batches = [batch for batch in batches if len(batch) >= self._sizes.still]
         if len(batches) < START_US // self._step_us // 2:
             self._wait("too few events: nothing moves")
+            return None
+        if not any(map(shows_edges, batches)):
+            self._wait(_NOISE)
             return None
         begun = begin(
             self._arrived, batches, self._registration, self._sizes,
@@ -325,7 +330,7 @@ class Tracker:
         if len(batch) < self._sizes.still:
             return self._go_on(self._motion.held(batch.t_us), Fit(), Status.STILL, t_us)
         motion, fit = self._registered(batch, t_us)
-        if fit.is_good(AGREES):
+        if fit.is_good(AGREES) and shows_edges(batch):
             return self._go_on(motion, fit, Status.TRACKING, t_us, filtered=True)
         return self._doubt(batch, fit, t_us)
 
@@ -341,7 +346,7 @@ class Tracker:
     def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
         """Goes on as it moved, for a moment; then it is lost."""
         assert self._motion is not None
-        reason = fit.in_words()
+        reason = fit.in_words() if shows_edges(batch) else _NOISE
         if self.status is not Status.COASTING:
             self._change(Status.COASTING, reason, batch.t_us)
         if batch.t_us - self.since_us < _COAST_US:
@@ -352,7 +357,7 @@ class Tracker:
     def _search(self, t_us: int) -> Pose | None:
         """Tries one of the places from which the map was seen, in turns."""
         batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
-        if len(batch) < self._sizes.still:
+        if len(batch) < self._sizes.still or not shows_edges(batch):
             return None
         places = [self._poses[-1].T_world_body, *self._seen_from]
         place = places[self._searched % len(places)]

@@ -373,3 +373,19 @@ def test_silence_noise_and_jumps_take_no_memory_and_are_never_tracking(recording
     assert sum(map(len, tracker._arrived.streams)) < 10_000
     assert len(tracker._poses) <= 1024
     assert len(tracker._silence.spans) <= 2
+
+
+@pytest.mark.parametrize("per_10_ms", [300, 3000])
+def test_noise_alone_is_never_tracked(recording, per_10_ms):
+    """However much of it comes: behind a covered lens nothing is known, and said to be."""
+    tracker, poses = tracker_of(recording)
+    run(recording, range(10_000, END_US + 1, 10_000), tracker)
+    for t_us in range(END_US, END_US + 400_000, 10_000):
+        tracker.push(scattered(recording, t_us, t_us + 10_000, per_10_ms, t_us), t_us + 10_000)
+    late = {pose.status for pose in poses if pose.t_us > END_US + 40_000}
+    assert Status.TRACKING not in late
+    assert tracker.status is not Status.TRACKING
+    fresh, _ = tracker_of(recording)
+    for t_us in range(0, 400_000, 10_000):
+        fresh.push(scattered(recording, t_us, t_us + 10_000, per_10_ms, t_us), t_us + 10_000)
+    assert fresh.status is Status.STARTING
