@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.occupied import Span, camera_spans
 from eventsweep.emvs.data.recording import DerivedRecording, Recording
 from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.emvs.windows import time_steps
@@ -84,6 +85,10 @@ class WithoutPixels(DerivedRecording):
         super().__init__(recording)
         self.masks = tuple(masks)
 
+    def occupied_us(self, camera: int) -> list[Span]:
+        """First and last event of a camera's stretches without a long silence, µs."""
+        return list(camera_spans(self.recording, camera))
+
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us` from the pixels that remain."""
         events = self.recording.events(camera, t0_us, t1_us)
@@ -93,7 +98,7 @@ class WithoutPixels(DerivedRecording):
 def _counts(recording: Recording, camera: int, t0_us: int, t1_us: int) -> Counts:
     sensor = recording.rig.cameras[camera]
     counts = np.zeros(sensor.width_px * sensor.height_px, np.int64)
-    for begin_us, end_us in time_steps(t0_us, t1_us):
+    for begin_us, end_us in time_steps(recording, t0_us, t1_us):
         events = recording.events(camera, begin_us, end_us)
         cell = events.y.astype(np.int64) * sensor.width_px + events.x
         counts += np.bincount(cell, minlength=counts.size)

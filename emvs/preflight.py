@@ -43,7 +43,7 @@ def check_window_fits(recording: Recording, window: Window) -> None:
     if known is not None and _EVENT_BYTES * sum(map(known, cameras)) <= available:
         return
     events = 0
-    for t0_us, t1_us in time_steps(window.t0_us, window.t1_us):
+    for t0_us, t1_us in time_steps(recording, window.t0_us, window.t1_us):
         events += sum(len(recording.events(camera, t0_us, t1_us)) for camera in cameras)
         what = f"a window of {(window.t1_us - window.t0_us) / 1e6:g} s with {events} events or more"
         need_memory(_EVENT_BYTES * events, what, "choose a shorter one")

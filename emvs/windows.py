@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.occupied import Span, occupied_spans, steps
 from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -62,9 +63,10 @@ def choose_window(recording: Recording, config: MapperConfig) -> Window:
     if not config.slides:
         check_poses(recording.trajectory, t0_us, t1_us, config)
     whole = config.start_s is None and config.duration_s is None
-    outside = [*time_steps(events.first_us, t0_us), *time_steps(t1_us, events.last_us + 1)]
+    outside = ((events.first_us, t0_us), (t1_us, events.last_us + 1)) if whole else ()
+    passed = [step for part in outside for step in time_steps(recording, *part)]
     left_out = tuple(
-        sum(len(recording.events(camera, *step)) for step in outside if whole)
+        sum(len(recording.events(camera, *step)) for step in passed)
         for camera in range(len(recording.rig))
     )
     return Window(t0_us, t1_us, _reference_us(config, events, poses, t0_us, t1_us), left_out)
@@ -112,10 +114,12 @@ def _to_us(seconds: float) -> int:
     return round(seconds * 1e6)
 
 
-def time_steps(t0_us: int, t1_us: int) -> Iterator[tuple[int, int]]:
-    """Cuts a stretch into seconds, for passes over what may be longer than memory."""
-    for t_us in range(t0_us, t1_us, _COUNTING_STEP_US):
-        yield t_us, min(t_us + _COUNTING_STEP_US, t1_us)
+def time_steps(recording: Recording, t0_us: int, t1_us: int) -> Iterator[Span]:
+    """Cuts a stretch into seconds, for passes over what may be longer than memory.
+
+    Long silences are stepped over.
+    """
+    return steps(occupied_spans(recording, t0_us, t1_us), _COUNTING_STEP_US)
 
 
 def check_poses(trajectory: Trajectory, t0_us: int, t1_us: int, config: MapperConfig) -> None:
@@ -192,7 +196,7 @@ def plan_windows(
         raise InputError("no sliding windows: set window_s or window_events")
     stretch = choose_window(recording, config)
     if config.window_s is not None:
-        begins_us, ends_us = _by_time(config, stretch)
+        begins_us, ends_us = _by_time(recording, config, stretch)
     else:
         begins_us, ends_us = _by_count(recording, config, stretch, progress)
     if len(begins_us) > MOST_WINDOWS:
@@ -203,7 +207,7 @@ def plan_windows(
     return WindowPlan(begins_us, ends_us, stretch, last_pose_us, config.reference == "end")
 
 
-def _by_time(config: MapperConfig, stretch: Window) -> tuple[Times, Times]:
+def _by_time(recording: Recording, config: MapperConfig, stretch: Window) -> tuple[Times, Times]:
     length_us = _at_least_1_us("window_s", config.window_s)
     stride_us = _at_least_1_us("stride_s", config.stride_s or config.window_s)
     room_us = stretch.t1_us - stretch.t0_us - length_us
@@ -212,10 +216,21 @@ def _by_time(config: MapperConfig, stretch: Window) -> tuple[Times, Times]:
             f"window_s is {length_us / 1e6:g}: events and poses cover "
             f"{(stretch.t1_us - stretch.t0_us) / 1e6:.6f} s; choose a shorter one"
         )
-    if room_us // stride_us >= MOST_WINDOWS:
-        count = room_us // stride_us + 1
+    numbers = [
+        range(  # of windows that reach into the span
+            max(0, -((length_us - 1 - (first_us - stretch.t0_us)) // stride_us)),
+            min(end_us - 1 - stretch.t0_us, room_us) // stride_us + 1,
+        )
+        for first_us, end_us in occupied_spans(recording, stretch.t0_us, stretch.t1_us)
+    ]
+    if not any(numbers):
+        raise InputError(
+            f"no event from {stretch.t0_us} to {stretch.t1_us} µs: choose another start_s"
+        )
+    if (count := sum(map(len, numbers))) > MOST_WINDOWS:
         raise InputError(f"{count} windows, at most {MOST_WINDOWS}: raise stride_s or window_s")
-    begins_us = stretch.t0_us + stride_us * np.arange(room_us // stride_us + 1, dtype=np.int64)
+    which = np.array([k for part in numbers for k in part], np.int64)
+    begins_us = stretch.t0_us + stride_us * np.unique(which)
     return begins_us, begins_us + length_us
 
 
@@ -233,9 +248,9 @@ def _by_count(
     stride = config.stride_events or length
     begins: list[Times] = [np.empty(0, np.int64)]
     lasts: list[Times] = [np.empty(0, np.int64)]
-    seen, steps = 0, list(time_steps(stretch.t0_us, stretch.t1_us))
-    for k, (t0_us, t1_us) in enumerate(steps):
-        progress("count", k, len(steps))
+    seen, parts = 0, list(time_steps(recording, stretch.t0_us, stretch.t1_us))
+    for k, (t0_us, t1_us) in enumerate(parts):
+        progress("count", k, len(parts))
         t_us = recording.events(0, t0_us, t1_us).t_us
         begins.append(_every(t_us, seen, 0, stride))
         lasts.append(_every(t_us, seen, length - 1, stride))

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eventsweep.emvs.data.headers import impossible
+from eventsweep.emvs.data.occupied import LONGEST_SILENCE_US
 from eventsweep.emvs.data.recording import Recording, has_poses
 from eventsweep.emvs.datasets.raw_streams import Readable, open_readable
 from eventsweep.emvs.formats.tables.columns import ColumnMap
@@ -160,6 +161,12 @@ def warnings(description: dict[str, Any]) -> list[str]:
         name = stream["name"]
         if not stream["events"]:
             notes.append(f"{name}: no events")
+        for first_us, end_us in stream["longest_gaps_us"][:1]:
+            if end_us - first_us >= LONGEST_SILENCE_US:
+                notes.append(
+                    f"{name}: no event for {(end_us - first_us) / 1e6:,.6g} s, from {first_us} to "
+                    f"{end_us} µs: the clock jumps, or these are several takes"
+                )
         if stream["out_of_order"]:
             notes.append(
                 f"{name}: {stream['out_of_order']:,} events come after later ones: sort by time"

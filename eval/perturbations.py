@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.occupied import Span, camera_spans
 from eventsweep.emvs.data.recording import DerivedRecording, Recording
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
@@ -80,6 +81,10 @@ class ThinnedRecording(DerivedRecording):
     def __init__(self, recording: Recording, share: float, seed: int) -> None:
         super().__init__(recording)
         self.share, self.seed = share, seed
+
+    def occupied_us(self, camera: int) -> list[Span]:
+        """First and last event of a camera's stretches without a long silence, µs."""
+        return list(camera_spans(self.recording, camera))
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """What is left of a camera's events with `t0_us <= t < t1_us`."""

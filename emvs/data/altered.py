@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.occupied import Span, camera_spans
 from eventsweep.emvs.data.recording import DerivedRecording, Recording
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import PoseSource, Trajectory
@@ -47,15 +48,24 @@ class AlteredRecording(DerivedRecording):
         """The poses as altered, as far as they are known now."""
         return self.recording.trajectory if self._trajectory is None else self._trajectory.known()
 
+    def occupied_us(self, camera: int) -> list[Span]:
+        """First and last event of a camera's stretches without a long silence, µs."""
+        late_us = self._late_us(camera)
+        spans = camera_spans(self.recording, self._stream(camera))
+        return [(first_us + late_us, last_us + late_us) for first_us, last_us in spans]
+
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us` on its altered clock."""
-        late_us = self._clock_us[camera] if self._clock_us else 0
+        late_us = self._late_us(camera)
         events = self.recording.events(self._stream(camera), t0_us - late_us, t1_us - late_us)
         return events.shifted(late_us)
 
     def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
         """(H, W) intensity image of what the camera shows nearest to a time, if any."""
         return self.recording.frame(self._stream(camera), t_us)
+
+    def _late_us(self, camera: int) -> int:
+        return self._clock_us[camera] if self._clock_us else 0
 
     def _stream(self, camera: int) -> int:
         return self._streams[camera] if self._streams else camera

@@ -6,6 +6,7 @@ the slice: otherwise events would be missing, or be others, without a word.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,10 +24,12 @@ from eventsweep.emvs.data.events import (
     times_us,
 )
 from eventsweep.emvs.data.hdf5 import check_columns, open_hdf5
+from eventsweep.emvs.data.occupied import LONGEST_SILENCE_US, Span
 from eventsweep.emvs.errors import InputError, quoted, shown
 
 BLOCK_ROWS = 1 << 19
 _MOST_KEPT = 1 << 22  # more milliseconds than an hour has
+_LOOKED_UP_MS = LONGEST_SILENCE_US // 2000  # so far apart no long silence lies unseen
 Address = tuple[str, str]
 
 
@@ -133,6 +136,31 @@ class ColumnReader:
             rows = 0, min(last, self.count - 1), self.count - 1
             first_us, indexed_us, last_us = (int(self.times_of(file, k, k + 1)[0]) for k in rows)
         return (first_us, last_us) if first_us <= indexed_us <= last_us else None
+
+    def occupied_us(self) -> list[Span]:
+        """First and last event of stretches without a long silence, µs, by the index."""
+        if not self.count:
+            return []
+        with open_hdf5(self.path) as file:
+            looked = [self.times_of(file, *rows) for rows in self._rows_to_look_at(file)]
+        pairs = np.concatenate([np.stack([t_us[:-1], t_us[1:]], axis=1) for t_us in looked])
+        wide = np.unique(pairs[pairs[:, 1] - pairs[:, 0] >= LONGEST_SILENCE_US], axis=0)
+        firsts, lasts = [looked[0][0], *wide[:, 1]], [*wide[:, 0], looked[-1][-1]]
+        return [(int(first), int(last)) for first, last in zip(firsts, lasts, strict=True)]
+
+    def _rows_to_look_at(self, file: h5py.File) -> Iterator[tuple[int, int]]:
+        """The first row, two around each silence, those that the index lacks, and the last."""
+        index, part = self._index(file), _LOOKED_UP_MS << 10
+        looks = [index[k : k + part : _LOOKED_UP_MS] for k in range(0, len(index), part)]
+        rows = np.concatenate([np.zeros(1), *looks]).astype(np.int64)
+        behind = max(int(index[-1]) - 1, 0) if len(index) else 0
+        yield 0, 1
+        for row in np.unique(rows[1:][rows[1:] == rows[:-1]]).tolist():
+            if 0 < row < self.count:
+                yield row - 1, row + 1
+        for row in range(behind, self.count, BLOCK_ROWS - 1):
+            yield row, min(row + BLOCK_ROWS, self.count)
+        yield self.count - 1, self.count
 
     def between(self, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`, by the index."""

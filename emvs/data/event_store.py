@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from eventsweep.emvs.data.event_columns import ColumnReader, EventColumns
-from eventsweep.emvs.data.events import LARGEST_US, Events, Numbers
+from eventsweep.emvs.data.events import LARGEST_US, Events, Numbers, check_span
 from eventsweep.emvs.data.hdf5 import (
     COMPRESSION,
     ClosingWriter,
@@ -76,6 +76,7 @@ class EventStoreWriter(ClosingWriter):
             )
         if self._last_us is None:
             self._offset_us = int(events.t_us[0]) // 1000 * 1000
+        check_span(self._offset_us, self._last_us, events.t_us)
         self._last_us = int(events.t_us[-1])
         t_us = events.t_us - self._offset_us
         self._waiting.append({"x": events.x, "y": events.y, "t": t_us, "p": events.p, **columns})

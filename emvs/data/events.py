@@ -18,6 +18,8 @@ from eventsweep.emvs.errors import InputError, check_array
 Numbers = NDArray[Any]
 Columns = tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64], NDArray[np.uint8]]
 LARGEST_US = 1 << 62
+MOST_SPAN_US = 1 << 36
+"""With more the index by milliseconds would be larger than the events; 19 hours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +138,23 @@ def check_sorted(t_us: NDArray[np.int64], first_row: int = 0) -> None:
             f"event {first_row + k} at {t_us[k]} µs comes after one at {t_us[k - 1]} µs "
             f"({backwards.size} such steps): sort the events by time (stable sort)"
         )
+
+
+def check_span(first_us: int, before_us: int | None, t_us: NDArray[np.int64]) -> None:
+    """Refuses (N,) times that lie too far behind the first for an index; names the longest silence.
+
+    `before_us` is the time of the last event before them, if any.
+    """
+    if int(t_us[-1]) - first_us <= MOST_SPAN_US:
+        return
+    times = t_us if before_us is None else np.append(before_us, t_us)
+    k = int(np.diff(times).argmax()) if len(times) > 1 else 0
+    begin_us, end_us = int(times[k]), int(times[min(k + 1, len(times) - 1)])
+    raise InputError(
+        f"time {t_us[-1]} µs lies more than {MOST_SPAN_US} µs after the first event, behind no "
+        f"event for {(end_us - begin_us) / 1e6:g} s from {begin_us} µs: an index by milliseconds "
+        "would be larger than the events; cut the recording there, or choose npz"
+    )
 
 
 def count_late(t_us: NDArray[np.int64], latest_us: int) -> int:

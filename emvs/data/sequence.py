@@ -14,6 +14,7 @@ from eventsweep.emvs.data import manifest
 from eventsweep.emvs.data.event_store import EventStoreReader
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.image_stores import FRAMES_FILE, FrameReader, Photo, TruthReader
+from eventsweep.emvs.data.occupied import Span
 from eventsweep.emvs.data.poses import POSES_FILE, read_poses
 from eventsweep.emvs.data.recording import no_poses, summary
 from eventsweep.emvs.data.tables import IMU_FILE, Geom, ImuSamples, read_geoms, read_imu
@@ -85,6 +86,10 @@ class Sequence:
         """First and last instant of the recording, µs: a silent start belongs to it."""
         self.rig.check_camera(camera)
         return self.manifest.span_us
+
+    def occupied_us(self, camera: int) -> list[Span]:
+        """First and last event of a camera's stretches without a long silence, µs."""
+        return self._of(self._events, camera).occupied_us()
 
     def event_count(self, camera: int) -> int:
         """Events of a camera."""

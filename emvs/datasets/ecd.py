@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.occupied import Span
 from eventsweep.emvs.data.recording import no_poses, summary
 from eventsweep.emvs.datasets.posed import recorded_poses
 from eventsweep.emvs.errors import InputError, located, refused
@@ -64,6 +65,10 @@ class EventCameraDataset:
     def event_span_us(self, camera: int) -> tuple[int, int]:
         """Times of the first and the last event, µs."""
         return self._events(camera).span_us(STREAM)
+
+    def occupied_us(self, camera: int) -> list[Span]:
+        """First and last event of stretches without a long silence, µs."""
+        return self._events(camera).occupied_us(STREAM)
 
     def event_count(self, camera: int) -> int:
         """Events of the camera."""

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events, count_late
+from eventsweep.emvs.data.occupied import Span
 from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.recording import no_poses, summary
 from eventsweep.emvs.errors import InputError
@@ -79,6 +80,11 @@ class EventSource:
         """Events with `t0_us <= t < t1_us`, as the file holds them."""
         events = self.reader.between(self._name, t0_us - self.shift_us, t1_us - self.shift_us)
         return events.shifted(self.shift_us)
+
+    def occupied_us(self) -> list[Span]:
+        """First and last event of stretches without a long silence, µs."""
+        spans = self.reader.occupied_us(self._name)
+        return [(first + self.shift_us, last + self.shift_us) for first, last in spans]
 
     def chunks(self, max_events: int = 1 << 20) -> Iterator[Events]:
         """All events in file order, in packets."""
@@ -152,6 +158,10 @@ class PosedRecording:
     def event_span_us(self, camera: int) -> tuple[int, int]:
         """Times of the first and the last event, µs."""
         return self._source(camera).span_us()
+
+    def occupied_us(self, camera: int) -> list[Span]:
+        """First and last event of a camera's stretches without a long silence, µs."""
+        return self._source(camera).occupied_us()
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us`."""

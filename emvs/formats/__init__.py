@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.events import MOST_SPAN_US, Events
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats.base import (
     ANY_US,
@@ -36,7 +36,6 @@ _MCAP, _SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _OLD_AEDAT = b"#!AER-DAT"
 _TABLE_HEAD = 1 << 12
 _ROW = re.compile(rb"[-+.\d][-+.,;\w \t]{6,}")
-_SPAN_US = 1 << 36
 _PER_MS = "an index entry per millisecond"
 _EVT = "11-bit pixels; longer times would be mostly counter words"
 _COLUMNS = "64-bit columns"
@@ -79,11 +78,11 @@ _ALL = (
     ),
     Format(
         "dsec", "HDF5 as DSEC lays it out, and our own", ".h5", True,
-        Limits("µs from `t_offset`", _PER_MS, keeps_order=False, max_span_us=_SPAN_US),
+        Limits("µs from `t_offset`", _PER_MS, keeps_order=False, max_span_us=MOST_SPAN_US),
     ),
     Format(
         "tumvie", "HDF5 as TUM-VIE lays it out", ".h5", True,
-        Limits("µs", f"{_PER_MS} from 0", _SPAN_US, keeps_order=False),
+        Limits("µs", f"{_PER_MS} from 0", MOST_SPAN_US, keeps_order=False),
     ),
     Format(
         "v2e", "HDF5 of v2e (`events`, N x 4)", ".h5", False,

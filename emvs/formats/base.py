@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from eventsweep.emvs.data.events import Events, check_sorted
+from eventsweep.emvs.data.events import Events, check_sorted, check_span
 from eventsweep.emvs.errors import InputError, located
 
 # Packets of events per stream name, each stream in the order in which it is to be written
@@ -79,10 +79,13 @@ class Checker:
 
     def _check_times(self, stream: str, events: Events) -> None:
         first, last = int(events.t_us.min()), int(events.t_us.max())
+        began = self._first_us.setdefault(stream, first)
         if first < 0 or last > self._limits.max_us:
+            fits = last - began <= self._limits.max_us
             raise InputError(
                 f"{self._path}, stream {stream!r}: time {first if first < 0 else last} µs; this "
-                f"format holds 0 to {self._limits.max_us} µs ({self._limits.why}): shift the times"
+                f"format holds 0 to {self._limits.max_us} µs ({self._limits.why}): "
+                + ("shift the times" if fits else f"cut the recording, it begins at {began} µs")
             )
         before = self._last_us.get(stream, 0)
         if not self._limits.keeps_order and first < before:
@@ -90,12 +93,9 @@ class Checker:
                 f"{self._path}, stream {stream!r}: a packet begins at {first} µs, before the "
                 f"last event written ({before} µs): sort the events by time (stable sort)"
             )
-        if last - self._first_us.setdefault(stream, first) > self._limits.max_span_us:
-            raise InputError(
-                f"{self._path}, stream {stream!r}: time {last} µs lies more than "
-                f"{self._limits.max_span_us} µs after the first event; this format's millisecond "
-                "index would be larger than the events: cut the recording or choose npz"
-            )
+        if last - began > self._limits.max_span_us:
+            with located(f"{self._path}, stream {stream!r}"):
+                check_span(began, self._last_us.get(stream), events.t_us)
         self._last_us[stream] = last
 
 

@@ -12,8 +12,11 @@ from pathlib import Path, PosixPath
 from typing import Any
 
 import lz4.frame
+import numpy as np
+from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.occupied import Span, spans_of
 from eventsweep.emvs.errors import InputError, offer, quoted, refused
 
 if sys.version_info >= (3, 14):
@@ -35,12 +38,22 @@ _FAULTS = (OSError, RuntimeError, ValueError, EOFError, MemoryError, zstd.ZstdEr
 
 @dataclass(frozen=True, slots=True)
 class IndexedBlock:
-    """A block: where it lies, the times it covers, and how many events it holds."""
+    """A block: where it lies, the times it covers, and how many events it holds.
+
+    `spans` are the first and last event of each stretch without a long silence, µs.
+    """
 
     place: Any
+    spans: tuple[Span, ...]
     first_us: int
     last_us: int
     count: int
+
+    @classmethod
+    def of(cls, place: Any, t_us: NDArray[np.int64]) -> IndexedBlock:
+        """A block of 1 or more events at (N,) times, µs."""
+        spans = spans_of(t_us)
+        return cls(place, tuple(spans), spans[0][0], spans[-1][1], len(t_us))
 
 
 class BlockReader:
@@ -89,6 +102,10 @@ class BlockReader:
             raise InputError(f"{self.path}, stream {quoted(stream)}: no events; record it again")
         return min(e.first_us for e in entries), max(e.last_us for e in entries)
 
+    def occupied_us(self, stream: str) -> list[Span]:
+        """First and last event of stretches without a long silence, µs; they may overlap."""
+        return [span for entry in self._index(stream) for span in entry.spans]
+
     def count(self, stream: str) -> int:
         """How many events there are."""
         return sum(entry.count for entry in self._index(stream))
@@ -134,8 +151,7 @@ class BlockReader:
     def _blocks(self, stream: str) -> Iterator[IndexedBlock]:
         for place, events in self.scan(stream):
             if len(events):
-                first_us, last_us = int(events.t_us.min()), int(events.t_us.max())
-                yield IndexedBlock(place, first_us, last_us, len(events))
+                yield IndexedBlock.of(place, events.t_us)
 
 
 def within(events: Events, t0_us: int, t1_us: int) -> Events:

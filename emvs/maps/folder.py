@@ -95,7 +95,7 @@ class MapInfo(FrozenModel):
         versions: of everything that can change a result.
         hot_pixels: per camera, where the filter is on.
         without_pose: with sliding windows, events per camera that no pose covers.
-        recording_sha256: with sliding windows, of calibration, poses and spans.
+        recording_sha256: with sliding windows, of calibration, poses and events.
         complete: False while a run with sliding windows goes on, or where it was stopped.
     """
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.identity import content_hash
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.dsi.device import Device, check_device, projector_on
 from eventsweep.emvs.errors import InputError
@@ -31,7 +32,7 @@ from eventsweep.emvs.maps.folder import (
     write_index,
     write_window,
 )
-from eventsweep.emvs.maps.store import MapStore, identity, open_store, read_entry, write_entry
+from eventsweep.emvs.maps.store import MapStore, open_store, read_entry, write_entry
 from eventsweep.emvs.methods import device_for_methods, methods_by_name
 from eventsweep.emvs.preflight import check_view_fits, check_window_fits
 from eventsweep.emvs.reference_view import reference_view
@@ -189,16 +190,17 @@ def _map_sliding(
 ) -> None:  # fmt: skip
     requested = methods_by_name(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
     device = device_for_methods(config, requested)
+    check_settings(recording, config, out)
+    stretch = choose_window(recording, config)
     head = MapInfo(
         schema_version=SCHEMA_VERSION,
         recording=about,
         config=config,
         versions=versions(),
         windows=(),
-        recording_sha256=identity(recording),
+        recording_sha256=content_hash(recording, stretch.t0_us, stretch.t1_us, poses=True),
         complete=False,
     )
-    check_settings(recording, config, out)
     with open_store(out, head, force=force, inputs=_inputs(out, about, config)) as store:
         plan = plan_windows(recording, config, progress)
         hot = find_hot(recording, config, plan.stretch.t0_us, plan.stretch.t1_us, progress)

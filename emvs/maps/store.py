@@ -7,15 +7,12 @@ therefore the only memory of a run.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.maps.folder import MapInfo, WindowInfo, read_info, text_of
 from eventsweep.emvs.utils.files import made_parent, remove_leftovers
@@ -131,19 +128,6 @@ def _is_to_be_begun(path: Path, head: MapInfo) -> bool:
         return next(_differences(read_info(path), head), None) is not None
     except InputError:
         return True
-
-
-def identity(recording: Recording) -> str:
-    """A hash of a recording's calibration, poses and spans: quick, whatever its length."""
-    digest = hashlib.sha256(json.dumps(recording.rig.to_json(), sort_keys=True).encode())
-    poses = recording.trajectory
-    for column in (poses.t_us, poses.positions_m, poses.quats_xyzw):
-        digest.update(column.tobytes())
-    spans = [recording.event_span_us(camera) for camera in range(len(recording.rig))]
-    count = getattr(recording, "event_count", None)
-    counts = [] if count is None else [int(count(camera)) for camera in range(len(recording.rig))]
-    digest.update(repr((spans, counts)).encode())
-    return digest.hexdigest()
 
 
 def _check_same(path: Path, stored: MapInfo, asked: MapInfo) -> bool:

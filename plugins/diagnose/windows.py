@@ -5,12 +5,14 @@ On them `check` compares alternatives, and `calibrate` refines a calibration.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from eventsweep.emvs.data.occupied import Span, length_of, occupied_spans, spread, steps
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.runtime import Progress, silent
@@ -75,29 +77,31 @@ def window_spans(recording: Recording, plan: WindowPlan) -> list[tuple[int, int]
     Raises:
         InputError: poses and events that share less than a window.
     """
-    first_us, last_us = shared_span_us(recording, plan.margin_us)
-    plan = _shortened(recording, plan, first_us, last_us)
+    spans = shared_spans(recording, plan.margin_us)
+    plan = _shortened(recording, plan, spans)
     length_us = round(1e6 * plan.length_s)
-    room_us = last_us - first_us - length_us
-    if room_us < 0:
+    rooms_us = [end_us - first_us - length_us for first_us, end_us in spans]
+    if max(rooms_us, default=-1) < 0:
         raise InputError(
-            f"{recording.name}: events and poses overlap for {(last_us - first_us) / 1e6:.3f} s, "
+            f"{recording.name}: events and poses overlap for {length_of(spans) / 1e6:.3f} s, "
             f"less the margin for clock offsets: needs at least {plan.length_s:g} s"
         )
+    room_us = sum(max(room_us, 0) for room_us in rooms_us)
     count = max(1, min(plan.count, 1 + round(2 * room_us / length_us)))
-    begins_us = first_us + np.linspace(0, room_us, count * _IN_EACH_PART).astype(np.int64)
+    begins_us = spread(spans, length_us, count * _IN_EACH_PART)
     way_m = travel_m(recording, begins_us, length_us, 4).reshape(count, -1)
     best = begins_us.reshape(count, -1)[np.arange(count), way_m.argmax(axis=1)]
     return [(int(t_us), int(t_us) + length_us) for t_us in best]
 
 
-def _shortened(recording: Recording, plan: WindowPlan, first_us: int, last_us: int) -> WindowPlan:
+def _shortened(recording: Recording, plan: WindowPlan, spans: Sequence[Span]) -> WindowPlan:
     """The plan, with more and shorter windows where the camera turns fast."""
-    t_us = np.arange(first_us, last_us, _TURN_STEP_US)
-    if len(t_us) < 2:
+    t_us = np.array([first_us for first_us, _ in steps(spans, _TURN_STEP_US)], np.int64)
+    near = np.diff(t_us) == _TURN_STEP_US
+    if not near.any():
         return plan
     R_world_body = Rotation.from_matrix(recording.trajectory.at(t_us)[:, :3, :3])
-    turns_rad = (R_world_body[:-1].inv() * R_world_body[1:]).magnitude()
+    turns_rad = (R_world_body[:-1].inv() * R_world_body[1:]).magnitude()[near]
     rate_rad_s = float(np.sqrt((turns_rad**2).mean())) / (1e-6 * _TURN_STEP_US)
     share = min(1.0, np.radians(plan.turn_deg) / max(plan.length_s * rate_rad_s, 1e-9))
     more = min(round(plan.count / share), max(plan.count, _MOST_OF_SHORT))
@@ -110,14 +114,13 @@ def farthest(recording: Recording, length_us: int, count: int, candidates: int) 
     Raises:
         InputError: poses and events that share less than a window.
     """
-    first_us, end_us = shared_span_us(recording)
-    if end_us - length_us < first_us:
+    spans = shared_spans(recording)
+    if max((end_us - first_us for first_us, end_us in spans), default=-1) < length_us:
         raise InputError(
-            f"poses and the events of all cameras overlap for "
-            f"{max(end_us - first_us, 0) / 1e6:g} s: needs {length_us / 1e6:g} s"
+            f"poses and the events of all cameras overlap for {length_of(spans) / 1e6:g} s: "
+            f"needs {length_us / 1e6:g} s"
         )
-    begins_us = np.linspace(first_us, end_us - length_us, candidates).astype(np.int64)
-    begins_us = np.unique(begins_us)
+    begins_us = np.unique(spread(spans, length_us, candidates))
     chosen: list[int] = []
     ways_m = travel_m(recording, begins_us, length_us, 8)
     for begin_us in begins_us[np.argsort(ways_m, kind="stable")[::-1]].tolist():
@@ -128,12 +131,16 @@ def farthest(recording: Recording, length_us: int, count: int, candidates: int) 
     return sorted(chosen)
 
 
-def shared_span_us(recording: Recording, margin_us: int = 0) -> tuple[int, int]:
-    """The time that all cameras' events and poses share, with a margin at the ends of the poses."""
+def shared_spans(recording: Recording, margin_us: int = 0) -> tuple[Span, ...]:
+    """The time that all cameras' events and poses share, with a margin at the ends of the poses.
+
+    Long silences are left out.
+    """
     spans_us = [recording.event_span_us(camera) for camera in range(len(recording.rig))]
     first_us, last_us = recording.trajectory.span_us
     first_us = max(first_us + margin_us, *(first for first, _ in spans_us))
-    return first_us, min(last_us - margin_us, *(last for _, last in spans_us))
+    last_us = min(last_us - margin_us, *(last for _, last in spans_us))
+    return occupied_spans(recording, first_us, last_us)
 
 
 def travel_m(

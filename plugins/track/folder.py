@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.data.identity import content_hash
 from eventsweep.emvs.data.poses import write_tum
-from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.depth.point_cloud import (
     PointCloud,
@@ -136,20 +137,20 @@ def _identity(
     recording: Recording, config: TrackConfig, first_map: DepthMap | None,
     T_world_body: NDArray[np.float64] | None,
 ) -> str:  # fmt: skip
-    """A hash of all that decides poses and cloud, quick, whatever the recording's length."""
-    cameras = range(len(recording.rig))
-    count = getattr(recording, "event_count", None)
+    """A hash of all that decides poses and cloud."""
+    first_us, last_us = events_span_us(recording)
     facts = {
-        "recording": [recording.name, recording.rig.to_json(), recording.depth_range_m],
-        "spans": [recording.event_span_us(k) for k in cameras],
-        "counts": [] if count is None else [int(count(k)) for k in cameras],
+        "recording": content_hash(
+            recording, first_us, last_us + 1, poses=False, imu=config.gyroscope
+        ),
         "config": config.model_dump(mode="json", exclude={"threads"}),
         "start": None if T_world_body is None else np.asarray(T_world_body).tolist(),
         "versions": versions(),
         "code": code_version(["eventsweep.plugins.track.odometry.recorded"]),
     }
-    digest = hashlib.sha256(json.dumps(facts, sort_keys=True, default=str).encode())
+    digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode())
     if first_map is not None:
+        digest.update(json.dumps([first_map.t_us, first_map.camera.to_json()]).encode())
         for array in (first_map.depth_m, first_map.mask, first_map.T_world_rv):
             digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
@@ -165,6 +166,7 @@ def facts_of(tracked: Tracked) -> dict[str, Any]:
             status.value: sum(each is status for each in tracked.statuses) for status in Status
         },
         "covered": tracked.covered,
+        "silent_us": tracked.silent_us,
         "way_m": float(np.linalg.norm(steps_m, axis=1).sum()),
         "maps": tracked.maps,
         "changes": [

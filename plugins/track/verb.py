@@ -60,6 +60,11 @@ def track(
         f"{facts['poses']:,} poses over a path of {facts['way_m']:.3f} m, "
         f"{100 * tracked.covered:.1f} % of the time covered, {tracked.maps} maps"
     ]
+    if tracked.silent_us:
+        lines.append(
+            f"no event for {tracked.silent_us / 1e6:,.6g} s of the time, in long silences: the "
+            "clock jumps, or these are several takes"
+        )
     first_us = tracked.span_us[0]
     lines += [f"lost at {(each.t_us - first_us) / 1e6:.3f} s: {each.reason}" for each in lost]
     console.result({"track": str(out), **facts}, lines)

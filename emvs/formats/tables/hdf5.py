@@ -16,6 +16,7 @@ from eventsweep.emvs.data.event_columns import BLOCK_ROWS, ColumnReader
 from eventsweep.emvs.data.event_store import COLUMNS, EventStoreWriter, index_parts
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.hdf5 import COMPRESSION, Hdf5Writer, open_hdf5
+from eventsweep.emvs.data.occupied import Span
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats.base import GatheringWriter, StreamWriter
 from eventsweep.emvs.formats.blocks import BlockReader, IndexedBlock
@@ -57,6 +58,12 @@ class Hdf5Reader(BlockReader):
         self.check_stream(stream)
         return self._readers[stream].ends_us() or super().span_us(stream)
 
+    def occupied_us(self, stream: str) -> list[Span]:
+        """First and last event of stretches without a long silence, µs."""
+        self.check_stream(stream)
+        reader = self._readers[stream]
+        return reader.occupied_us() if reader.is_indexed else super().occupied_us(stream)
+
     def between(self, stream: str, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`, in file order."""
         self.check_stream(stream)
@@ -70,7 +77,7 @@ class Hdf5Reader(BlockReader):
         for place in self._places(stream):
             with open_hdf5(self.path) as file:
                 t_us = self._readers[stream].times_of(file, *place)
-            yield IndexedBlock(place, int(t_us.min()), int(t_us.max()), len(t_us))
+            yield IndexedBlock.of(place, t_us)
 
     def _places(self, stream: str) -> Iterator[tuple[int, int]]:
         count = self._readers[stream].count

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -10,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.occupied import length_of, occupied_spans, silences, spread, steps
 from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.errors import significant
 from eventsweep.emvs.hot_pixels import hot_mask
 from eventsweep.emvs.utils.runtime import Progress, silent
-from eventsweep.emvs.windows import time_steps
 from eventsweep.plugins.diagnose.check import limits
 from eventsweep.plugins.diagnose.check.findings import TIME, Finding, Series, judged, worst
 from eventsweep.plugins.diagnose.check.limits import BIN_US, LIMITS
@@ -62,19 +63,23 @@ class Stream:
         return self.events / seconds if seconds else 0.0
 
 
-def pieces(recording: Recording, *, thorough: bool) -> list[Piece]:
+def occupied(recording: Recording) -> tuple[Piece, ...]:
+    """The time from first to last event without the long silences of all cameras; never empty."""
+    first_us, last_us = events_span_us(recording)
+    return occupied_spans(recording, first_us, last_us + 1) or ((first_us, first_us + 1),)
+
+
+def pieces(spans: Sequence[Piece], *, thorough: bool) -> list[Piece]:
     """The stretches to read: everything a second at a time, or ten of 0.1 s spread over it.
 
     Args:
-        recording: any.
+        spans: what has events.
         thorough: whether to read everything.
     """
-    first_us, last_us = events_span_us(recording)
-    last_us += 1
     count, length_us = limits.QUICK_PIECES, limits.QUICK_US
-    if thorough or last_us - first_us <= count * length_us:
-        return list(time_steps(first_us, last_us))
-    begins = np.linspace(first_us, last_us - length_us, count).astype(np.int64)
+    if thorough or length_of(spans) <= count * length_us:
+        return list(steps(spans, 1_000_000))
+    begins = spread(spans, length_us, count)
     return [(int(t_us), int(t_us) + length_us) for t_us in begins]
 
 
@@ -128,12 +133,15 @@ def _part(events: Events, t0_us: int, t1_us: int, pixels: Counts) -> tuple[Any, 
             int(np.count_nonzero(steps_us < 0)), intervals_us, x_px, y_px)  # fmt: skip
 
 
-def check_events(recording: Recording, streams: tuple[Stream, ...]) -> list[Finding]:
+def check_events(
+    recording: Recording, streams: tuple[Stream, ...], spans: Sequence[Piece] = ()
+) -> list[Finding]:
     """Checks that need only the events.
 
     Args:
         recording: names of the cameras.
         streams: statistics of each camera's events.
+        spans: what has events; what lies between is silent for long.
     """
     names = recording.rig.camera_names
     empty = [name for name, stream in zip(names, streams, strict=True) if not stream.events]
@@ -142,8 +150,8 @@ def check_events(recording: Recording, streams: tuple[Stream, ...]) -> list[Find
     if any(stream.is_off_sensor for stream in streams):
         return [_off_sensor(names, streams)]
     checks = (
-        _order, _rate, _time_step, _polarity, _sensor, _hot_pixels, partial(_gaps, _busy(streams)),
-        _ceiling, _refractory,
+        _order, _rate, _time_step, _polarity, _sensor, _hot_pixels,
+        partial(_gaps, _busy(streams), spans), _ceiling, _refractory,
     )  # fmt: skip
     return [worst_camera(list(map(check, streams)), names) for check in checks]
 
@@ -246,8 +254,11 @@ def _busy(streams: tuple[Stream, ...]) -> list[slice]:
     return [slice(first, last + 1) for first, last in ends]
 
 
-def _gaps(busy: list[slice], stream: Stream) -> Finding:
-    """Silences of 20 ms and more, while any camera sends events or between two that it sends."""
+def _gaps(busy: list[slice], spans: Sequence[Piece], stream: Stream) -> Finding:
+    """Silences of 20 ms and more, while any camera sends events or between two that it sends.
+
+    The long ones of all cameras are added.
+    """
     silent_bins = 0
     for rates, bins in zip(stream.rates, busy, strict=True):
         runs = np.diff(np.flatnonzero(rates[bins]), prepend=-1, append=len(rates[bins])) - 1
@@ -256,7 +267,18 @@ def _gaps(busy: list[slice], stream: Stream) -> Finding:
     words = (
         f"{silent_bins} ms in gaps of {limits.SILENCE_BINS} ms or longer, {share:.1%} of the time"
     )
-    return judged("events-gaps", share, words)
+    if not (long := silences(spans)):
+        return judged("events-gaps", share, words)
+    occupied_us, long_us = length_of(spans), length_of(long)
+    share = (share * occupied_us + long_us) / (occupied_us + long_us)
+    first_us, end_us = max(long, key=lambda silence: silence[1] - silence[0])
+    words = (
+        f"no event of any camera for {significant((end_us - first_us) / 1e6, 4)} s, from "
+        f"{first_us - 1} to {end_us} µs; {len(long)} such silences, {share:.1%} of the time; "
+        f"beside them {words}"
+    )
+    more = ". The clock was set while it ran, or these are several takes"
+    return judged("events-gaps", share, words, more=more)
 
 
 def _ceiling(stream: Stream) -> Finding:

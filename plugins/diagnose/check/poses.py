@@ -10,11 +10,14 @@ points move by less than a pixel has no depth.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.occupied import Span, length_of, spans_of, spread
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError, significant
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -30,9 +33,9 @@ Times = NDArray[np.int64]
 _MEDIAN_CHI2_3 = 2.366  # of the chi-squared distribution with three degrees of freedom
 
 
-def check_poses(poses: Trajectory, spans_us: tuple[int, int]) -> list[Finding]:
-    """Checks that need only the poses, and the first and last event of all cameras, µs."""
-    coverage = _coverage(poses, spans_us)
+def check_poses(poses: Trajectory, spans: Sequence[Span]) -> list[Finding]:
+    """Checks that need only the poses, and the half-open spans of the events, µs."""
+    coverage = _coverage(poses, spans)
     if len(poses) < 3:
         few = Finding(
             "poses-rate", "wrong", float(len(poses)), "poses", f"{len(poses)} poses in all",
@@ -42,13 +45,15 @@ def check_poses(poses: Trajectory, spans_us: tuple[int, int]) -> list[Finding]:
     return [coverage, _rate(poses), _frozen(poses), _jumps(poses), *_motion(poses), _noise(poses)]
 
 
-def _coverage(poses: Trajectory, events_us: tuple[int, int]) -> Finding:
+def _coverage(poses: Trajectory, spans: Sequence[Span]) -> Finding:
     first_us, last_us = poses.span_us
-    whole_us = max(events_us[1] - events_us[0], 1)
-    both_us = min(last_us, events_us[1]) - max(first_us, events_us[0])
+    occupied = [(begin_us, end_us - 1) for begin_us, end_us in spans]
+    events_us = occupied[0][0], occupied[-1][1]
+    whole_us = max(length_of(occupied), 1)
+    both_us = sum(max(min(last_us, b) - max(first_us, a), 0) for a, b in occupied)
     share = float(np.clip(both_us / whole_us, 0, 1))
     verdict = LIMITS["poses-coverage"].verdict(share)
-    ratio = whole_us / max(last_us - first_us, 1)
+    ratio = whole_us / max(length_of(spans_of(poses.t_us)), 1)
     like = _mistaken_unit(ratio, _rate_hz(poses), covered=verdict == "good")
     if like:
         verdict = "wrong"
@@ -132,10 +137,10 @@ def _usual(values: Floats, reach: int = 10) -> Floats:
 
 
 def _motion(poses: Trajectory) -> list[Finding]:
-    """Speed, acceleration and turning between at least three poses."""
-    first_us, last_us = poses.span_us
+    """Speed, acceleration and turning, of the longest stretch without a long gap."""
+    first_us, last_us = max(spans_of(poses.t_us), key=lambda span: span[1] - span[0])
     count = max(int((last_us - first_us) // limits.STEP_US) + 1, 3)
-    t_us = np.linspace(first_us, last_us, count).astype(np.int64)
+    t_us = first_us + np.linspace(0, last_us - first_us, count).astype(np.int64)
     T_world_body, t_s = poses.at(t_us), t_us / 1e6
     at_m, turned = T_world_body[:, :3, 3], Rotation.from_matrix(T_world_body[:, :3, :3])
     dt_s = np.maximum(np.diff(t_s), 1e-6)
@@ -234,10 +239,11 @@ def _windows(recording: Recording, config: MapperConfig) -> tuple[Times, Times]:
 
 def _usual_windows(recording: Recording) -> tuple[Times, Times]:
     """Windows of half a second over what poses cover, or one of all where that is shorter."""
-    first_us, last_us = recording.trajectory.span_us
-    length_us = min(round(limits.USUAL_WINDOW_S * 1e6), max(last_us - first_us, 1))
-    count = int(np.clip((last_us - first_us) // length_us, 1, limits.MOST_WINDOWS))
-    begins_us = np.linspace(first_us, last_us - length_us, count).astype(np.int64)
+    spans = spans_of(recording.trajectory.t_us)
+    longest_us = max(last_us - first_us for first_us, last_us in spans)
+    length_us = min(round(limits.USUAL_WINDOW_S * 1e6), max(longest_us, 1))
+    count = int(np.clip(length_of(spans) // length_us, 1, limits.MOST_WINDOWS))
+    begins_us = spread(spans, length_us, count)
     return begins_us, begins_us + length_us
 
 

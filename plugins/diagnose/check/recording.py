@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.data.recording import Recording, events_span_us, has_poses
+from eventsweep.emvs.data.recording import Recording, has_poses
 from eventsweep.emvs.datasets import NoRecordingError, opened
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
 from eventsweep.emvs.datasets.raw_streams import open_readable
@@ -24,7 +24,7 @@ from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.plugins.diagnose.check import limits
 from eventsweep.plugins.diagnose.check.by_mapping import check_by_mapping
 from eventsweep.plugins.diagnose.check.cameras import check_cameras, check_rectification
-from eventsweep.plugins.diagnose.check.events import check_events, pieces, read_streams
+from eventsweep.plugins.diagnose.check.events import check_events, occupied, pieces, read_streams
 from eventsweep.plugins.diagnose.check.findings import Finding, Report
 from eventsweep.plugins.diagnose.check.poses import check_parallax, check_poses
 
@@ -116,8 +116,8 @@ def _checked(
     wrong = {finding.name for finding in findings if finding.verdict == "wrong"}
     readable, posed = not wrong & {"reading", "events", "events-sensor"}, has_poses(recording)
     if posed:
-        poses, spans_us = recording.trajectory, partial(events_span_us, recording)
-        findings += _try("poses", lambda: check_poses(poses, spans_us()), unchecked)
+        poses, spans = recording.trajectory, partial(occupied, recording)
+        findings += _try("poses", lambda: check_poses(poses, spans()), unchecked)
         findings += _try("parallax", lambda: check_parallax(recording, config), unchecked)
     else:
         unchecked += [(name, "there are no poses") for name in ("poses", "parallax", "mapping")]
@@ -134,8 +134,9 @@ def _checked(
 
 def _events(recording: Recording, thorough: bool, progress: Progress) -> list[Finding]:
     try:
-        streams = read_streams(recording, pieces(recording, thorough=thorough), progress)
-        return check_events(recording, streams)
+        spans = occupied(recording)
+        streams = read_streams(recording, pieces(spans, thorough=thorough), progress)
+        return check_events(recording, streams, spans)
     except InputError as error:
         return [_refused("reading", error)]
 
@@ -156,10 +157,10 @@ def _try(name: str, checks: Callable[[], list[Finding]], unchecked: Unchecked) -
 
 
 def _rectification(recording: Recording) -> Finding:
-    first_us, last_us = events_span_us(recording)
-    middle_us = (first_us + last_us) // 2
+    first_us, end_us = max(occupied(recording), key=lambda span: span[1] - span[0])
+    middle_us = (first_us + end_us - 1) // 2
     t0_us = max(middle_us - limits.RECTIFIED_US // 2, first_us)
-    t1_us = min(t0_us + limits.RECTIFIED_US, last_us + 1)
+    t1_us = min(t0_us + limits.RECTIFIED_US, end_us)
     return check_rectification(recording, t0_us, t1_us)
 
 

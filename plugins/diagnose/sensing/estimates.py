@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.errors import significant
+
 REPLICATES = 200
 Floats = NDArray[np.float64]
 
@@ -23,6 +25,7 @@ class Estimate:
         value: NaN where it is refused.
         uncertainty: half the width of the 95 % interval; NaN where unknown.
         refused: why the recording does not determine it.
+        bounds: whether the truth may be anything from 0 to `value`, in 95 of 100 recordings.
     """
 
     name: str
@@ -30,13 +33,28 @@ class Estimate:
     value: float
     uncertainty: float
     refused: str = ""
+    bounds: bool = False
+
+    @property
+    def words(self) -> tuple[str, str]:
+        """Value and uncertainty as text; empty where there is none."""
+        if self.refused:
+            return "", ""
+        if self.bounds:
+            return f"≤ {significant(self.value)}", ""
+        return significant(self.value), significant(self.uncertainty, 2)
 
     def facts(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         known = None if self.refused else self.value
         width = None if not np.isfinite(self.uncertainty) else self.uncertainty
         return {"name": self.name, "unit": self.unit, "value": known, "uncertainty": width,
-                "refused": self.refused or None}  # fmt: skip
+                "refused": self.refused or None, "is_upper_bound": self.bounds}  # fmt: skip
+
+
+def at_most(name: str, unit: str, value: float) -> Estimate:
+    """A parameter of which only an upper bound is known; it may be 0."""
+    return Estimate(name, unit, value, float("nan"), bounds=True)
 
 
 def refused(name: str, unit: str, why: str) -> Estimate:

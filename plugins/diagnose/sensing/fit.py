@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.occupied import Span, closed_up, joined, length_of, spans_of
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets.posed import EventSource
 from eventsweep.emvs.errors import InputError, located
@@ -69,8 +70,11 @@ class SensorFit:
         return next(estimate for estimate in self.estimates if estimate.name == name)
 
     def values(self) -> dict[str, Any]:
-        """As the file sensor.toml holds them: what was determined, and the sensor's table."""
-        known = {e.name: float(f"{e.value:.4g}") for e in self.estimates if not e.refused}
+        """As sensor.toml holds them: what was determined, and the sensor's table; bounds as 0."""
+        known = {
+            e.name: 0.0 if e.bounds else float(f"{e.value:.4g}")
+            for e in self.estimates if not e.refused
+        }  # fmt: skip
         top: dict[str, Any] = {name: known.pop(name) for name in _POLARITIES if name in known}
         if self.effective:
             top |= {n: float(f"{c:.4g}") for n, c in zip(_POLARITIES, self.effective, strict=True)}
@@ -100,8 +104,9 @@ def fit_sensor(
     events = recording.events(camera, first_us, last_us + 1)
     if not len(events):
         raise InputError(f"{recording.name}: no event of camera {camera}; there is nothing to fit")
-    pixels = _pixels(events, (sensor.height_px, sensor.width_px), (first_us, last_us))
-    return fit_pixels(pixels, frames_of(recording, camera, pixels.span_us))
+    pixels, spans = _pixels(events, (sensor.height_px, sensor.width_px), (first_us, last_us))
+    frames = frames_of(recording, camera, (first_us, spans[-1][1] - 1))
+    return fit_pixels(pixels, frames and frames.closed_up(spans))
 
 
 def fit_stream(
@@ -118,16 +123,21 @@ def fit_stream(
     width_px, height_px = size_px or (int(events.x.max()) + 1, int(events.y.max()) + 1)
     with located(source.path):
         events = events.checked(width_px, height_px)
-    return fit_pixels(_pixels(events, (height_px, width_px), span_us), None)
+    return fit_pixels(_pixels(events, (height_px, width_px), span_us)[0], None)
 
 
-def _pixels(events: Events, shape: tuple[int, int], span_us: tuple[int, int]) -> PixelEvents:
-    """By pixel, the first of very many."""
+def _pixels(
+    events: Events, shape: tuple[int, int], span_us: tuple[int, int]
+) -> tuple[PixelEvents, tuple[Span, ...]]:
+    """By pixel, the first of very many, without the long silences; and what lies between those."""
     first_us, last_us = span_us
     if len(events) >= _MOST_EVENTS:
         events = events.slice(0, _MOST_EVENTS)
         last_us = min(last_us, int(events.t_us[-1]))
-    return PixelEvents.of(events, shape, (first_us, last_us))
+    spans = joined(spans_of(events.t_us), first_us, last_us + 1)
+    events = replace(events, t_us=closed_up(events.t_us, spans))
+    first_us = spans[0][0]
+    return PixelEvents.of(events, shape, (first_us, first_us + length_of(spans) - 1)), spans
 
 
 def fit_pixels(pixels: PixelEvents, frames: FrameStack | None) -> SensorFit:

@@ -40,9 +40,10 @@ from eventsweep.sim.sensor.sensor import Sensor
 
 def fit_page(fit: SensorFit, name: str, command: str, files: tuple[str, ...]) -> str:
     """The page of a fitted sensor, as HTML."""
-    known = [estimate for estimate in fit.estimates if not estimate.refused]
+    known = [each for each in fit.estimates if not (each.refused or each.bounds)]
     findings = [
-        f"{len(known)} of {len(fit.estimates)} parameters determined; the others are refused.",
+        f"{len(known)} of {len(fit.estimates)} parameters determined; the others are refused, or "
+        "have an upper bound only, for which sensor.toml holds 0.",
         f"{len(fit.pixels):,} events in {fit.pixels.seconds:.2f} s; {fit.on_share:.1%} of them "
         "brighten.",
     ]
@@ -109,11 +110,12 @@ def _line(estimate: Estimate) -> tuple[object, ...]:
     refused = estimate.refused
     return (
         estimate.name,
-        GridCell("–" if refused else significant(estimate.value), estimate.value),
-        GridCell("–" if refused else significant(estimate.uncertainty, 2), estimate.uncertainty),
+        *(GridCell(word or "–", value) for word, value in zip(
+            estimate.words, (estimate.value, estimate.uncertainty), strict=True)),
         estimate.unit,
-        GridCell(f"refused: {refused}" if refused else "determined",
-                 kind="worse" if refused else "better"),
+        GridCell(f"refused: {refused}" if refused
+                 else "upper bound" if estimate.bounds else "determined",
+                 kind="worse" if refused or estimate.bounds else "better"),
     )  # fmt: skip
 
 
@@ -232,6 +234,8 @@ def write_fit(folder: Path, fit: SensorFit, name: str, command: str = "") -> Non
         f"# The sensor of {name!r}, fitted by eventsweep; --sim.sensor.preset takes this file."
     ]
     lines += [f"# {e.name}: refused, {e.refused}" for e in fit.estimates if e.refused]
+    bounds = [e for e in fit.estimates if e.bounds]
+    lines += [f"# {e.name}: {e.words[0]} {e.unit}, an upper bound: 0 stands here" for e in bounds]
     if fit.effective:
         lines.append("# The thresholds make as many events as recorded when the frames drive the")
         lines.append("# simulator; they are not measured.")

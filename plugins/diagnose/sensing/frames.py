@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.data.occupied import Span, closed_up
+
 # Grey levels that are neither noise nor saturated, and how many pixels are looked at.
 _LEVELS = 8, 247
 _MOST_PIXELS = 60_000_000
+_FEWEST = 3
 # The time over which change of light is taken.
 _SLOPE_US, _SMOOTH_PX = 50_000, 3
 
@@ -32,6 +36,19 @@ class FrameStack:
     usable: NDArray[np.bool_]
     timed: bool
 
+    def closed_up(self, spans: Sequence[Span]) -> FrameStack | None:
+        """The frames within half-open spans, on the clock that stands still between them, µs.
+
+        None where there are not three; itself where there is one span.
+        """
+        if len(spans) < 2:
+            return self
+        kept = np.array([any(a <= t < b for a, b in spans) for t in self.t_us.tolist()])
+        if kept.sum() < _FEWEST:
+            return None
+        t_us = closed_up(self.t_us[kept], spans)
+        return replace(self, t_us=t_us, light=self.light[kept], usable=self.usable[kept])
+
 
 def frames_of(
     recording: Any, camera: int, span_us: tuple[int, int] | None = None
@@ -47,8 +64,8 @@ def frames_of(
         times_us = times_us[(times_us >= span_us[0]) & (times_us <= span_us[1])]
     sensor = recording.rig.cameras[camera]
     shape = sensor.height_px, sensor.width_px
-    times_us = times_us[: max(3, _MOST_PIXELS // (shape[0] * shape[1]))]
-    if len(times_us) < 3:
+    times_us = times_us[: max(_FEWEST, _MOST_PIXELS // (shape[0] * shape[1]))]
+    if len(times_us) < _FEWEST:
         return None
     light, usable = [], []
     for t_us in times_us.tolist():

@@ -8,12 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import significant
-from eventsweep.plugins.diagnose.sensing.estimates import Estimate, half_width, refused, resampled
+from eventsweep.plugins.diagnose.sensing.estimates import (
+    Estimate,
+    at_most,
+    half_width,
+    refused,
+    resampled,
+)
 from eventsweep.plugins.diagnose.sensing.pixel_events import HOT_RATIO, PixelEvents
 
 _FEW, _RANK = 30, 5
 # Frames may lead one to expect this share of what is seen in quiet places, at most.
 _SCENE_SHARE = 0.25
+# Something moves where pixels send so many times as many events as in quiet places.
+_BUSY = 2.0
 # Shares of the value by which the development sensors were off beyond their scatter.
 SYSTEMATIC = {
     "refractory": 0.04, "noise": 0.12, "noise without frames": 0.3, "spread": 0.1,
@@ -59,8 +67,8 @@ def quiet_noise(
     """Shot noise, leak, and the spread of shot noise over pixels, from quiet places.
 
     Where frames say how many events the scene makes (`seen`), noise is what is left as that goes to
-    zero. Where they are as many as those of noise, or nobody says, noise is refused: faint texture
-    that moves looks the same.
+    zero; where they are as many as those of noise it is refused. Where nobody says and something
+    moves, the rates are upper bounds: faint texture that moves looks the same.
 
     Returns:
         The estimates; the rate of all events there, Hz, whatever made them; the mean light there,
@@ -79,6 +87,10 @@ def quiet_noise(
         why = f"the scene makes {scene_hz:.2g} events per second where {rate_hz:.2g} are seen"
         return tuple(refused(*each, why) for each in zip(names, units, strict=True)), rate_hz, light
     value, drawn = resampled(sums, _noise_of)
+    busy_hz = float(pixels.counts[~pixels.hot].mean()) / pixels.seconds
+    if seen is None and busy_hz > _BUSY * rate_hz:
+        why = "noise has an upper bound only: the scene moves"
+        return (*_bounds(value, drawn), refused(names[2], units[2], why)), rate_hz, light
     spread = _spread(pixels, own)
     factor = 1.0 if spread.refused else float(np.exp(0.5 * (np.log(10) * spread.value) ** 2))
     systematic = SYSTEMATIC["noise" if seen else "noise without frames"]
@@ -89,6 +101,18 @@ def quiet_noise(
         estimate = Estimate(name, "Hz", float(value[k]) / factor, width / factor)
         rates.append(estimate if width < 0.75 * value[k] else refused(name, "Hz", why))
     return (*rates, spread), rate_hz, light
+
+
+def _bounds(value: Floats, drawn: Floats) -> list[Estimate]:
+    """Upper bounds of shot noise and leak, Hz; both are events that something else may have made.
+
+    A leak is what brightens beyond what darkens, and no more than all that brightens.
+    """
+    shot_hz, leak_hz = value + 1.96 * np.nanstd(drawn, axis=0)
+    return [
+        at_most("shot_rate_hz", "Hz", float(shot_hz)),
+        at_most("leak_rate_hz", "Hz", float(max(leak_hz, 0.0))),
+    ]
 
 
 def _noise_of(sums: Floats) -> Floats:

@@ -6,7 +6,7 @@ two recordings apart is the area under its ROC curve.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.occupied import beginning, camera_occupied, closed_up, length_of
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.plugins.diagnose.sensing.pixel_events import PixelEvents
@@ -121,7 +122,8 @@ def window_features(
 
     Parts with fewer than 50 events are left out.
     """
-    edges = np.linspace(span_us[0], span_us[1] + 1, WINDOWS + 1).astype(np.int64).tolist()
+    length_us = span_us[1] + 1 - span_us[0]
+    edges = (span_us[0] + np.linspace(0, length_us, WINDOWS + 1).astype(np.int64)).tolist()
     rows, windows = [], []
     for k, (t0_us, t1_us) in enumerate(pairwise(edges)):
         inside = events.between(t0_us, t1_us)
@@ -234,7 +236,7 @@ def separability(first: Floats, second: Floats, windows: tuple[Windows, Windows]
 
 
 def compare_realism(real: Recording, simulated: Recording, camera: int = 0) -> Realism:
-    """Compares one camera of each, over the length of the shorter.
+    """Compares one camera of each, over the length of the shorter; long silences are left out.
 
     Raises:
         InputError: another sensor size, or too few events.
@@ -246,11 +248,13 @@ def compare_realism(real: Recording, simulated: Recording, camera: int = 0) -> R
             f"{simulated.name}: a sensor of {sizes[1][1]} x {sizes[1][0]} px beside one of "
             f"{sizes[0][1]} x {sizes[0][0]} px: simulate with the real camera's calibration"
         )
-    spans = [r.event_span_us(camera) for r in (real, simulated)]
-    length_us = min(last - first for first, last in spans)
+    spans = [camera_occupied(r, camera) for r in (real, simulated)]
+    length_us = min(map(length_of, spans)) - 1
     portraits = []
-    for recording, (first, _) in zip((real, simulated), spans, strict=True):
-        span_us = first, first + length_us
-        events = recording.events(camera, first, first + length_us + 1)
+    for recording, parts in zip((real, simulated), spans, strict=True):
+        first_us, some = parts[0][0], beginning(parts, length_us + 1)
+        events = Events.concat([recording.events(camera, *part) for part in some])
+        events = replace(events, t_us=closed_up(events.t_us, parts))
+        span_us = first_us, first_us + length_us
         portraits.append(portrait(recording.name, events, sizes[0], span_us))
     return compared(*portraits)

@@ -25,7 +25,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from eventsweep.plugins.diagnose.sensing.estimates import Estimate, half_width, refused, resampled
+from eventsweep.plugins.diagnose.sensing.estimates import (
+    Estimate,
+    at_most,
+    half_width,
+    refused,
+    resampled,
+)
 from eventsweep.plugins.diagnose.sensing.frames import FrameStack
 from eventsweep.plugins.diagnose.sensing.pixel_events import PixelEvents
 from eventsweep.sim.sensor_presets import SensorParameters
@@ -40,6 +46,8 @@ _APART = 2
 _GUARD = 3.0
 _USUAL_REFRACTORY_US = 1000.0
 _FEW_PAIRS, _MOST_RELATIVE = 2000, 0.25
+# Of a threshold: ideal sensors, whose pixels are all alike, seem to scatter by up to 0.015 of it.
+_LEAST_SIGMA = 0.025
 # Shares of the value by which the development sensors were off beyond their scatter
 # (`python tests/benchmarks sensor_fit` of commit 77cd9c78).
 SYSTEMATIC = {"threshold": 0.07, "bandwidth": 0.15, "sigma": 0.25}
@@ -264,6 +272,8 @@ def _sigma(relative: tuple[float, float], thresholds: Floats) -> Estimate:
     c = float(np.mean(thresholds))
     sigma = c * float(np.sqrt(squared))
     width = 1.96 * c * error / (2 * float(np.sqrt(squared)))
+    if sigma < _LEAST_SIGMA * c:
+        return at_most("threshold_sigma", "", max(sigma + width, _LEAST_SIGMA * c))
     return Estimate(
         "threshold_sigma", "", sigma, float(np.hypot(width, SYSTEMATIC["sigma"] * sigma))
     )

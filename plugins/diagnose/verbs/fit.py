@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eventsweep.emvs.errors import InputError, significant
+from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.app import COMMON, Common, Force, command_line
 
 if TYPE_CHECKING:
@@ -81,8 +81,7 @@ def _summary(fitted: SensorFit) -> Iterator[Part]:
     from eventsweep.eval.cli.console import dim, table
 
     rows = (
-        (e.name, "refused" if e.refused else significant(e.value),
-         "" if e.refused else significant(e.uncertainty, 2), e.unit)
+        (e.name, "refused" if e.refused else e.words[0], e.words[1], e.unit)
         for e in fitted.estimates
     )  # fmt: skip
     yield table("sensor", ("parameter", ">value", ">95 % ±", ">unit"), rows)

@@ -12,12 +12,14 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.occupied import Silence
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
@@ -35,6 +37,7 @@ Matrix = NDArray[np.float64]
 _DELAY_US, _DELAY_OF_STRIDE = 120_000, 0.6
 _PLANES = 40, 100
 _MOST_VIEW_COLUMNS = 640
+_MOST_WAITING, _MOST_POSES = 5_000_000, 1_000_000  # events of a camera, poses
 _FADE = 0.8  # weight of each older map among the points that are tracked
 
 
@@ -60,8 +63,15 @@ class OnlineMapper:
     """Maps sliding windows while events and poses arrive, in any packets.
 
     A window is mapped once events have come up to its end and poses reach beyond it. It has the
-    bits that `map_windows` makes of the same window; memory holds no more than the windows that are
-    not finished.
+    bits that `map_windows` makes of the same window. Memory holds no more than the windows that are
+    not finished; where poses do not come, the newest window or 5 million events of each camera, and
+    where events do not, a million poses. What is older is let go and counted.
+
+    Attributes:
+        dropped_events: per camera, those that were let go before poses came.
+        dropped_poses: those that were let go before events came.
+        skipped_windows: of which no map is returned: they lie in a long silence, or their events
+            were let go.
 
     Args:
         rig: the cameras.
@@ -82,6 +92,19 @@ class OnlineMapper:
         self._config, self._next_us = config, start_us
         self._arrived = Arrived(rig, depth_range_m, most_events=most_events)
         self._until_us: int | None = None
+        self._silence = Silence()
+        self.dropped_events = [0] * len(rig)
+        self.dropped_poses = self.skipped_windows = 0
+
+    @property
+    def waits_for(self) -> Literal["", "events", "poses"]:
+        """What has to come before a next map can be made; empty where both keep pace."""
+        poses, until_us = self._arrived.poses, self._until_us
+        if not any(map(len, self._arrived.streams)):
+            return "events"
+        if poses is None or (until_us is not None and poses.span_us[1] < until_us - 1):
+            return "poses"
+        return ""
 
     def push(
         self, events: Sequence[Events], t_us: int, poses: Trajectory | None = None
@@ -98,28 +121,63 @@ class OnlineMapper:
         """
         check_packet(events, self._arrived.rig, self._until_us, t_us)
         self._until_us = t_us
+        self._silence.push(packet.t_us for packet in events)
         for stream, packet in zip(self._arrived.streams, events, strict=True):
             stream.push(packet)
         if poses is not None:
             self._arrived.add_poses(poses)
-        return list(self._completed())
+        maps = list(self._completed())
+        self._let_go(t_us)
+        return maps
 
     def state(self) -> State:
         """All that decides what it does from now on."""
         times = {"next_us": self._next_us, "until_us": self._until_us}
-        return {**times, "arrived": self._arrived.state()}
+        return {**times, "arrived": self._arrived.state(), "occupied_us": self._silence.spans}
 
     def restore(self, state: State) -> None:
         """Goes on from a `state` of the same rig and settings, where nothing was pushed yet."""
         self._next_us, self._until_us = state["next_us"], state["until_us"]
         self._arrived.restore(state["arrived"])
+        self._silence.spans = [(first_us, last_us) for first_us, last_us in state["occupied_us"]]
 
     def _completed(self) -> Iterator[OnlineMap]:
         length_us, stride_us = window_us(self._config)
         while (window := self._next_window(length_us)) is not None:
             yield self._map(window)
-            self._next_us = window.t0_us + stride_us
-            self._arrived.drop_before(self._next_us)
+            self._go_to(window.t0_us + stride_us)
+
+    def _go_to(self, next_us: int) -> None:
+        self._next_us = next_us
+        self._arrived.drop_before(next_us)
+
+    def _step_over(self, next_us: int, end_us: int) -> int:
+        """The first window from the next one on that ends no earlier than a time; goes to it."""
+        length_us, stride_us = window_us(self._config)
+        over = max(0, -((next_us + length_us - end_us) // stride_us))
+        if over:
+            self.skipped_windows += over
+            self._go_to(next_us + over * stride_us)
+        return next_us + over * stride_us
+
+    def _let_go(self, t_us: int) -> None:
+        """Keeps memory bounded where events or poses do not come."""
+        length_us, _ = window_us(self._config)
+        arrived, before_us = self._arrived, t_us - length_us
+        borders = [s.time_of_newest(_MOST_WAITING, t_us) for s in arrived.streams]
+        border_us = min(before_us, max((b for b in borders if b is not None), default=before_us))
+        if any(len(s) > _MOST_WAITING for s in arrived.streams):
+            for k, stream in enumerate(arrived.streams):
+                self.dropped_events[k] += stream.drop_before(border_us)
+            if self._next_us is not None:
+                self._step_over(self._next_us, border_us + length_us)
+        poses = arrived.poses
+        if self._next_us is None and (first_us := arrived.first_us()) is not None:
+            self._silence.end_us(first_us, t_us)  # forgets what lies before
+        elif poses is not None and self._next_us is None:
+            self.dropped_poses += arrived.drop_poses_before(t_us)
+        if poses is not None and len(poses) > _MOST_POSES:
+            self.dropped_poses += arrived.drop_poses_before(int(poses.t_us[-_MOST_POSES]))
 
     def _next_window(self, length_us: int) -> Window | None:
         """The next window, if it is covered."""
@@ -130,6 +188,9 @@ class OnlineMapper:
             self._next_us = self._first_us(poses)
         if self._next_us is None:
             return None
+        end_us = self._silence.end_us(self._next_us, self._until_us + 1)
+        if end_us is not None:
+            self._step_over(self._next_us, end_us)
         t0_us, t1_us = self._next_us, self._next_us + length_us
         at_end = self._config.reference == "end"
         if self._until_us < t1_us or poses.span_us[1] < (t1_us if at_end else t1_us - 1):
@@ -138,9 +199,8 @@ class OnlineMapper:
         return Window(t0_us, t1_us, t_ref_us, (0,) * len(self._arrived.rig))
 
     def _first_us(self, poses: Trajectory) -> int | None:
-        first = [stream.between(-(1 << 62), 1 << 62).t_us[:1] for stream in self._arrived.streams]
-        times = np.concatenate(first)
-        return max(int(times.min()), poses.span_us[0]) if len(times) else None
+        first_us = self._arrived.first_us()
+        return None if first_us is None else max(first_us, poses.span_us[0])
 
     def _map(self, window: Window) -> OnlineMap:
         arrived = self._arrived

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.occupied import length_of, occupied_spans, silences, steps
 from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.datasets import opened
@@ -50,6 +51,7 @@ class Tracked:
         changes: when the status changed, and why.
         span_us: first and last time that there are events of.
         maps: how many maps were made.
+        silent_us: how much of the time lies in long silences, which have no poses, µs.
     """
 
     trajectory: Trajectory
@@ -57,12 +59,14 @@ class Tracked:
     changes: tuple[Change, ...]
     span_us: tuple[int, int]
     maps: int
+    silent_us: int = 0
 
     @property
     def covered(self) -> float:
-        """Share of the time that lies between poses at most 50 ms apart."""
+        """Share of the time that lies between poses at most 50 ms apart; of long silences none."""
         steps_us = np.diff(self.trajectory.t_us)
-        return float(steps_us[steps_us <= 50_000].sum() / (self.span_us[1] - self.span_us[0]))
+        whole_us = self.span_us[1] - self.span_us[0] - self.silent_us
+        return float(steps_us[steps_us <= 50_000].sum() / whole_us)
 
 
 def track(
@@ -114,8 +118,10 @@ def track(
     if kept is not None:
         done.restore(kept)
         tracker.restore(kept["tracker"], done.poses)
-    for t_us in range(done.until_us, last_us + 1, _PACKET_US):
-        done.until_us = end_us = min(t_us + _PACKET_US, last_us + 1)
+    spans = occupied_spans(recording, first_us, last_us + 1)
+    rest = occupied_spans(recording, done.until_us, last_us + 1)
+    for t_us, end_us in steps(rest, _PACKET_US):
+        done.until_us = end_us
         turns = None if imu is None else _between(imu, t_us, end_us)
         tracker.push(ahead(t_us, end_us), end_us, turns)
         if end_us > last_us:
@@ -134,6 +140,7 @@ def track(
             [pose.t_us for pose in poses], np.stack([p.T_world_body for p in poses])
         ),
         tuple(p.status for p in poses), tuple(done.changes), (first_us, last_us), done.maps,
+        length_of(silences(spans)),
     )  # fmt: skip
 
 

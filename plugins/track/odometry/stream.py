@@ -43,14 +43,20 @@ class Stream:
         chosen = there if most is None else there.thinned(most)
         return Events(*(getattr(chosen, name).copy() for name, _ in _COLUMNS))
 
+    def first_us(self) -> int | None:
+        """When the first event that is there comes, µs."""
+        return int(self._times()[0]) if len(self) else None
+
     def time_of_newest(self, count: int, t_us: int) -> int | None:
         """When the last `count` events before `t_us` begin, µs; None if there are not so many."""
         last = int(np.searchsorted(self._times(), t_us, side="left"))
         return int(self._times()[last - count]) if last >= count else None
 
-    def drop_before(self, t_us: int) -> None:
-        """Lets go of older events."""
-        self._first += int(np.searchsorted(self._times(), t_us, side="left"))
+    def drop_before(self, t_us: int) -> int:
+        """Lets go of older events; says how many."""
+        older = int(np.searchsorted(self._times(), t_us, side="left"))
+        self._first += older
+        return older
 
     def state(self) -> State:
         """The events that are there."""
@@ -101,6 +107,11 @@ class Arrived:
             raise InputError("no poses have been pushed: push some first")
         return self.poses
 
+    def first_us(self) -> int | None:
+        """When the first event of any camera that is there comes, µs."""
+        first = [stream.first_us() for stream in self.streams]
+        return min((t_us for t_us in first if t_us is not None), default=None)
+
     def whole(self) -> Arrived:
         """The same streams, without poses, of which `events` returns all."""
         whole = Arrived(self.rig, self.depth_range_m)
@@ -123,10 +134,15 @@ class Arrived:
         """Lets go of what is older, but for the pose that the time lies behind."""
         for stream in self.streams:
             stream.drop_before(t_us)
-        if self.poses is not None:
-            k = max(int(np.searchsorted(self.poses.t_us, t_us, side="right")) - 1, 0)
-            p = self.poses
+        self.drop_poses_before(t_us)
+
+    def drop_poses_before(self, t_us: int) -> int:
+        """Lets go of poses but for the one that the time lies behind; says of how many."""
+        p = self.poses
+        k = 0 if p is None else max(int(np.searchsorted(p.t_us, t_us, side="right")) - 1, 0)
+        if p is not None and k:
             self.poses = Trajectory(p.t_us[k:], p.positions_m[k:], p.quats_xyzw[k:])
+        return k
 
     def state(self) -> State:
         """All that is there."""

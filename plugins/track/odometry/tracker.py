@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.occupied import Silence
 from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
@@ -24,6 +25,7 @@ from eventsweep.plugins.track.odometry.batches import (
     batch_before,
     never_fired,
     rising,
+    shows_edges,
     without_lone,
 )
 from eventsweep.plugins.track.odometry.checkpoint import State
@@ -63,6 +65,7 @@ Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
 _COAST_US = 100_000
 END_US = 1 << 62
+_NOISE = "events lie anywhere alike: noise, no edges"
 _PLAIN = (
     "_searched", "_until_us", "_begin_us", "_next_us", "_fed_us", "reason", "since_us",
 )  # fmt: skip
@@ -71,7 +74,8 @@ _PLAIN = (
 class Tracker:
     """Finds poses from events alone.
 
-    Packets of any size give the same poses. Memory is bounded, however long it runs.
+    Packets of any size give the same poses. Memory is bounded, however long it runs. Ten seconds
+    after the last event poses pause until the next one.
 
     Args:
         rig: the cameras; with one camera a `first_map` is needed, since one camera sees no scale.
@@ -108,7 +112,7 @@ class Tracker:
         self._map_events = self._config.map_events or self._sizes.map
         self._arrived = Arrived(rig, depth_range_m, most_events=self._map_events)
         self._fired_us = [never_fired(camera) for camera in rig.cameras]
-        self._gyroscope = Gyroscope()
+        self._silence, self._gyroscope = Silence(), Gyroscope()
         self._cloud = MapCloud(self._config.maps)
         self._maps: BackgroundMaps | None = None
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
@@ -141,6 +145,7 @@ class Tracker:
         """
         check_packet(events, self._rig, self._until_us, t_us)
         self._until_us = t_us
+        self._silence.push(packet.t_us for packet in events)
         for camera, packet in enumerate(events):
             self._take(camera, packet)
         if imu is not None:
@@ -153,6 +158,10 @@ class Tracker:
             self._next_us = self._begin_us + START_US
         newest = None
         while self._next_us <= t_us:
+            end_us = self._silence.end_us(self._next_us, t_us + 1)
+            if end_us is not None:
+                self._step_over(end_us)
+                continue
             newest = self._step(self._next_us) or newest
             self._next_us += self._step_us
         return newest
@@ -170,6 +179,7 @@ class Tracker:
             "status": self.status.value,
             "arrived": self._arrived.state(),
             "fired_us": self._fired_us,
+            "occupied_us": self._silence.spans,
             "gyroscope": self._gyroscope.state(),
             "cloud": self._cloud.state(),
             "mapper": None if maps is None else maps.mapper.state(),
@@ -190,6 +200,7 @@ class Tracker:
         self.status = Status(state["status"])
         self._arrived.restore(state["arrived"])
         self._fired_us = state["fired_us"]
+        self._silence.spans = [(first_us, last_us) for first_us, last_us in state["occupied_us"]]
         self._gyroscope.restore(state["gyroscope"])
         self._cloud.restore(state["cloud"])
         if state["mapper"] is not None:
@@ -232,8 +243,16 @@ class Tracker:
         if len(batch) < self._sizes.still or batch.t_us <= self._motion.t_us:
             return
         motion, fit = self._registered(batch, end_us)
-        if fit.is_good(AGREES):
+        if fit.is_good(AGREES) and shows_edges(batch):
             self._found(motion, fit, Status.TRACKING, filtered=True)
+
+    def _step_over(self, end_us: int) -> None:
+        """Goes to the end of a long silence: a body that nothing was seen of stands, or jumped."""
+        self._next_us += -((self._next_us - end_us) // self._step_us) * self._step_us
+        if self._motion is None:
+            self._begin_us = end_us - 1
+        else:
+            self._motion = self._motion.held(self._next_us - LONGEST_US)
 
     def _step(self, t_us: int) -> Pose | None:
         self._take_maps(t_us)
@@ -254,6 +273,9 @@ class Tracker:
         batches = [batch for batch in batches if len(batch) >= self._sizes.still]
         if len(batches) < START_US // self._step_us // 2:
             self._wait("too few events: nothing moves")
+            return None
+        if not any(map(shows_edges, batches)):
+            self._wait(_NOISE)
             return None
         begun = begin(
             self._arrived, batches, self._registration, self._sizes,
@@ -308,7 +330,7 @@ class Tracker:
         if len(batch) < self._sizes.still:
             return self._go_on(self._motion.held(batch.t_us), Fit(), Status.STILL, t_us)
         motion, fit = self._registered(batch, t_us)
-        if fit.is_good(AGREES):
+        if fit.is_good(AGREES) and shows_edges(batch):
             return self._go_on(motion, fit, Status.TRACKING, t_us, filtered=True)
         return self._doubt(batch, fit, t_us)
 
@@ -324,7 +346,7 @@ class Tracker:
     def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
         """Goes on as it moved, for a moment; then it is lost."""
         assert self._motion is not None
-        reason = fit.in_words()
+        reason = fit.in_words() if shows_edges(batch) else _NOISE
         if self.status is not Status.COASTING:
             self._change(Status.COASTING, reason, batch.t_us)
         if batch.t_us - self.since_us < _COAST_US:
@@ -335,7 +357,7 @@ class Tracker:
     def _search(self, t_us: int) -> Pose | None:
         """Tries one of the places from which the map was seen, in turns."""
         batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
-        if len(batch) < self._sizes.still:
+        if len(batch) < self._sizes.still or not shows_edges(batch):
             return None
         places = [self._poses[-1].T_world_body, *self._seen_from]
         place = places[self._searched % len(places)]

@@ -90,6 +90,7 @@ class Deadly(line_world.Wrapped):
         return recording.events(camera, t0_us, t1_us)
 datasets.open_recording = lambda _path: Deadly(recording)
 odometry._KEEP_EVERY_S, odometry._KEEP_SHARE = 0.0, 1e9
+odometry.content_hash = lambda *_arguments, **_stretch: "the same"  # which reads all
 main(["track", "recording", "--out", out, "--planes", "40", "--map-s", "0.2", "--quiet"])
 """
 

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.occupied import spans_of
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -24,6 +25,9 @@ class Recorded:
     def event_span_us(self, camera):
         t_us = self.streams[camera].t_us
         return int(t_us[0]), int(t_us[-1])
+
+    def occupied_us(self, camera):
+        return spans_of(self.streams[camera].t_us)
 
     def events(self, camera, t0_us, t1_us):
         return self.streams[camera].between(t0_us, t1_us)

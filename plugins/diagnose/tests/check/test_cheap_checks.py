@@ -22,15 +22,23 @@ from eventsweep.plugins.diagnose.check.cameras import (
     field_deg,
     image_times,
 )
-from eventsweep.plugins.diagnose.check.events import check_events, pieces, read_streams, time_unit
+from eventsweep.plugins.diagnose.check.events import (
+    check_events,
+    occupied,
+    pieces,
+    read_streams,
+    time_unit,
+)
 from eventsweep.plugins.diagnose.check.poses import check_parallax, check_poses
 from eventsweep.plugins.diagnose.check.recording import check
 from head_world import CAMERA, DURATION_US, head_motion, head_recording
 from planting import EditedRecording
+from point_world import Recorded
 from refusals import refused
 
 FACTORS = st.floats(0.05, 20.0)
 POSES = head_motion()
+FAR_US = 1_700_000_000_000_000
 ONE = Chosen(head_recording(), (0,))
 
 
@@ -43,7 +51,7 @@ def with_poses(poses):
 
 
 def checked_poses(poses, span_us=(0, DURATION_US)):
-    return by_name(check_poses(poses, span_us))
+    return by_name(check_poses(poses, [(span_us[0], span_us[1] + 1)]))
 
 
 def some_poses(kept):
@@ -52,8 +60,9 @@ def some_poses(kept):
 
 def checked_events(edit=None, recording=None):
     recording = recording or EditedRecording(head_recording(), edit)
-    streams = read_streams(recording, pieces(recording, thorough=True))
-    return by_name(check_events(recording, streams))
+    spans = occupied(recording)
+    streams = read_streams(recording, pieces(spans, thorough=True))
+    return by_name(check_events(recording, streams, spans))
 
 
 @settings(max_examples=20, deadline=None)
@@ -245,13 +254,7 @@ def test_coarse_stamps_are_measured():
 
 
 def test_quick_pieces_are_a_second_of_a_long_recording_and_thorough_ones_all():
-    class Long:
-        rig = head_recording().rig
-
-        def event_span_us(self, _camera):
-            return 5_000_000, 65_000_000
-
-    quick, whole = (pieces(Long(), thorough=t) for t in (False, True))
+    quick, whole = (pieces([(5_000_000, 65_000_001)], thorough=t) for t in (False, True))
     assert sum(b - a for a, b in quick) == 1_000_000
     assert whole[0][0] == quick[0][0] == 5_000_000
     assert whole[-1][1] == quick[-1][1] == 65_000_001
@@ -316,7 +319,8 @@ def test_what_all_cameras_leave_out_at_the_ends_is_no_gap():
 def test_time_that_runs_backwards_is_counted_and_numbers_are_set_apart_in_thousands():
     def edit(_camera, e):
         t_us = e.t_us.copy()
-        t_us[[10, 11]] = t_us[[11, 10]] + [1, 0]
+        if len(t_us) > 11:
+            t_us[[10, 11]] = t_us[[11, 10]] + [1, 0]
         return replace(e, t_us=t_us)
 
     findings = checked_events(edit)
@@ -333,3 +337,38 @@ def test_time_that_runs_backwards_is_counted_and_numbers_are_set_apart_in_thousa
 )  # fmt: skip
 def test_only_a_lens_that_distorts_gets_a_picture_of_it(lens, drawn):
     assert (of_lens(**lens)["distortion"].series is not None) == drawn
+
+
+class LaterClock(EditedRecording):
+    """The head's recording, a moment later."""
+
+    def event_span_us(self, camera):
+        first_us, last_us = super().event_span_us(camera)
+        return first_us + FAR_US, last_us + FAR_US
+
+    def events(self, camera, t0_us, t1_us):
+        return super().events(camera, t0_us - FAR_US, t1_us - FAR_US).shifted(FAR_US)
+
+
+def test_findings_do_not_depend_on_where_the_clock_begins():
+    later = LaterClock(head_recording(), lambda _camera, e: e)
+    events = checked_events(recording=head_recording())
+    poses = replace(POSES, t_us=POSES.t_us + FAR_US)
+    there = checked_events(recording=later)
+    there |= checked_poses(poses, (FAR_US, FAR_US + DURATION_US))
+    for name, finding in (events | checked_poses(POSES)).items():
+        assert there[name].verdict == finding.verdict
+        assert there[name].value == pytest.approx(finding.value, rel=1e-4, abs=1e-6), name
+
+
+@pytest.mark.parametrize("jump_us", [3_600_000_000, FAR_US])
+def test_a_clock_that_jumps_is_named_and_its_silence_costs_nothing(jump_us):
+    def jumping(_camera, e):
+        return replace(e, t_us=e.t_us + jump_us * (e.t_us >= DURATION_US // 2))
+
+    here = head_recording().events(0, 0, DURATION_US)
+    later = Recorded(ONE.rig, POSES, (jumping(0, here),))
+    findings = checked_events(recording=later)
+    assert findings["events-gaps"].verdict == "wrong"
+    assert f"no event of any camera for {jump_us / 1e6:,.0f}" in findings["events-gaps"].evidence
+    assert findings["events-rate"].verdict == "good"

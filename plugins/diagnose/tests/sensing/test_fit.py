@@ -29,7 +29,8 @@ def test_thresholds_mismatch_and_bandwidth_are_recovered_and_refused_without_fra
     assert fit["contrast_threshold_neg"].value == pytest.approx(0.25, rel=0.01)
     for name in ("bandwidth_hz", "refractory_period_us", "shot_rate_hz"):
         assert fit[name].refused
-    assert not fit["threshold_sigma"].value > 0.003
+    assert fit["threshold_sigma"].bounds
+    assert fit["threshold_sigma"].value < 0.006
     pixels, _ = recorded(*moving, **C)
     fit = fit_pixels(pixels, None)
     assert "needs frames" in fit["contrast_threshold_neg"].refused
@@ -42,6 +43,26 @@ def test_thresholds_mismatch_and_bandwidth_are_recovered_and_refused_without_fra
     for name, rel in zip(truth, (0.15, 0.2, 0.04, 0.04), strict=True):
         assert fit[name].value == pytest.approx(truth[name], rel=rel)
         assert abs(fit[name].value - truth[name]) < fit[name].uncertainty
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("framed", [True, False])
+def test_of_an_ideal_sensor_every_interval_holds_zero(seed, framed):
+    """What is not there is refused or has an upper bound; the simulator is given none of it."""
+    pixels, frames = recorded(*movie(seed, seconds=1.0, speed_px_s=20.0), seed=seed, **C)
+    fit = fit_pixels(pixels, frames if framed else None)
+    for estimate in fit.estimates[2:]:
+        assert estimate.refused or estimate.bounds or estimate.value <= estimate.uncertainty
+        assert not estimate.bounds or estimate.words[0].startswith("≤ ")
+    assert not any(fit.values()["sensor"].values())
+
+
+def test_the_upper_bound_of_noise_is_none_below_it(moving):
+    noise = {"shot_rate_dark_hz": 1.0, "shot_rate_bright_hz": 1.0}
+    pixels, _ = recorded(*moving, sensor=noise, **C)
+    shot = fit_pixels(pixels, None)["shot_rate_hz"]
+    assert shot.bounds
+    assert 1.0 < shot.value < 6.0
 
 
 def test_events_lost_in_bursts_change_no_threshold():

@@ -11,6 +11,7 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.windows import plan_windows
+from eventsweep.plugins.track.odometry import online
 from eventsweep.plugins.track.odometry.online import OnlineMapper
 from eventsweep.plugins.track.odometry.stream import Stream
 from refusals import refused
@@ -78,6 +79,41 @@ def test_memory_holds_what_is_not_finished(recording):
     held = sum(map(len, mapper._arrived.streams))
     assert held < 0.5 * sum(map(len, recording.streams))
     assert len(mapper._arrived.trajectory) < len(recording.trajectory)
+
+
+def fed(mapper, packets, events_per_packet, poses, step_us=10_000, jump_us=0):
+    """Pushes noise of both cameras, and poses unless they are silent; a jump half way."""
+    rng, t_us = np.random.default_rng(0), 0
+    for k in range(packets):
+        t_us += jump_us if k == packets // 2 else 0
+        at = np.sort(rng.integers(t_us, t_us + step_us, events_per_packet))
+        x = rng.integers(0, 60, events_per_packet).astype(np.uint16)
+        packet = Events(x, x, at, (x % 2).astype(np.uint8))
+        t = np.array([t_us, t_us + step_us // 2])
+        path = Trajectory(t, np.zeros((2, 3)), np.tile([0.0, 0, 0, 1], (2, 1))) if poses else None
+        t_us += step_us
+        mapper.push([packet, packet], t_us, path)
+    return mapper
+
+
+def test_events_without_poses_and_poses_without_events_take_bounded_memory(recording, monkeypatch):
+    monkeypatch.setattr(online, "_MOST_WAITING", 3000)
+    lone = fed(OnlineMapper(recording.rig, CONFIG), 400, 100, poses=False)
+    assert lone.waits_for == "poses"
+    held = [len(stream) for stream in lone._arrived.streams]
+    assert held == [400 * 100 - dropped for dropped in lone.dropped_events]
+    assert max(held) <= 3000
+    silent = fed(OnlineMapper(recording.rig, CONFIG), 400, 0, poses=True)
+    assert silent.waits_for == "events"
+    assert len(silent._arrived.poses) <= 3
+    assert silent.dropped_poses == 800 - len(silent._arrived.poses)
+
+
+@pytest.mark.parametrize("jump_us", [3_600_000_000, 1_700_000_000_000_000])
+def test_windows_in_a_long_silence_are_stepped_over_and_counted(recording, jump_us):
+    mapper = fed(OnlineMapper(recording.rig, CONFIG), 40, 50, poses=True, jump_us=jump_us)
+    assert mapper.skipped_windows == pytest.approx((jump_us - 10_000_000) / 60_000, abs=5)
+    assert mapper._arrived.poses.span_us[0] > jump_us
 
 
 @given(st.lists(st.tuples(st.integers(0, 50_000), st.integers(0, 70_000)), max_size=12))

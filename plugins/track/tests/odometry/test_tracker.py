@@ -311,3 +311,81 @@ def test_what_it_needs_is_said_in_one_line(recording):
         recording.rig, recording.trajectory, tuple(s.slice(0, 50) for s in recording.streams)
     )
     refused("tracking could not start", track, empty)
+
+
+def shifted(recording, by_us):
+    """The same recording on another clock."""
+    path = recording.trajectory
+    path = Trajectory(path.t_us + by_us, path.positions_m, path.quats_xyzw)
+    streams = tuple(stream.shifted(by_us) for stream in recording.streams)
+    return replace(recording, trajectory=path, streams=streams)
+
+
+@pytest.mark.slow
+def test_poses_do_not_depend_on_where_the_clock_begins(recording, tracked):
+    far_us = 1_700_000_000_000_000
+    there = track(shifted(recording, far_us), CONFIG)
+    np.testing.assert_array_equal(there.trajectory.t_us - far_us, tracked.trajectory.t_us)
+    np.testing.assert_allclose(
+        there.trajectory.positions_m, tracked.trajectory.positions_m, atol=1e-4
+    )
+    assert there.statuses == tracked.statuses
+
+
+def scattered(recording, t0_us, t1_us, count, seed):
+    """Events anywhere, of every camera."""
+    rng, packets = np.random.default_rng(seed), []
+    for camera in recording.rig.cameras:
+        t_us = np.sort(rng.integers(t0_us, t1_us, count))
+        x, y = rng.integers(0, camera.width_px, count), rng.integers(0, camera.height_px, count)
+        packets.append(Events(x.astype(np.uint16), y.astype(np.uint16), t_us, (x % 2).astype("u1")))
+    return packets
+
+
+@pytest.mark.parametrize("jump_us", [3_600_000_000, 1_700_000_000_000_000])
+def test_a_jump_of_the_clock_is_stepped_over(recording, jump_us):
+    """A body that stood still all the time is found where it was; the way over costs nothing."""
+    tracker, poses = tracker_of(recording)
+    run(recording, [END_US], tracker)
+    assert tracker.status is Status.TRACKING
+    known = len(poses)
+    tracker.push([Events.empty()] * 2, jump_us)
+    packets = scattered(recording, jump_us, jump_us + 10_000, 20, 0)
+    tracker.push(packets, jump_us + 10_000)
+    assert len(poses) - known < 1100  # ten seconds of a body that stands
+    assert poses[-1].status is not Status.TRACKING
+    assert tracker.push([Events.empty()] * 2, 2 * jump_us) is not None
+
+
+@pytest.mark.parametrize("packets", [400, pytest.param(3000, marks=pytest.mark.slow)])
+def test_silence_noise_and_jumps_take_no_memory_and_are_never_tracking(recording, packets):
+    tracker, poses = tracker_of(recording)
+    run(recording, [END_US], tracker)
+    known, t_us = len(poses), END_US + 100_000
+    tracker.push([Events.empty()] * 2, t_us)
+    for k in range(packets):
+        t_us += 3_600_000_000 if k % 100 == 99 else 0
+        sent = scattered(recording, t_us, t_us + 1000, 0 if k // 50 % 3 == 0 else 20, k)
+        t_us += 1000
+        tracker.push([sent[0], Events.empty() if k // 50 % 3 == 1 else sent[1]], t_us)
+    late = [pose.status for pose in poses[known:] if pose.t_us > END_US + 50_000]
+    assert Status.TRACKING not in late
+    assert sum(map(len, tracker._arrived.streams)) < 10_000
+    assert len(tracker._poses) <= 1024
+    assert len(tracker._silence.spans) <= 2
+
+
+@pytest.mark.parametrize("per_10_ms", [300, 3000])
+def test_noise_alone_is_never_tracked(recording, per_10_ms):
+    """However much of it comes: behind a covered lens nothing is known, and said to be."""
+    tracker, poses = tracker_of(recording)
+    run(recording, range(10_000, END_US + 1, 10_000), tracker)
+    for t_us in range(END_US, END_US + 400_000, 10_000):
+        tracker.push(scattered(recording, t_us, t_us + 10_000, per_10_ms, t_us), t_us + 10_000)
+    late = {pose.status for pose in poses if pose.t_us > END_US + 40_000}
+    assert Status.TRACKING not in late
+    assert tracker.status is not Status.TRACKING
+    fresh, _ = tracker_of(recording)
+    for t_us in range(0, 400_000, 10_000):
+        fresh.push(scattered(recording, t_us, t_us + 10_000, per_10_ms, t_us), t_us + 10_000)
+    assert fresh.status is Status.STARTING
