@@ -156,38 +156,37 @@ def _covered(count: StreamCount, first_us: int, last_us: int) -> float:
 
 def warnings(description: dict[str, Any]) -> list[str]:
     """What a reader should know before mapping, one sentence each."""
-    notes = []
-    for stream in description["streams"]:
-        name = stream["name"]
-        if not stream["events"]:
-            notes.append(f"{name}: no events")
-        for first_us, end_us in stream["longest_gaps_us"][:1]:
-            if end_us - first_us >= LONGEST_SILENCE_US:
-                notes.append(
-                    f"{name}: no event for {(end_us - first_us) / 1e6:,.6g} s, from {first_us} to "
-                    f"{end_us} µs: the clock jumps, or these are several takes"
-                )
-        if stream["out_of_order"]:
-            notes.append(
-                f"{name}: {stream['out_of_order']:,} events come after later ones: sort by time"
-            )
-        if stream["outside_sensor"]:
-            notes.append(
-                f"{name}: {stream['outside_sensor']:,} events lie outside the sensor: check its "
-                "size"
-            )
-        if year := impossible(stream["first_us"] or 0) or impossible(stream["last_us"] or 0):
-            notes.append(f"{name}: times reach {year}: check their unit")
+    notes = [note for stream in description["streams"] for note in _stream_notes(stream)]
     recording = description["recording"]
-    if recording and not recording["poses"]:
+    if not recording or not recording["poses"]:
         return notes
-    notes += recording["pose_notes"] if recording else []
-    if recording and not recording["poses_cover_events"]:
+    notes += recording["pose_notes"]
+    if not recording["poses_cover_events"]:
         least = min(recording["poses_share_of_events_span"])
         notes.append(f"poses cover {least:.1%} of the events' time; the rest cannot be mapped")
-    if recording and recording["pose_gaps"]:
+    if recording["pose_gaps"]:
         notes.append(f"{recording['pose_gaps']} gaps between poses exceed 5 times the usual step")
     return notes
+
+
+def _stream_notes(stream: dict[str, Any]) -> Iterator[str]:
+    name = stream["name"]
+    if not stream["events"]:
+        yield f"{name}: no events"
+    for first_us, end_us in stream["longest_gaps_us"][:1]:
+        if end_us - first_us >= LONGEST_SILENCE_US:
+            yield (
+                f"{name}: no event for {(end_us - first_us) / 1e6:,.6g} s, from {first_us} to "
+                f"{end_us} µs: the clock jumps, or these are several takes"
+            )
+    if stream["out_of_order"]:
+        yield f"{name}: {stream['out_of_order']:,} events come after later ones: sort by time"
+    if stream["outside_sensor"]:
+        yield (
+            f"{name}: {stream['outside_sensor']:,} events lie outside the sensor: check its size"
+        )
+    if year := impossible(stream["first_us"] or 0) or impossible(stream["last_us"] or 0):
+        yield f"{name}: times reach {year}: check their unit"
 
 
 def summary(description: dict[str, Any]) -> Iterator[Table | Text]:

@@ -89,11 +89,13 @@ def _draw_boxes(axes: Axes, scored: Scored, steps: list[Step], column: str) -> N
     for position, (method, found) in enumerate(scored.items()):
         errors = [found.errors.steps[step] for step in steps]
         values = [
-            100 * one.translation_m / one.way_m if column == "translation_m" else one.rotation_deg
-            for one in errors
+            100 * error.translation_m / error.way_m
+            if column == "translation_m"
+            else error.rotation_deg
+            for error in errors
         ]
         at = np.arange(len(steps)) + (position - (len(scored) - 1) / 2) * width
-        drawn = [k for k, one in enumerate(values) if one.size]
+        drawn = [k for k, value in enumerate(values) if value.size]
         if not drawn:  # Matplotlib fails on no box at all
             continue
         colour = line_style(method).colour

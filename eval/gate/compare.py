@@ -207,7 +207,7 @@ def _place(verdict: Judgement) -> tuple[object, ...]:
 
 def is_red(verdicts: Iterable[Judgement]) -> bool:
     """Whether the gate fails."""
-    return any(one.is_red for one in verdicts)
+    return any(verdict.is_red for verdict in verdicts)
 
 
 def _failures(measured: Measured, choice: Choice) -> Iterator[Judgement]:
@@ -218,7 +218,7 @@ def _failures(measured: Measured, choice: Choice) -> Iterator[Judgement]:
 
 def _nothing_compared(verdicts: Sequence[Judgement], choice: Choice) -> Iterator[Judgement]:
     """A gate that has compared nothing knows nothing, and must not be green."""
-    deciding = [one for one in verdicts if one.decides and one.status != "new"]
+    deciding = [verdict for verdict in verdicts if verdict.decides and verdict.status != "new"]
     if any(one.status in COMPARED for one in deciding):
         return
     why = f"the baseline has no deciding number of {', '.join(choice.metrics)}"

@@ -131,18 +131,18 @@ def as_json(verdicts: Sequence[Judgement]) -> str:
     """All verdicts for programs; undefined numbers are null."""
     content = [
         {
-            **one.key._asdict(),
-            "status": one.status,
-            "decides": one.decides,
-            "is_red": one.is_red,
-            "unit": one.unit,
-            "baseline": _defined(one.baseline),
-            "value": _defined(one.value),
-            "tolerance": _defined(one.tolerance),
-            "why": one.why,
-            "alike": one.alike,
+            **verdict.key._asdict(),
+            "status": verdict.status,
+            "decides": verdict.decides,
+            "is_red": verdict.is_red,
+            "unit": verdict.unit,
+            "baseline": _defined(verdict.baseline),
+            "value": _defined(verdict.value),
+            "tolerance": _defined(verdict.tolerance),
+            "why": verdict.why,
+            "alike": verdict.alike,
         }
-        for one in verdicts
+        for verdict in verdicts
     ]
     return json.dumps(content, indent=1, ensure_ascii=False)
 
@@ -152,7 +152,7 @@ def _defined(value: float) -> float | None:
 
 
 def _shown(verdicts: Sequence[Judgement]) -> list[Judgement]:
-    return [one for one in verdicts if one.status != "same"]
+    return [verdict for verdict in verdicts if verdict.status != "same"]
 
 
 def _cells(one: Judgement) -> VerdictLine:
@@ -182,17 +182,20 @@ def _escaped(cells: Sequence[str]) -> Iterator[str]:
 
 def write_junit(path: Path, verdicts: Sequence[Judgement]) -> None:
     """One test case per number: failed where it is red, skipped where nothing was compared."""
-    red = sum(one.is_red for one in verdicts)
-    skipped = sum(not one.is_red and one.status not in COMPARED for one in verdicts)
+    red = sum(verdict.is_red for verdict in verdicts)
+    skipped = sum(not verdict.is_red and verdict.status not in COMPARED for verdict in verdicts)
     suite = xml.Element("testsuite", name="eventsweep gate", tests=str(len(verdicts)))
     suite.attrib |= {"failures": str(red), "errors": "0", "skipped": str(skipped), "time": "0"}
-    for one in verdicts:
-        names = {"classname": one.key.case, "name": f"{one.key.method} {one.key.metric}"}
+    for verdict in verdicts:
+        names = {
+            "classname": verdict.key.case,
+            "name": f"{verdict.key.method} {verdict.key.metric}",
+        }
         case = xml.SubElement(suite, "testcase", {k: _clean(v) for k, v in names.items()}, time="0")
-        message = _clean(sentence(one))
-        if one.is_red:
-            xml.SubElement(case, "failure", type=one.status, message=message)
-        elif one.status not in COMPARED:
+        message = _clean(sentence(verdict))
+        if verdict.is_red:
+            xml.SubElement(case, "failure", type=verdict.status, message=message)
+        elif verdict.status not in COMPARED:
             xml.SubElement(case, "skipped", message=message)
     root = xml.Element("testsuites")
     root.append(suite)

@@ -63,7 +63,7 @@ def write_pictures(
     if not pictures:
         discard(place)
         return
-    inputs = [one.path for one in predictions]
+    inputs = [prediction.path for prediction in predictions]
     with atomic_dir(place, force=True, inputs=inputs, part_of=folder) as made:
         for name, picture in pictures.items():
             (made / name).write_bytes(picture)
@@ -114,7 +114,7 @@ class CaseViews:
             if window is not None and window.truth is not None:
                 first = first or window
                 found |= {mapper_method(m.name, mapper): m for m in window.methods}
-        found |= {one.name: one for one in self.others(score)}
+        found |= {other.name: other for other in self.others(score)}
         return first, found
 
 
@@ -155,9 +155,9 @@ def method_pictures(views: CaseViews, result: Results) -> dict[str, bytes]:
         for row in each(rows[(rows["metric"] == "abs_rel") & np.isfinite(rows["value"])]):
             errors.setdefault(row.method, {})[case] = row.value
     wanted: dict[str, list[tuple[str, str]]] = {}
-    for method, found in errors.items():
-        wanted.setdefault(min(found, key=found.__getitem__), []).append((method, "best"))
-        wanted.setdefault(max(found, key=found.__getitem__), []).append((method, "worst"))
+    for method, error in errors.items():
+        wanted.setdefault(min(error, key=error.__getitem__), []).append((method, "best"))
+        wanted.setdefault(max(error, key=error.__getitem__), []).append((method, "worst"))
     pictures: dict[str, bytes] = {}
     index: dict[str, dict[str, Any]] = {}
     for case, shown in wanted.items():

@@ -183,7 +183,7 @@ class Results:
     @property
     def metrics(self) -> dict[str, str]:
         """Per metric the hash of what it makes of fixed maps."""
-        return {name: text for one in self.samples for name, text in one.metrics.items()}
+        return {name: text for sample in self.samples for name, text in sample.metrics.items()}
 
     @property
     def case_names(self) -> tuple[str, ...]:

@@ -217,7 +217,9 @@ def kept_predictions(folder: Path, predictions: Sequence[Path]) -> Iterator[Path
     """
     place = folder / KEPT_FOLDER
     if predictions:
-        inside = [one for one in predictions if real(one).is_relative_to(real(place))]
+        inside = [
+            prediction for prediction in predictions if real(prediction).is_relative_to(real(place))
+        ]
         with atomic_dir(place, force=True, inputs=inside, part_of=folder) as partial:
             yield partial
         return

@@ -113,7 +113,7 @@ def mean_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = defaultdict(list)
     for row in rows:
         groups[row["method"], row["metric"]].append(row)
-    return [_mean(found, windows) for found in groups.values()]
+    return [_mean(group, windows) for group in groups.values()]
 
 
 def _mean(rows: Sequence[Mapping[str, Any]], windows: int) -> dict[str, Any]:

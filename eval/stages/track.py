@@ -26,8 +26,8 @@ STAGE = __name__
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
     """The tracker's modules or package, and those of the methods of its maps."""
     offered = [point for point in points(TRACKERS) if point.name == parameters["tracker"]]
-    settings = [one for windows in parameters["maps"].values() for one in windows.values()]
-    reached = [mapping.code({"map": one}) for one in settings]
+    settings = [window for windows in parameters["maps"].values() for window in windows.values()]
+    reached = [mapping.code({"map": setting}) for setting in settings]
     modules = [*modules_of(offered), *(name for names, _ in reached for name in names)]
     files = [*files_of(offered), *(file for _, files in reached for file in files)]
     return tuple(dict.fromkeys(modules)), tuple(dict.fromkeys(files))

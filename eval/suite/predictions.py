@@ -116,7 +116,7 @@ def assignment(suite: Suite, case: str, seed: int) -> Assignment:
     return Assignment(
         case=case,
         seed=seed,
-        windows={f"w{number:03d}": one for number, one in enumerate(times)},
+        windows={f"w{number:03d}": time for number, time in enumerate(times)},
         camera=rig.cameras[0].undistorted(),
         baseline_m=rig.baseline_m() if len(rig) > 1 else None,
         depth_range_m=depth_range_m,
@@ -187,7 +187,7 @@ def open_predictions(
             missing, a view without a file, a file that is damaged, of another size or unit, without
             any depth, or with negative ones, one map for two views, or inverse depth.
     """
-    predictions = [_opened(one, suite, assignments) for one in folders]
+    predictions = [_opened(folder, suite, assignments) for folder in folders]
     check_names([prediction.name for prediction in predictions])
     return predictions
 

@@ -50,7 +50,7 @@ class Ranked:
     @property
     def by_method(self) -> dict[str, Standing]:
         """The standings by method."""
-        return {one.method: one for one in self.standings}
+        return {standing.method: standing for standing in self.standings}
 
 
 def direction_of(joined: Merged, metric: str) -> Direction:

@@ -131,7 +131,7 @@ class Pair:
 
     def names(self) -> list[str]:
         """The common cases."""
-        return list(dict.fromkeys(one.case for one in self.cases))
+        return list(dict.fromkeys(case.case for case in self.cases))
 
 
 def compare_results(results: Sequence[ComparedResult]) -> tuple[Pair, ...]:
@@ -142,7 +142,7 @@ def compare_results(results: Sequence[ComparedResult]) -> tuple[Pair, ...]:
 
 def _pair(first: ComparedResult, other: ComparedResult) -> Pair:
     names = [case for case in first.names if case in other.names]
-    found = [one for case in names for one in _differences(case, first, other)]
+    found = [difference for case in names for difference in _differences(case, first, other)]
     if not found:
         raise InputError(nothing_in_common(first, other, JUDGED[0]))
     cases = tuple(_with_intervals(found))
@@ -253,21 +253,21 @@ def _p(one: Difference, strata: Sequence[Floats]) -> float:
 def _means(cases: Sequence[Difference], count: int) -> Iterator[Difference]:
     """Means over cases, every case weighing the same; says where it is over fewer than `count`."""
     groups: dict[tuple[str, str], list[Difference]] = {}
-    for one in cases:
-        if one.strata:
-            groups.setdefault((one.method, one.metric), []).append(one)
-    for found in groups.values():
-        strata = [one.strata[0] for one in found]
+    for case in cases:
+        if case.strata:
+            groups.setdefault((case.method, case.metric), []).append(case)
+    for group in groups.values():
+        strata = [one.strata[0] for one in group]
         low, high = stratified_interval(strata)
         yield Difference(
             f"mean of {count} cases",
-            found[0].method, found[0].metric, found[0].unit, found[0].direction,
-            _mean([one.first for one in found]), _mean([one.other for one in found]),
-            low, high, _p(found[0], strata),
-            seeds=min(one.seeds for one in found),
+            group[0].method, group[0].metric, group[0].unit, group[0].direction,
+            _mean([one.first for one in group]), _mean([one.other for one in group]),
+            low, high, _p(group[0], strata),
+            seeds=min(one.seeds for one in group),
             why=_joined(
-                f"{len(found)} of {count} cases" if len(found) < count else "",
-                *dict.fromkeys(one.why for one in found),
+                f"{len(group)} of {count} cases" if len(group) < count else "",
+                *dict.fromkeys(one.why for one in group),
             ),
             strata=tuple(strata),
         )  # fmt: skip
@@ -275,8 +275,8 @@ def _means(cases: Sequence[Difference], count: int) -> Iterator[Difference]:
 
 def _judged(pairs: Sequence[Pair]) -> tuple[Pair, ...]:
     """Verdicts, corrected for the number of tests: over means, and over single cases."""
-    means = iter(_corrected([one for pair in pairs for one in pair.means]))
-    cases = iter(_corrected([one for pair in pairs for one in pair.cases]))
+    means = iter(_corrected([mean for pair in pairs for mean in pair.means]))
+    cases = iter(_corrected([case for pair in pairs for case in pair.cases]))
     return tuple(
         replace(
             pair,
@@ -317,7 +317,7 @@ def counts_of(found: Iterable[Difference]) -> str:
     """How many of each verdict, in words, and how many of them the correction decided."""
     found = list(found)
     verdicts = [one.verdict for one in found]
-    text = ", ".join(f"{verdicts.count(one)} {one}" for one in dict.fromkeys(verdicts))
+    text = ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in dict.fromkeys(verdicts))
     lost = sum(one.lost_to_correction for one in found)
     if lost:
         text += f" ({lost} of these only for the number of tests: the interval leaves out zero)"

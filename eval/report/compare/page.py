@@ -70,7 +70,7 @@ class Comparison:
     @property
     def differing(self) -> tuple[Setting, ...]:
         """The settings that differ."""
-        return tuple(one for one in self.settings if one.differs)
+        return tuple(setting for setting in self.settings if setting.differs)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -217,8 +217,10 @@ def _here(found: Sequence[Difference]) -> str:
     open_ones = [one for one in found if one.verdict == "undecided" and one.seeds == 1]
     if not open_ones:
         return ""
-    directions = [one.tendency for one in open_ones]
-    counts = ", ".join(f"{directions.count(one)} {one}" for one in dict.fromkeys(directions))
+    directions = [open_one.tendency for open_one in open_ones]
+    counts = ", ".join(
+        f"{directions.count(direction)} {direction}" for direction in dict.fromkeys(directions)
+    )
     return f" With only one seed: {counts}; other seeds may differ."
 
 
@@ -227,15 +229,15 @@ def _cases(comparison: Comparison) -> list[str]:
 
 
 def _settings_grid(comparison: Comparison, settings: Sequence[Setting]) -> Grid:
-    per_case = any(one.cases for one in settings)
+    per_case = any(setting.cases for setting in settings)
     texts = ("setting", *(("of",) if per_case else ()), *comparison.names)
     lines = (
         (
-            f"{one.name} [{one.unit}]" if one.unit else one.name,
-            *((", ".join(one.cases) or "all cases",) if per_case else ()),
-            *one.labelled_texts,
+            f"{setting.name} [{setting.unit}]" if setting.unit else setting.name,
+            *((", ".join(setting.cases) or "all cases",) if per_case else ()),
+            *setting.labelled_texts,
         )
-        for one in settings
+        for setting in settings
     )
     return grid(texts, lines)
 

@@ -191,7 +191,7 @@ def _times(results: Results, sample: Sample) -> dict[str, WindowTime]:
     if results.suite and not windows:
         spec = results.definition["cases"][sample.case]
         times = (WindowSpec.model_validate(window).times_us({}) for window in spec["windows"])
-        windows = {f"w{number:03d}": one for number, one in enumerate(times)}
+        windows = {f"w{number:03d}": time for number, time in enumerate(times)}
     return {name: WindowTime(*(t / 1e6 for t in times)) for name, times in windows.items()}
 
 
@@ -266,8 +266,8 @@ def _with_stages(
 def windows_text(times: Mapping[str, WindowTime]) -> str:
     """How many windows there are and where the first ones lie, for people."""
     shown = [
-        f"{_short(one.start_s)}–{_short(one.end_s)} s at {_short(one.reference_s)} s"
-        for one in list(times.values())[:_MOST_WINDOWS]
+        f"{_short(time.start_s)}–{_short(time.end_s)} s at {_short(time.reference_s)} s"
+        for time in list(times.values())[:_MOST_WINDOWS]
     ]
     rest = len(times) - len(shown)
     return "; ".join(shown) + (f"; {rest} more" if rest else "")

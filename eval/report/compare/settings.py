@@ -102,7 +102,7 @@ def _circumstances(results: Sequence[ComparedResult], names: Iterable[str]) -> I
     for case in names:
         firsts = [result.first(case) for result in results]
         for what in ("sequence", "events", "truth"):
-            hashes = [getattr(one, what)[:_HASH] or ABSENT for one in firsts]
+            hashes = [getattr(first, what)[:_HASH] or ABSENT for first in firsts]
             yield _plain(f"sha256 of {what}", hashes, case)
     for library in sorted({name for result in results for name in result.versions}):
         yield _plain(library, [_version(result, library) for result in results])

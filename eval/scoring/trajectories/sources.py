@@ -82,11 +82,11 @@ def score_sources(
     Raises:
         InputError: two of one name, or what `score_poses` refuses; says of which file.
     """
-    twice = repeated([one.name for one in estimates])
+    twice = repeated([estimate.name for estimate in estimates])
     if twice is not None:
         raise InputError(f"two estimates are called {twice}: give them names as in NAME=FILE")
     scored = {}
-    for one in estimates:
-        with located(one.path):
-            scored[one.name] = score_poses(truth.trajectory, one.trajectory, config)
+    for estimate in estimates:
+        with located(estimate.path):
+            scored[estimate.name] = score_poses(truth.trajectory, estimate.trajectory, config)
     return scored

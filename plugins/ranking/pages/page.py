@@ -98,7 +98,7 @@ def _page_of(entries: tuple[RankingEntry, ...], found: Mapping[str, MethodPictur
         )
     pictures = {method: tuple(one.pictures(method)) for method, one in found.items()}
     ranked = summary.ranked(public)
-    names = page_names([one.method for one in ranked.standings])
+    names = page_names([standing.method for standing in ranked.standings])
     return RankingPage(
         entries,
         ranked,
@@ -151,7 +151,7 @@ def _pictures(sources: Sequence[Source]) -> dict[str, MethodPictures]:
     """The newest pictures of every method; of a hidden part none is shown."""
     found: dict[str, MethodPictures] = {}
     for source in sources:
-        if not any(one.part == "public" for one in source.entries):
+        if not any(entry.part == "public" for entry in source.entries):
             continue
         with suppress(OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError):
             place = inside(source.folder, PICTURES_FOLDER)
@@ -219,7 +219,7 @@ def ranking_page(
 
 
 def _findings(page: RankingPage) -> Iterator[str]:
-    first = [one.method for one in page.public.standings if one.rank == 1]
+    first = [standing.method for standing in page.public.standings if standing.rank == 1]
     if len(page.joined.base.seeds) < 2:
         yield "One seed says nothing about others: all methods tie, ordered by their places."
     elif len(first) == 1:

@@ -62,7 +62,7 @@ class RankingPage:
     @property
     def methods(self) -> list[str]:
         """Those that have a rank, the first one first."""
-        return [one.method for one in self.public.standings]
+        return [standing.method for standing in self.public.standings]
 
 
 def _rank(one: Standing | None) -> tuple[GridCell, GridCell]:
@@ -97,19 +97,19 @@ def overview(page: RankingPage) -> Grid:
     errors = [summary.geometric(joined, m, "abs_rel", joined.cases) for m in page.methods]
     best_error = best(errors, "lower")
     lines = []
-    for one, error in zip(page.public.standings, errors, strict=True):
-        coverage = summary.arithmetic(joined, one.method, "completeness", joined.cases)
-        outliers = summary.arithmetic(joined, one.method, "outlier_share", joined.cases)
-        named = replace(named_cell(one.method), link=page.pages.get(one.method, ""))
+    for standing, error in zip(page.public.standings, errors, strict=True):
+        coverage = summary.arithmetic(joined, standing.method, "completeness", joined.cases)
+        outliers = summary.arithmetic(joined, standing.method, "outlier_share", joined.cases)
+        named = replace(named_cell(standing.method), link=page.pages.get(standing.method, ""))
         cells = [
-            named, *_rank(one), _number(one.place, 2),
+            named, *_rank(standing), _number(standing.place, 2),
             _number(error, is_best=error == best_error), _number(coverage),
             _number(outliers),
         ]  # fmt: skip
         if hidden:
-            there = hidden.by_method.get(one.method)
-            cells += [_rank(there)[0], _number(_hidden_error(hidden, one.method))]
-        lines.append((*cells, *_cost_cells(joined, one.method), _note(page, one.method)))
+            there = hidden.by_method.get(standing.method)
+            cells += [_rank(there)[0], _number(_hidden_error(hidden, standing.method))]
+        lines.append((*cells, *_cost_cells(joined, standing.method), _note(page, standing.method)))
     return grid(heads, lines)
 
 
@@ -161,16 +161,18 @@ def _standing_grid(ranked: Ranked, about: str) -> Grid:
     )  # fmt: skip
     unit = ranked.joined.base.units[ranked.metric][0]
     means = {
-        one.method: sum(one.values) / len(one.values) if one.values else math.nan
-        for one in ranked.standings
+        standing.method: sum(standing.values) / len(standing.values)
+        if standing.values
+        else math.nan
+        for standing in ranked.standings
     }
     best_mean = best(means.values(), head.direction)
     lines = tuple(
         (
-            named_cell(one.method), *_rank(one), _number(one.place),
-            value_cell(means[one.method], unit, best_mean),
+            named_cell(standing.method), *_rank(standing), _number(standing.place),
+            value_cell(means[standing.method], unit, best_mean),
         )
-        for one in ranked.standings
+        for standing in ranked.standings
     )  # fmt: skip
     return grid(heads, lines, about)
 
@@ -233,23 +235,23 @@ def conditions(page: RankingPage) -> Section:
     joined = page.joined
     cases = {condition: summary.cases_of(joined, condition) for condition in CONDITIONS}
     plain = tuple(c for c in joined.cases if not joined.base.cases[c].conditions)
-    groups = {**{name: found for name, found in cases.items() if found}, "none of these": plain}
-    groups = {name: found for name, found in groups.items() if found}
-    heads = {name: plural(len(found), "case") for name, found in groups.items()}
+    groups = {**{name: case for name, case in cases.items() if case}, "none of these": plain}
+    groups = {name: group for name, group in groups.items() if group}
+    heads = {name: plural(len(group), "case") for name, group in groups.items()}
     values = {
         "mean place": {
-            name: summary.mean_places(joined, page.methods, found) for name, found in groups.items()
+            name: summary.mean_places(joined, page.methods, group) for name, group in groups.items()
         },
         "relative error [%]": {
-            name: {m: summary.geometric(joined, m, "abs_rel", found) for m in page.methods}
-            for name, found in groups.items()
+            name: {m: summary.geometric(joined, m, "abs_rel", group) for m in page.methods}
+            for name, group in groups.items()
         },
         "coverage [%]": {
-            name: {m: summary.arithmetic(joined, m, "completeness", found) for m in page.methods}
-            for name, found in groups.items()
+            name: {m: summary.arithmetic(joined, m, "completeness", group) for m in page.methods}
+            for name, group in groups.items()
         },
     }
-    about = Text("; ".join(f"{name}: {', '.join(found)}" for name, found in groups.items()) + ".")
+    about = Text("; ".join(f"{name}: {', '.join(group)}" for name, group in groups.items()) + ".")
     grids = [_by_column(page, heads, columns, title) for title, columns in values.items()]
     choice = tables("conditions", list(values), grids, "Shows")
     return Section("conditions", "Conditions", (about, *choice))
@@ -311,11 +313,11 @@ def _scene_grid(joined: Merged, methods: Sequence[str], cases: Sequence[str], me
 def poses(page: RankingPage) -> Iterator[Section]:
     """How well poses were found from events, case by case; nothing where none were."""
     base = page.joined.base
-    metrics = [m for m in POSE_METRICS if any(m in found for found in base.poses.values())]
+    metrics = [m for m in POSE_METRICS if any(m in pose for pose in base.poses.values())]
     if not metrics:
         return
     heads = ("case", *(column(m).head() for m in metrics))
-    grids = [grid(heads, _pose_lines(base, found, metrics)) for found in base.poses.values()]
+    grids = [grid(heads, _pose_lines(base, pose, metrics)) for pose in base.poses.values()]
     text = "Means over the seeds; where one had no poses, only the time covered has one."
     choice = tables("poses", list(base.poses), grids)
     yield Section("poses", "Poses from events", (Text(text), *choice))
@@ -424,20 +426,24 @@ def history(page: RankingPage) -> Iterator[Section]:
 def made(page: RankingPage) -> Grid:
     """What made each result."""
     entries = page.entries
-    made_by = versions_grid([one.label for one in entries], [one.versions for one in entries])
-    stages = sorted({stage for one in entries for stage in one.code})
+    made_by = versions_grid(
+        [entry.label for entry in entries], [entry.versions for entry in entries]
+    )
+    stages = sorted({stage for entry in entries for stage in entry.code})
     facts: dict[str, list[str]] = {
-        "suite": [f"{one.suite} ({one.digest})" for one in entries],
-        "part": [one.part for one in entries],
-        "sequences": [data(one) for one in entries],
+        "suite": [f"{entry.suite} ({entry.digest})" for entry in entries],
+        "part": [entry.part for entry in entries],
+        "sequences": [data(entry) for entry in entries],
         "seeds": [
-            plural(len(one.seeds), "seed")
-            if one.part == "hidden"
-            else ", ".join(map(str, one.seeds))
-            for one in entries
+            plural(len(entry.seeds), "seed")
+            if entry.part == "hidden"
+            else ", ".join(map(str, entry.seeds))
+            for entry in entries
         ],
-        "platform": [one.platform for one in entries],
-        **{f"code of {stage}": [one.code.get(stage, "") for one in entries] for stage in stages},
+        "platform": [entry.platform for entry in entries],
+        **{
+            f"code of {stage}": [entry.code.get(stage, "") for entry in entries] for stage in stages
+        },
     }
     more = ((name, *texts) for name, texts in facts.items())
     return grid(made_by.heads, (*more, *made_by.lines))

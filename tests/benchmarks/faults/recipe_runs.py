@@ -55,7 +55,8 @@ AREAS = {
     )),
 }  # fmt: skip
 """How many mutations are drawn of each area, and its files."""
-SEQUENCE = ("desk", "--rig", "davis346", "--seconds", "0.2", "--seed", "0")
+SEQUENCE = ("desk", "--rig", "oblique", "--seconds", "0.2", "--seed", "0")
+METHODS = ("all", "Alg2/AtHc@4", "Alg2/HtAc@4", "Late/union")
 
 
 def main():
@@ -119,7 +120,8 @@ def made(copy, work):
     """Simulates once, maps and scores."""
     if not (work / "seq").is_dir():
         fault_runs.run(copy, "simulate", *SEQUENCE, "--out", work / "seq", "--quiet")
-    fault_runs.run(copy, "map", work / "seq", "--out", work / "m", "--force", "--quiet")
+    methods = [word for method in METHODS for word in ("--method", method)]
+    fault_runs.run(copy, "map", work / "seq", "--out", work / "m", *methods, "--force", "--quiet")
     fault_runs.run(copy, "score", work / "m", "--quiet")
 
 
