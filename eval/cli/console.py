@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eventsweep.emvs.errors import visible
-from eventsweep.eval.cli.exit_codes import with_flags
+from eventsweep.eval.cli.flag_names import with_flags
 from eventsweep.eval.progress import Bars, Display, Silent
 
 Part = str | Text | Table

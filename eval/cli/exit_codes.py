@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import sys
 import threading
@@ -14,10 +13,10 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.flag_names import with_flags
 
 if TYPE_CHECKING:
     from eventsweep.emvs.maps.folder import MapInfo
-    from eventsweep.emvs.parameters import ParameterGroup
 
 OK, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -36,23 +35,6 @@ _NOT_NOW = frozenset(
 _OUTERMOST = "eventsweep.eval.cli.main"
 _SOON_S = 0.05
 _INTERRUPTED = "interrupted: no half-written output; run the same command to resume"
-
-# The libraries name their parameters; these are their flags.
-_FLAGS = {
-    "set force=True": "add --force",
-    "set resume=False": "add --fresh",
-    "resume=False": "--fresh",
-    "inpaint=True": "--map.inpaint",
-    "set rate_hz": "add --rate-hz",
-    "set full_scale to": "add --full-scale",
-    "set unit to": "say --unit",
-    "set truth_unit to": "say --truth-unit",
-    "set offset_s": "add --offset-s",
-    "set max_difference_s": "set --max-difference-s",
-    "set associate to": "say --associate",
-    "set align to": "say --align",
-}
-_SIM_SETTING = re.compile(r"(?<![\w./-])(frames|imu|replay|model)\.(\w+)")
 
 _came: list[int] = []
 """Interrupts since the command began: if it ends otherwise, a library lost one."""
@@ -121,26 +103,6 @@ def incomplete(maps: Iterable[MapInfo], *, allowed: bool) -> int:
         "complete; if that is expected, add --allow-skipped"
     )
     return _say(with_flags(words), INCOMPLETE)
-
-
-def with_flags(said: str | InputError) -> str:
-    """A library's message with the command line's flags in place of parameters."""
-    words, parameter = str(said), said.parameter if isinstance(said, InputError) else ""
-    if parameter and words.startswith(f"{parameter} "):
-        words = f"--{parameter.replace('_', '-')}{words.removeprefix(parameter)}"
-    for parameter, flag in _FLAGS.items():
-        words = words.replace(parameter, flag)
-    return _SIM_SETTING.sub(_sim_flag, words)
-
-
-def _sim_flag(found: re.Match[str]) -> str:
-    """The flag of a setting in a group of the simulator's; a file such as `imu.csv` is none."""
-    from eventsweep.sim.config import SimConfig
-
-    group, name = found.groups()
-    settings: ParameterGroup = getattr(SimConfig(), group)
-    known = name in type(settings).model_fields
-    return f"--sim.{group}.{name.replace('_', '-')}" if known else found.group()
 
 
 def _send_again(lost: sys.UnraisableHookArgs) -> None:

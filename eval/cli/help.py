@@ -18,6 +18,7 @@ from cyclopts.argument import Argument, ArgumentCollection
 from cyclopts.exceptions import CycloptsError, UnknownOptionError
 
 from eventsweep.emvs.utils import inputs
+from eventsweep.eval.cli import flag_names
 
 Shown = Literal["as declared", "nothing", "short", "all"]
 
@@ -60,9 +61,19 @@ class Program(App):
 
     def parse_args(self, *tokens: Any, **options: Any) -> Any:
         """What is called with what; its outputs remove no file that any of it names."""
+        flag_names.runs(self._flags_of(tokens))
         command, bound, ignored = super().parse_args(*tokens, **options)
         inputs.also_read(bound.arguments)
         return command, bound, ignored
+
+    def _flags_of(self, tokens: Any) -> Callable[[], ArgumentCollection]:
+        """What a command takes, where the command can be told from its words."""
+
+        def flags() -> ArgumentCollection:
+            _, apps, _ = self.parse_commands(tokens[0] if tokens else None)
+            return apps[-1].assemble_argument_collection()
+
+        return flags
 
     def help_print(
         self,

@@ -68,7 +68,7 @@ def events(
 
 def _show(console: Console, recorded: RecordedVideo) -> None:
     from eventsweep.eval.cli.console import dim
-    from eventsweep.eval.cli.exit_codes import with_flags
+    from eventsweep.eval.cli.flag_names import with_flags
 
     duration_s = (recorded.span_us[1] - recorded.span_us[0]) * 1e-6
     line = (

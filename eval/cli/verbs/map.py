@@ -80,7 +80,7 @@ def map(  # noqa: A001 - the verb's name
 
 
 def _warn(doubt: str) -> None:
-    from eventsweep.eval.cli.exit_codes import with_flags
+    from eventsweep.eval.cli.flag_names import with_flags
 
     sys.stderr.write(f"check: {with_flags(doubt)}\n")
 

@@ -20,7 +20,7 @@ from eventsweep.eval.cli.app import (
     app,
     command_line,
 )
-from eventsweep.eval.cli.exit_codes import with_flags
+from eventsweep.eval.cli.flag_names import with_flags
 from eventsweep.eval.config import EvalConfig, TrajectoryConfig
 
 if TYPE_CHECKING:

@@ -66,7 +66,7 @@ def _summary(report: Report) -> Iterator[Part]:
     from rich.text import Text
 
     from eventsweep.eval.cli.console import dim, table
-    from eventsweep.eval.cli.exit_codes import with_flags
+    from eventsweep.eval.cli.flag_names import with_flags
 
     rows = (
         (

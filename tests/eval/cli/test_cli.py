@@ -14,7 +14,8 @@ import h5py
 import numpy as np
 import pytest
 
-from eventsweep.eval.cli.exit_codes import with_flags
+from eventsweep.eval.cli import flag_names
+from eventsweep.eval.cli.app import app
 from eventsweep.eval.cli.main import main
 from programs import python
 from refusals import command_refused
@@ -115,19 +116,23 @@ def test_flag_beats_file_beats_default(tmp_path, capsys, sequence, config):
     assert capsys.readouterr().out == ""
 
 
-@pytest.mark.parametrize(("library", "command_line"), [
-    ("o exists: set force=True to replace it", "o exists: add --force to replace it"),
-    ("or set resume=False to discard it", "or add --fresh to discard it"),
-    ("(resume=False discards them)", "(--fresh discards them)"),
-    ("simulate with frames.rate_hz above 0", "simulate with --sim.frames.rate-hz above 0"),
-    ("simulate with imu.rate_hz above 0", "simulate with --sim.imu.rate-hz above 0"),
-    ("replay.imu_cam without replay", "--sim.replay.imu-cam without replay"),
-    ("a/frames.gain and imu.csv", "a/frames.gain and imu.csv"),
-    ("map with inpaint=True to fill", "map with --map.inpaint to fill"),
-    ("planes is 1: needs 2", "planes is 1: needs 2"),
+@pytest.mark.parametrize(("verb", "library", "command_line"), [
+    ("simulate", "o exists: set force=True to replace it", "o exists: add --force to replace it"),
+    ("list", "o exists: set force=True to replace it", "o exists: set force=True to replace it"),
+    ("simulate", "or set resume=False to discard it", "or add --fresh to discard it"),
+    ("simulate", "(resume=False discards them)", "(--fresh discards them)"),
+    ("simulate", "with frames.rate_hz above 0", "with --sim.frames.rate-hz above 0"),
+    ("map", "with frames.rate_hz above 0", "with frames.rate_hz above 0"),
+    ("simulate", "replay.imu_cam without replay", "--sim.replay.imu-cam without replay"),
+    ("simulate", "a/frames.gain and imu.csv", "a/frames.gain and imu.csv"),
+    ("map", "map with inpaint=True to fill", "map with --map.inpaint to fill"),
+    ("score", "set unit to 'ns', or set offset_s", "say --unit 'ns', or add --offset-s"),
+    ("list", "set unit to 'ns'", "set unit to 'ns'"),
+    ("map", "planes is 1: needs 2", "planes is 1: needs 2"),
 ])  # fmt: skip
-def test_libraries_name_parameters_and_the_command_line_flags(library, command_line):
-    assert with_flags(library) == command_line
+def test_libraries_name_parameters_and_the_command_line_its_flags(verb, library, command_line):
+    flag_names.runs(app[verb].assemble_argument_collection)
+    assert flag_names.with_flags(library) == command_line
 
 
 def test_an_existing_output_is_kept_unless_forced(tmp_path, capsys, sequence):
