@@ -79,3 +79,6 @@ from .sim.sensor.esim import EventSimulator as EventSimulator
 from .sim.sensor.sensor import Sensor as Sensor
 from .sim.sensor_presets import SensorConfig as SensorConfig
 from .simulation import simulate as simulate
+from .suites import method_table as method_table
+from .suites import run_suite as run_suite
+from .suites import write_table as write_table

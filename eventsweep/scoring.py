@@ -15,7 +15,7 @@ from eventsweep.eval.config import EvalConfig, TrajectoryConfig
 from eventsweep.eval.results.results import Results
 from eventsweep.eval.results.table import together
 from eventsweep.eval.scoring import run_folder
-from eventsweep.eval.scoring.case import CaseMaps, sample_of
+from eventsweep.eval.scoring.case import CaseMaps, event_rows, sample_of
 from eventsweep.eval.scoring.metric_versions import metric_versions
 from eventsweep.eval.scoring.pairing import REFERENCE
 from eventsweep.eval.scoring.score import case_rows, pairs_of_maps, rig_rows
@@ -108,6 +108,7 @@ def _score_window(result: WindowResult, recording: Recording, config: EvalConfig
     pairs = pairs_of_maps(scored, result.window, result.depth_maps, config, reference=REFERENCE)
     rows = [
         case_rows(scored.name, {_WINDOW: pairs}),
+        event_rows(scored.name, [([c.to_json() for c in result.counts], result.event_image)]),
         rig_rows(scored.name, scored, [result.window]),
     ]
     settings = {

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError, quoted
+from eventsweep.emvs.errors import InputError, check_path, quoted
 from eventsweep.emvs.utils.outputs import output_file
 from eventsweep.eval.numbers import display_unit, displayed
 from eventsweep.eval.report.ranking import column
@@ -334,12 +334,13 @@ def check_table_file(path: Path) -> None:
         raise InputError(f"{path}: a table needs a name that ends in {', '.join(FORMATS)}")
 
 
-def write_table(path: Path, table: MethodTable, *, force: bool = False) -> None:
+def write_table(path: str | Path, table: MethodTable, *, force: bool = False) -> None:
     """Writes the table in the format that the file's name says.
 
     Raises:
         InputError: another ending than those of `FORMATS`, or a file that is there, without force.
     """
-    check_table_file(path)
-    with output_file(path, force=force) as partial:
-        partial.write_text(FORMATS[path.suffix](table), encoding="utf-8")
+    check_path("path", path)
+    check_table_file(Path(path))
+    with output_file(Path(path), force=force) as partial:
+        partial.write_text(FORMATS[Path(path).suffix](table), encoding="utf-8")

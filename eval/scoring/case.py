@@ -118,7 +118,9 @@ def describe_case(case: CaseMaps) -> Results:
         (method, _depths_m([window.depth_map(method) for window in windows]))
         for method in windows[0].info.methods
     )
-    rows = together([event_rows(case.name, windows), _depth_rows(case.name, depths_m)])
+    rows = together(
+        [event_rows(case.name, map(_counted, windows)), _depth_rows(case.name, depths_m)]
+    )
     settings = {"rig": case.recording.rig.name, **_map_settings(case)}
     settings["windows"] = {"scored": 0, "without_truth": len(windows)}
     return Results(rows, {case.name: settings}, (sample_of(case, {}),), {}, "")
@@ -146,9 +148,13 @@ def _depth_rows(case: str, depths_m: Iterable[tuple[str, NDArray[np.float32]]]) 
     return tidy(rows)
 
 
+def _counted(window: StoredWindow) -> tuple[Iterable[Mapping[str, int]], NDArray[np.integer]]:
+    return window.info.counts.values(), window.event_image
+
+
 def _context_rows(case: CaseMaps, *, in_suite: bool) -> pd.DataFrame:
     first = next(iter(case.windows.values()))
-    events = event_rows(case.name, first)
+    events = event_rows(case.name, map(_counted, first))
     if in_suite:
         return events
     return together([events, rig_rows(case.name, case.recording, [w.info for w in first])])
@@ -198,13 +204,22 @@ def sample_of(case: CaseMaps, metrics: Mapping[str, str]) -> Sample:
     )  # fmt: skip
 
 
-def event_rows(case: str, windows: Sequence[StoredWindow]) -> pd.DataFrame:
-    """Event statistics: a fault may lose some without a trace in the depth."""
-    counts = [camera for window in windows for camera in window.info.counts.values()]
+def event_rows(
+    case: str, windows: Iterable[tuple[Iterable[Mapping[str, int]], NDArray[np.integer]]]
+) -> pd.DataFrame:
+    """Event statistics: a fault may lose some without a trace in the depth.
+
+    Each window has the counts of its cameras, and (2, H, W) events per pixel of camera 0: darker
+    and brighter ones.
+    """
+    counts: list[Mapping[str, int]] = []
+    image = np.zeros(2, np.int64)
+    for of_cameras, event_image in windows:
+        counts += of_cameras
+        image += event_image.sum((1, 2), dtype=np.int64)
     total = {name: sum(camera[name] for camera in counts) for name in counts[0]}
     outcomes = ("counted", "outside_image", "behind_camera")
     votes = sum(total[f"votes_{outcome}"] for outcome in outcomes)
-    image = sum(window.event_image.sum((1, 2), dtype=np.int64) for window in windows)
     shares = {
         "brighter_share": (image[1], image.sum(), "none"),
         "voting_share": (total["voting"], total["events"], "higher"),

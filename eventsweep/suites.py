@@ -1,0 +1,61 @@
+"""Suites for users of the library: a definition, a folder of results, and a paper's table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from eventsweep.emvs.errors import InputError, check_path
+from eventsweep.emvs.utils.cache import Cache, default_cache
+from eventsweep.eval.jobs.local import default_workers, local_workers
+from eventsweep.eval.progress import SILENT
+from eventsweep.eval.report.method_table import method_table, write_table
+from eventsweep.eval.results.results import Results
+from eventsweep.eval.scoring.predictions import NamedFolder
+from eventsweep.eval.suite import output
+from eventsweep.eval.suite.definition import load
+from eventsweep.eval.suite.run import run_suite as run_jobs_of
+
+__all__ = ["method_table", "run_suite", "write_table"]
+
+
+def run_suite(
+    suite: str | Path, out: str | Path, *, seeds: Sequence[int] | None = None,
+    cases: Sequence[str] = (), workers: int | None = None, cache: str | Path | None = None,
+    force: bool = False,
+) -> Results:  # fmt: skip
+    """Runs a suite and writes `suite.json` and `suite.csv`; finished jobs come from the cache.
+
+    With more than one worker the calling script must stand below `if __name__ == "__main__":`.
+
+    Args:
+        suite: a name such as `quick`, or the path of a definition; see the page `suite`.
+        out: folder to write.
+        seeds: by default the suite's own.
+        cases: the only ones to run; by default all.
+        workers: processes; by default one per processor.
+        cache: folder of finished jobs; by default that of the command line.
+        force: whether a result that is there is replaced.
+
+    Returns:
+        All numbers, of all cases and seeds, and what became of each job.
+
+    Raises:
+        InputError: an unknown suite or case, a definition or file that cannot be used, or a folder
+            that is there.
+    """
+    check_path("out", out)
+    definition, subset = load(str(suite))
+    if workers is not None and workers < 1:
+        raise InputError(f"workers is {workers}: must be 1 or greater")
+    store = Cache(Path(cache) if cache is not None else default_cache())
+    crew = partial(local_workers, default_workers() if workers is None else workers, store.folder)
+    depths = [NamedFolder(Path(place), name) for name, place in definition.predictions.items()]
+    with output.prepare_folder(Path(out), force=force) as folder:
+        results = run_jobs_of(
+            definition, subset, crew, SILENT,
+            seeds=seeds, cases=cases, predictions=depths,
+        )  # fmt: skip
+        output.write(folder, results, force=force)
+    return results
