@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.data.identity import content_hash
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.dsi.device import Device, check_device, projector_on
 from eventsweep.emvs.errors import InputError
@@ -32,6 +31,7 @@ from eventsweep.emvs.maps.folder import (
     write_index,
     write_window,
 )
+from eventsweep.emvs.maps.identity import content_hash
 from eventsweep.emvs.maps.store import MapStore, open_store, read_entry, write_entry
 from eventsweep.emvs.methods import device_for_methods, methods_by_name
 from eventsweep.emvs.preflight import check_view_fits, check_window_fits

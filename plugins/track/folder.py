@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.identity import content_hash
 from eventsweep.emvs.data.poses import write_tum
 from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.depth.depth_map import DepthMap
@@ -26,6 +25,7 @@ from eventsweep.emvs.depth.point_cloud import (
     write_ply,
 )
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.maps.identity import content_hash
 from eventsweep.emvs.utils.files import made_parent, work_folder
 from eventsweep.emvs.utils.outputs import atomic_dir, check_output, real
 from eventsweep.emvs.utils.runtime import versions

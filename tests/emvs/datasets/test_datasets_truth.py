@@ -93,7 +93,9 @@ def test_the_nearest_truth_is_taken_within_the_tolerance_only(pair):
     refused("no ground truth within 23999 µs", nearest_truth_us, found, 224_000, 23_999)
 
 
-def test_a_data_set_without_truth_says_what_has_some(pair, tmp_path, capsys):
+def test_a_data_set_without_truth_is_described_and_says_what_has_some(pair, tmp_path, capsys):
     bag = rewritten(pair[0], tmp_path / "bag", "rosbag1")
-    assert scored(bag, tmp_path / "map", 250_000) == 2
+    assert scored(bag, tmp_path / "map", 250_000) == 0
+    (tmp_path / "mine").mkdir()
+    assert main(["score", str(tmp_path / "map"), "--prediction", str(tmp_path / "mine")]) == 2
     assert "DSEC's disparity, MVSEC's depth, or `[truth]`" in capsys.readouterr().err

@@ -92,7 +92,7 @@ def test_poses_found_are_named_in_a_recording_toml(ours, tmp_path):
         file.write('[poses]\nfile = "trajectory.txt"\n')
     assert has_poses(open_recording(folder))
     (folder / "trajectory.txt").write_text("1e18 0 0 0 0 0 0 1\n")
-    refused(r"recording.toml with poses.unit = 'ns'", open_recording, folder)
+    refused("set poses.unit to 'ns'", open_recording, folder)
 
 
 def test_convert_asks_for_another_name_than_one_of_its_sources(ours, tmp_path, capsys):
