@@ -56,15 +56,19 @@ def read_spec(path: Path) -> mujoco.MjSpec:
         InputError: no such file, or MuJoCo cannot read it or what it includes.
     """
     mj = import_mujoco()
-    if not path.exists():
-        raise InputError(f"{path}: no such file: name a model in MJCF (.xml) or URDF (.urdf)")
-    check_file(path, _XML_BYTES)
+    _check_there(path)
     try:
         if path.suffix.lower() == ".urdf":
             return _robot(mj, path)
         return mj.MjSpec.from_file(str(path.resolve()))
     except ValueError as error:
         raise InputError(f"{path} is not valid MJCF ({_line(error)}): correct it") from error
+
+
+def _check_there(path: Path) -> None:
+    if not path.exists():
+        raise InputError(f"{path}: no such file: name a model in MJCF (.xml) or URDF (.urdf)")
+    check_file(path, _XML_BYTES)
 
 
 def _robot(mj: Any, path: Path) -> mujoco.MjSpec:
@@ -120,6 +124,7 @@ def model_of(path: Path) -> Any:
     Raises:
         InputError: what `read_spec` and `compiled` refuse.
     """
+    _check_there(path)  # of links in a circle Python finds no end
     return _model_of(path.resolve(), tuple(digests(path).items()))
 
 
