@@ -170,6 +170,11 @@ def visible(text: str) -> str:
     return _COMMANDS.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
+def one_line(text: str) -> str:
+    """A text as `visible` has it whose line ends, which data may hold, stand as JSON's, too."""
+    return visible(text).replace("\n", "\\n")
+
+
 def quoted(*words: object) -> str:
     """Words of a file as an error may show them: printable, the first few, of bounded length."""
     shown = [word if len(word) < 48 else f"{word[:40]}..." for word in map(str, words[:8])]

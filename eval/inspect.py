@@ -14,6 +14,7 @@ from eventsweep.emvs.data.headers import impossible
 from eventsweep.emvs.data.occupied import LONGEST_SILENCE_US
 from eventsweep.emvs.data.recording import Recording, has_poses
 from eventsweep.emvs.datasets.raw_streams import Readable, open_readable
+from eventsweep.emvs.errors import one_line
 from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.eval.event_statistics import StreamCount
@@ -203,7 +204,7 @@ def _streams(description: dict[str, Any]) -> Table:
     table = Table(box=None, pad_edge=False)
     table.add_column("")
     for stream in description["streams"]:
-        table.add_column(stream["name"], justify="right")
+        table.add_column(one_line(stream["name"]), justify="right")
     for key, title in _ROWS.items():
         table.add_row(title, *(_cell(key, stream[key]) for stream in description["streams"]))
     return table

@@ -8,6 +8,8 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol
 
+from eventsweep.emvs.errors import one_line
+
 if TYPE_CHECKING:
     from rich.console import Console as RichConsole
 
@@ -77,14 +79,15 @@ class Bars:
             *columns, console=console, transient=True, disable=not console.is_terminal
         )
         with bars:
+            title = one_line(title)
             task = bars.add_task(title, total=total, words="")
-            yield lambda done, words: bars.update(task, completed=done, words=words)
+            yield lambda done, words: bars.update(task, completed=done, words=one_line(words))
         finished = bars.tasks[task]
         console.print(f"{title:<16} {finished.elapsed or 0:5.1f} s  {finished.fields['words']}")
 
     def say(self, line: str) -> None:
         """Prints the line on the error stream."""
-        sys.stderr.write(f"{self._wording(line)}\n")
+        sys.stderr.write(f"{one_line(self._wording(line))}\n")
 
 
 # How wall time divides among the stages, for one bar that moves evenly: where each begins, and its

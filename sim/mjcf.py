@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 from xml.parsers import expat
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, located, printable
 from eventsweep.emvs.utils.inputs import check_file, read_text
 from eventsweep.emvs.utils.processes import bounded
 from eventsweep.sim.graphics import import_mujoco
@@ -56,15 +56,19 @@ def read_spec(path: Path) -> mujoco.MjSpec:
         InputError: no such file, or MuJoCo cannot read it or what it includes.
     """
     mj = import_mujoco()
-    if not path.exists():
-        raise InputError(f"{path}: no such file: name a model in MJCF (.xml) or URDF (.urdf)")
-    check_file(path, _XML_BYTES)
+    _check_there(path)
     try:
         if path.suffix.lower() == ".urdf":
             return _robot(mj, path)
         return mj.MjSpec.from_file(str(path.resolve()))
     except ValueError as error:
         raise InputError(f"{path} is not valid MJCF ({_line(error)}): correct it") from error
+
+
+def _check_there(path: Path) -> None:
+    if not path.exists():
+        raise InputError(f"{path}: no such file: name a model in MJCF (.xml) or URDF (.urdf)")
+    check_file(path, _XML_BYTES)
 
 
 def _robot(mj: Any, path: Path) -> mujoco.MjSpec:
@@ -93,7 +97,7 @@ def _resolved(file: str, folder: Path) -> str:
     named = file.removeprefix(_PACKAGE).lstrip("/")
     for root in (folder, *folder.parents):
         for rest in (named, named.partition("/")[2]):
-            if (root / rest).is_file():
+            if os.path.isfile(root / rest):  # noqa: PTH113 - bears any name
                 return str(root / rest)
     return named
 
@@ -120,6 +124,7 @@ def model_of(path: Path) -> Any:
     Raises:
         InputError: what `read_spec` and `compiled` refuse.
     """
+    _check_there(path)  # of links in a circle Python finds no end
     return _model_of(path.resolve(), tuple(digests(path).items()))
 
 
@@ -133,11 +138,17 @@ def _model_of(path: Path, _digests: tuple[tuple[str, str], ...]) -> Any:
     with _memory_file() as made:
         bounded(
             str(path),
-            lambda: mj.mj_saveModel(compiled(read_spec(path)), str(made), None),
+            lambda: mj.mj_saveModel(_compiled_at(path), str(made), None),
             memory_bytes=_MODEL_BYTES + _MODEL_RATIO * size,
             cpu_s=_MODEL_S + round(size * _MODEL_S_PER_BYTE),
         )
         return mj.MjModel.from_binary_path(str(made))
+
+
+def _compiled_at(path: Path) -> Any:
+    spec = read_spec(path)
+    with located(path):
+        return compiled(spec)
 
 
 @contextmanager
@@ -229,11 +240,11 @@ def _is_there(file: Path) -> bool:
     A folder is left alone: it may have the name of a file that lies elsewhere.
     """
     try:
-        if file.is_dir():
+        if os.path.isdir(file):  # noqa: PTH112
             return False
         check_file(file, _ASSET_BYTES)
     except (OSError, ValueError):  # not there, or no name of a file
-        if file.exists():
+        if os.path.exists(file):  # noqa: PTH110 - bears a name that is too long
             raise
         return False
     return True
@@ -261,4 +272,4 @@ def named(mj: Any, model: Any, kind: str) -> list[str]:
 
 
 def _line(error: Exception) -> str:
-    return " ".join(str(error).split())
+    return printable(str(error), 400)

@@ -83,6 +83,7 @@ def _first_of_each(rows: NDArray[np.float64], t_us: NDArray[np.int64]) -> Trajec
     return Trajectory(t_us[kept], places, quats, notes=(note,) if repeats else ())
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what is too large is refused below
 def _times_us(path: Path, t: NDArray[np.float64], counted: str, *, asks: bool) -> NDArray[np.int64]:
     """Times in whole µs; those that cannot be are refused where nothing says their unit."""
     t_us = np.round(t * PER_UNIT_US[counted or "s"])

@@ -58,6 +58,7 @@ def transform_each(T_a_b: Matrix, points_b: Matrix) -> Matrix:
     return np.asarray(turned + T_a_b[:, :3, 3], np.float64)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def is_rigid(T_a_b: Matrix, tolerance: float = 1e-6) -> bool:
     """Whether a (4, 4) matrix is a rotation and a translation, to `tolerance`."""
     R = T_a_b[:3, :3]
@@ -70,6 +71,7 @@ def is_rigid(T_a_b: Matrix, tolerance: float = 1e-6) -> bool:
     )
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def fault(T_a_b: Matrix, tolerance: float = 1e-6) -> str:
     """Why `is_rigid` refuses a matrix, with the amount and the limit; empty where it does not."""
     if T_a_b.shape != (4, 4):

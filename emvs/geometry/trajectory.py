@@ -13,6 +13,8 @@ from eventsweep.emvs.errors import InputError, check_array, shown
 from eventsweep.emvs.geometry import se3
 
 _UNIT_TOLERANCE = 1e-3
+MOST_M = 1e12
+"""More than any position; what is larger has no sum of squares to reckon with."""
 
 
 class PoseSource(Protocol):
@@ -132,6 +134,7 @@ class Trajectory:
             )
 
 
+@np.errstate(over="ignore")  # what is too large is refused below
 def _check_values(
     t_us: NDArray[np.int64], positions_m: NDArray[np.float64], quats_xyzw: NDArray[np.float64]
 ) -> None:
@@ -139,6 +142,13 @@ def _check_values(
     if bad.any():
         raise InputError(
             f"pose {int(np.argmax(bad))} is not finite: remove it ({bad.sum()} such poses)"
+        )
+    far = np.abs(positions_m).max(axis=1) > MOST_M
+    if far.any():
+        k = int(np.argmax(far))
+        raise InputError(
+            f"pose {k} is {np.abs(positions_m[k]).max():.4g} m away, at most {MOST_M:g}: "
+            "needs positions in metres"
         )
     norms = np.linalg.norm(quats_xyzw, axis=1)
     bad = np.abs(norms - 1) > _UNIT_TOLERANCE

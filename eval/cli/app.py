@@ -16,7 +16,7 @@ from cyclopts import Group, Parameter
 from pydantic import BaseModel
 
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, one_line
 from eventsweep.emvs.utils.plugins import DEVICES, TRACKERS, points
 from eventsweep.eval.cli import names
 from eventsweep.eval.cli.help import HELP_FLAGS, RARE, Program, readable
@@ -109,7 +109,7 @@ class Configured(Common):
         """The file joined with flags, by the tables' names; says what in the file is not read."""
         wanted = load(self.config, **flags)
         for line in unread(self.config, tuple(flags)) if not self.quiet else ():
-            sys.stderr.write(f"{line}\n")
+            sys.stderr.write(f"{one_line(line)}\n")
         return wanted
 
 

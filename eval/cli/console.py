@@ -13,7 +13,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from eventsweep.emvs.errors import visible
+from eventsweep.emvs.errors import one_line, visible
 from eventsweep.eval.cli.flag_names import with_flags
 from eventsweep.eval.progress import Bars, Display, Silent
 
@@ -77,16 +77,19 @@ class Console:
 
     def warn(self, note: str) -> None:
         """Prints a note on the error stream, however quiet."""
-        sys.stderr.write(f"note: {note}\n")
+        sys.stderr.write(f"note: {one_line(note)}\n")
 
     def _print(self, parts: Iterable[Part]) -> None:
         for part in parts if self._shows else ():
-            self._out.print(part, soft_wrap=not isinstance(part, Table))
+            if isinstance(part, Text):
+                part.plain = one_line(part.plain)
+            line = one_line(part) if isinstance(part, str) else part
+            self._out.print(line, soft_wrap=not isinstance(part, Table))
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> Table:
     """A table for the terminal; `>` before a heading aligns its column to the right."""
-    made = Table(title=title, title_justify="left")
+    made = Table(title=one_line(title), title_justify="left")
     for k, heading in enumerate(columns):
         made.add_column(
             heading.removeprefix(">"),

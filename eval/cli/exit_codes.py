@@ -84,6 +84,8 @@ def _ending(error: BaseException) -> int | None:
         return _say(with_flags(error), BAD_INPUT)
     if isinstance(error, OSError):
         return _say(f"{error}: free the disk or choose another output", BAD_INPUT)
+    if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop"):
+        return _say(f"{error}: these links lead in a circle, correct the path", BAD_INPUT)
     if isinstance(error, MemoryError):
         words = f"{error}: not enough memory; lower the resolution, the planes or the window"
         return _say(words, BAD_INPUT)

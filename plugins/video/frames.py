@@ -18,6 +18,7 @@ from eventsweep.emvs.data.stamps import STAMP_FILES, Stamps, read_stamps
 from eventsweep.emvs.errors import InputError, quoted
 from eventsweep.emvs.formats.depth import check_pixels, quiet_opencv
 from eventsweep.emvs.utils.inputs import check_file
+from eventsweep.emvs.utils.processes import bounded
 from eventsweep.plugins.video.images import READERS, Image, read_image
 from eventsweep.sim.config import VideoConfig
 
@@ -25,6 +26,8 @@ IMAGE_FOLDERS = ("imgs", "images")
 """Where images lie beside the file of their times, in the layouts of vid2e and others."""
 # FFmpeg tells of damage on the error stream by itself. Only its first use in a process heeds this.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+# What the first frames of a video may take: memory, more for a larger file, and computing.
+_BEGIN_BYTES, _BEGIN_RATIO, _BEGIN_S = 448 << 20, 256, 20
 _OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 # FFmpeg would read what a playlist names, and wait half a minute for one of HLS to grow.
 _PLAYLIST = re.compile(rb"(\xef\xbb\xbf)?\s*(#EXTM3U|ffconcat)", re.IGNORECASE)
@@ -235,7 +238,7 @@ def _named(listed: Path, name: str) -> Path:
     inside = name.isprintable() and not name.startswith("/") and ".." not in Path(name).parts
     if inside and Path(name).suffix.lower() in READERS:
         for place in places:
-            if (place / name).is_file():
+            if os.path.isfile(place / name):  # noqa: PTH113 - bears a name that is too long
                 return place / name
     kinds = ", ".join(READERS)
     raise InputError(f"{listed}: {quoted(name)} is not an image in this folder; needs {kinds}")
@@ -272,6 +275,7 @@ class VideoFile:
         if video.rate_hz is None and _starts(path, _BARE):
             raise InputError(f"{path}: no time base in its video stream; set rate_hz")
         self.path, self._video = path, video
+        self._try_out()
         capture = self._opened()
         self._declared = int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT)))
         rate_hz = capture.get(cv2.CAP_PROP_FPS)
@@ -315,9 +319,22 @@ class VideoFile:
             "end may be missing"
         ]
 
-    def _opened(self) -> cv2.VideoCapture:
+    def _try_out(self) -> None:
+        """Refuses what takes too much memory to begin: FFmpeg decodes before it tells sizes."""
+
+        def begin() -> None:
+            capture = self._opened(threads=1)  # what it takes depends on no number of cores
+            all(capture.read()[0] for _ in range(2))
+
+        size = self.path.stat().st_size
+        room = _BEGIN_BYTES + _BEGIN_RATIO * size
+        bounded(str(self.path), begin, memory_bytes=room, cpu_s=_BEGIN_S)
+
+    def _opened(self, threads: int = 0) -> cv2.VideoCapture:
+        """The file, read by so many threads; 0: as FFmpeg likes."""
         with quiet_opencv(), _local_files_only():
-            capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
+            asks = [cv2.CAP_PROP_N_THREADS, threads] if threads else []
+            capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG, asks)
         if not capture.isOpened():
             raise InputError(f"{self.path}: cannot be opened as a video; {_CURE}")
         sides = (capture.get(cv2.CAP_PROP_FRAME_WIDTH), capture.get(cv2.CAP_PROP_FRAME_HEIGHT))

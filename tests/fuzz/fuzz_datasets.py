@@ -7,24 +7,27 @@ an `InputError` of one line that names a file of it. What is taken away must be 
 
 import copy
 import json
+import re
 import shutil
 import sys
 from pathlib import Path
 
 # Run as a program, too: what it shares with the tests lies beside its folder.
-SHARED = "helpers", "helpers/recordings", "reference"
+SHARED = "helpers", "helpers/recordings", "helpers/simulation", "reference"
 sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in SHARED]
 
 import numpy as np
 import yaml
 
+import calibration_files as single
 import dataset_files
 import dataset_world as world
 import fuzz_events
-from eventsweep.emvs.data.poses import read_poses, write_tum
+import rover
+from eventsweep.emvs.data.poses import read_poses, write_kitti, write_tum
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import dsec, open_recording
-from eventsweep.emvs.datasets.custom import read_hand_eye
+from eventsweep.emvs.datasets.custom import read_descriptor, read_hand_eye
 from eventsweep.emvs.datasets.dsec import rectification_of
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import calibration_writers as rigs
@@ -32,6 +35,8 @@ from eventsweep.emvs.formats.calibration import read_rig
 from eventsweep.emvs.formats.calibration_values import parsed
 from eventsweep.emvs.utils.output_manifest import NAME as MARKER
 from eventsweep.scoring import score_trajectory
+from eventsweep.sim.mjcf import model_of
+from eventsweep.sim.sensor_presets import read_preset
 
 SPARE = {
     "rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml", MARKER,
@@ -41,9 +46,48 @@ SPARE = {
 MODEL = {"tumvie": "kb4", "tumvie-vio": "kb4", "mvsec": "kb4", "m3ed": "kb4", "evimo2": "kb4"}
 LAYOUTS = ("dsec", "tumvie", "tumvie-vio", "mvsec", "rosbag1", "evt3")
 FOLDERS = ("sequence", *LAYOUTS, *dataset_files.SINGLE, *dataset_files.WRITERS)
-RIGS = ("kalibr", "basalt", "rig", "opencv", "cam_to_cam", "hand_eye", "marker")
-POSES = ("tum", "csv", "scored")
-KINDS = [*FOLDERS, *RIGS, *(f"{kind}+values" for kind in RIGS), *POSES]
+T_ON_IMU = {"T_cam_imu": single.TURN.tolist()}
+OTHERS = {
+    "ros": single.lens_of_ros(baseline_m=0.1), "pair": single.lens_of_ros(single.TURN),
+    "euroc": single.euroc(single.TURN), "aslam": single.aslam(np.eye(4), single.TURN),
+    "dv": single.dv(), "imu-chain": {k: v | T_ON_IMU for k, v in single.chain().items()},
+    "message": {
+        "height": 48, "width": 64, "distortion_model": "plumb_bob", "D": [-0.1, 0.01, 0, 0, 0],
+        "K": [50.0, 0, 32, 0, 51, 24, 0, 0, 1],
+    },
+}  # fmt: skip
+"""Calibrations as other programs write them."""
+RIGS = ("kalibr", "basalt", "rig", "opencv", "cam_to_cam", "hand_eye", "marker", *OTHERS)
+TABLES = {
+    "named": "time_us;qw;qx;qy;qz;z;y;x\n{t};{qw};{q[0]};{q[1]};{q[2]};{p[2]};{p[1]};{p[0]}\n",
+    "euroc-poses": "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], "
+    "q_RS_x [], q_RS_y [], q_RS_z []\n{t}000,{p[0]},{p[1]},{p[2]},{qw},{q[0]},{q[1]},{q[2]}\n",
+    "kitti": "",
+}
+"""A header, and a line per pose."""
+POSES = ("tum", "csv", "scored", *TABLES)
+MAKERS = {
+    "mjcf": (rover.write, model_of), "urdf": (rover.write_urdf, model_of),
+    "descriptor": (
+        '[[events]]\nfile = "e.csv"\ncolumns = {x = "u", y = "v", t = "t", p = "on"}\n'
+        '[poses]\nfile = "p.txt"\nunit = "s"\ntime_offset_us = 5\n'
+        '[calibration]\nfile = "c.yaml"\ncameras = ["cam0"]\n',
+        read_descriptor,
+    ),
+    "preset": (
+        "contrast_threshold_pos = 0.2\nrefractory_period_us = 100\n[sensor]\n"
+        "shot_pair_rate_hz = 0.1\nleak_rate_hz = 0.1\n", read_preset,
+    ),
+}  # fmt: skip
+TEXTS = (*POSES, *MAKERS)
+KINDS = [
+    *FOLDERS, *RIGS, *(f"{kind}+values" for kind in RIGS), *TEXTS,
+    *(f"{kind}+words" for kind in TEXTS),
+]  # fmt: skip
+ODD_WORDS = (
+    "nan", "inf", "-1", "0", "1e308", "-1e-320", "1e30", "99999999", "2147483648", "9" * 25,
+    "9" * 5000, "x", "", "..", "\u202e", "1_0", "0x10", "１２", "true",
+)  # fmt: skip
 ODD = (
     None, True, "", "x", [], {}, [[]], {"a": 1}, -1, 0, 1e-320, 1e308, 10**30, 10**400,
     float("nan"), float("inf"), [1, "2", None], [[1, 2], [3]], {1: 2}, "9" * 5000, list(range(5)),
@@ -126,7 +170,8 @@ def file_begun(folder, kind):
 
     def example(rng):
         if "+" in kind:
-            target.write_text(with_odd_values(source, rng))
+            make = with_odd_values if kind.endswith("+values") else with_odd_words
+            target.write_text(make(source, rng), encoding="utf-8")
         else:
             target.write_bytes(fuzz_events.damaged(source.read_bytes(), rng))
         try:
@@ -161,6 +206,16 @@ def with_odd_values(path, rng):
     return json.dumps(values) if path.suffix == ".json" else yaml.safe_dump(values)
 
 
+def with_odd_words(path, rng):
+    """A text with one to three of its words replaced, by odd ones or by others of its own."""
+    parts = re.split(r"([-+.\w]+)", path.read_text())
+    for _ in range(int(rng.integers(1, 4))):
+        at, other = (1 + 2 * int(k) for k in rng.integers(0, len(parts) // 2, 2))
+        odd_word = ODD_WORDS[int(rng.integers(0, len(ODD_WORDS)))]
+        parts[at] = odd_word if rng.random() < 0.7 else parts[other]
+    return "".join(parts)
+
+
 def containers(values):
     """All mappings and lists in it, itself the first."""
     yield values
@@ -171,7 +226,10 @@ def containers(values):
 
 
 def sound_file(folder, kind):
-    """A calibration or text of poses, and what reads it."""
+    """A sound file of a kind, and what reads it."""
+    for kinds, make in ((OTHERS, sound_other), (TABLES, sound_table), (MAKERS, sound_made)):
+        if kind in kinds:
+            return make(folder, kind)
     rig = world.rig_of("kb4")
     trajectory = world.trajectory_of(rig)
     path = folder / ("f.json" if kind in ("basalt", "rig", "marker") else "f.yaml")
@@ -202,6 +260,41 @@ def sound_file(folder, kind):
     write_tum(path, trajectory)
     path.write_text("t,x,y,z\n" + path.read_text().replace(" ", ","))
     return path, lambda p: sane(read_poses(p, "s", -5))
+
+
+def sound_other(folder, kind):
+    """A calibration of another program, and what reads it; of a pair the second file is sound."""
+    path = folder / ("f.json" if kind == "dv" else "f.yaml")
+    single.written(path, OTHERS[kind])
+    if kind != "pair":
+        return path, checked_rig
+    right = single.written(folder / "right.yaml", single.lens_of_ros(single.TURN, 0.1))
+    return path, lambda p: checked_rig([p, right])
+
+
+def sound_made(folder, kind):
+    """A model or a table of settings, and what reads it."""
+    make, read = MAKERS[kind]
+    if callable(make):
+        return make(folder), read
+    (path := folder / "f.toml").write_text(make)
+    return path, read
+
+
+def sound_table(folder, kind):
+    """Poses under a header that names their columns, or as KITTI has them, and what reads them."""
+    path, read = folder / "f.csv", lambda p: sane(read_poses(p))
+    trajectory = world.trajectory_of(world.rig_of("kb4"))
+    if kind == "kitti":
+        times = [f"{t_us / 1e6:.6f}\n" for t_us in trajectory.t_us]
+        path.with_name("times.txt").write_text("".join(times))
+        write_kitti(path, trajectory)
+        return path, read
+    head, line = TABLES[kind].split("\n", 1)
+    columns = (trajectory.t_us, trajectory.positions_m, trajectory.quats_xyzw)
+    rows = (line.format(t=t, p=p, q=q, qw=q[3]) for t, p, q in zip(*columns, strict=True))
+    path.write_text("\n".join([head, *rows]))
+    return path, read
 
 
 def checked_rig(path):

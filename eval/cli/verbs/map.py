@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from eventsweep.emvs.errors import one_line
 from eventsweep.eval.cli.app import (
     CONFIGURED,
     MAP,
@@ -82,7 +83,7 @@ def map(  # noqa: A001 - the verb's name
 def _warn(doubt: str) -> None:
     from eventsweep.eval.cli.flag_names import with_flags
 
-    sys.stderr.write(f"check: {with_flags(doubt)}\n")
+    sys.stderr.write(f"check: {one_line(with_flags(doubt))}\n")
 
 
 def _facts(stored: StoredMap) -> dict[str, Any]:

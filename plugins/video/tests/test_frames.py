@@ -1,11 +1,14 @@
 """Folders as data sets have them, videos as cameras write them, and all that is wrong with both."""
 
 import os
+import struct
+import time
 
 import cv2
 import numpy as np
 import pytest
 
+from eventsweep.plugins.video import frames as frames_module
 from eventsweep.plugins.video.frames import checked, open_frames
 from eventsweep.sim.config import VideoConfig
 from refusals import refused
@@ -187,6 +190,28 @@ def test_a_list_of_other_videos_is_refused_unread(tmp_path, name, text):
     write_video(tmp_path / "other.avi", COLOUR)
     (tmp_path / name).write_text(text.replace("other.ts", "other.avi"))
     refused(rf"{name}: is a playlist, not a video", read, tmp_path / name)
+
+
+def claimed(side_px):
+    """A GIF of a hundred bytes: five frames of one pixel, on a canvas of `side_px` squared."""
+    canvas = b"GIF89a" + struct.pack("<HHBBB", side_px, side_px, 0x80, 0, 0) + bytes(6)
+    delay, place = b"\x21\xf9\4\0\x0a\0\0\0", b"\x2c" + struct.pack("<HHHHB", 0, 0, 1, 1, 0)
+    return canvas + 5 * (delay + place + b"\2\2\x44\1\0") + b"\x3b"
+
+
+@pytest.mark.parametrize(("side_px", "words"), [
+    (4000, "takes more than 32 MB of memory"), (16_000, "declares 16000x16000 pixels"),
+    (30_000, "no frame can be decoded"),
+])  # fmt: skip
+def test_a_few_bytes_that_claim_large_frames(tmp_path, monkeypatch, side_px, words):
+    path = tmp_path / "v.gif"
+    path.write_bytes(claimed(100))
+    assert read(path)[1].shape == (5, 100, 100, 3)
+    monkeypatch.setattr(frames_module, "_BEGIN_BYTES", 1 << 25)
+    path.write_bytes(claimed(side_px))
+    began = time.monotonic()
+    refused(words, read, path)
+    assert time.monotonic() - began < 5
 
 
 def test_a_video_of_one_frame_is_refused(tmp_path):

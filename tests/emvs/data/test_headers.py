@@ -231,3 +231,18 @@ def test_fields_and_units():
     assert impossible(1_600_000_000 * 10**9).startswith("the year 526")
     for coarse, fine in itertools.pairwise(SCALE):
         assert finer_unit(1.6e9 * SCALE[fine], coarse) == fine
+
+
+@pytest.mark.parametrize("word", ["1e13", "1e200", "-1e308"])
+def test_no_position_is_beyond_reason(tmp_path, word):
+    text = rows().replace(" 0.25 ", f" {word} ")
+    refused("pose 0 is 1e.* m away, at most 1e.12", poses, tmp_path / "p.txt", text)
+
+
+@pytest.mark.parametrize("word", ["1e308", "9" * 5000])
+@pytest.mark.parametrize("role", ROLES)
+def test_numbers_beyond_a_floats_range_are_refused_without_a_warning(tmp_path, role, word):
+    lines = "".join(
+        " ".join(str(NAMED[r]) if r != role else word for r in ROLES) + "\n" for _ in T_S
+    )
+    refused(".", poses, tmp_path / "p.txt", lines)

@@ -6,6 +6,7 @@ import logging
 import re
 import sys
 from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -76,6 +77,17 @@ def test_what_data_holds_is_shown_and_commands_nothing(terminal, say):
     assert SHOWN in out + err
     for command in ("\x1b[2J\x1b]", "\x1b]0", *BAD[1:]):
         assert command not in out + err or (command == "\r" and say is barred)
+
+
+@pytest.mark.parametrize("say", [
+    lambda console: console.result({}, ["a\nb", dim("a\nb")]), lambda console: console.warn("a\nb"),
+    lambda console: console.progress.say("a\nb"), lambda console: console.wrote(Path("a\nb")),
+    lambda console: console.result({}, [table("a\nb", ["c"], [])]),
+])  # fmt: skip
+def test_a_name_of_two_lines_does_not_break_a_line(terminal, say):
+    out, err, _ = said(terminal, say)
+    assert r"a\nb" in out + err
+    assert "a\nb" not in out + err
 
 
 def test_json_stays_json(terminal):

@@ -94,6 +94,16 @@ def test_what_no_words_show_is_bounded_while_it_is_compiled(tmp_path, monkeypatc
     soon("m.xml: takes more than 1 s of computing", tmp_path / "m.xml")
 
 
+@pytest.mark.parametrize(("text", "words"), [
+    ('<worldbody><geom size="0"/></worldbody>', "m.xml: the scene does not compile"),
+    ("<\u202e/>", r"m.xml is not valid MJCF .*202e"),
+    (f'<asset><mesh name="a" file="{"9" * 5000}.obj"/></asset>', "m.xml: the scene does not comp"),
+])  # fmt: skip
+def test_what_mujoco_says_is_one_printable_line_of_its_file(tmp_path, text, words):
+    (tmp_path / "m.xml").write_text(f"<mujoco>{text}</mujoco>", encoding="utf-8")
+    soon(words, tmp_path / "m.xml")
+
+
 def test_siblings_are_added_and_not_multiplied(tmp_path):
     copies = f'<replicate count="100" offset="0 0 1">{BALL}</replicate>' * 5
     (tmp_path / "m.xml").write_text(f"<mujoco><worldbody>{copies}</worldbody></mujoco>")
