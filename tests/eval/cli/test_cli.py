@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 
-from eventsweep.eval.cli.exit_codes import with_flags
+from eventsweep.eval.cli.exit_codes import exit_code, with_flags
 from eventsweep.eval.cli.main import main
 from programs import python
 from refusals import command_refused
@@ -194,6 +194,31 @@ def test_list_and_version(capsys):
     assert "mean |e - g|" in capsys.readouterr().out
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("eventsweep 0.")
+
+
+@pytest.mark.slow
+def test_a_full_disk_in_sliding_windows_is_one_line_and_the_same_command_goes_on(tmp_path):
+    def small_files() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (12_000, 12_000))
+
+    sequence, out = small_sequence(tmp_path / "seq"), tmp_path / "o"
+    words = ("map", sequence, "--out", out, *FEW, "--map.window-s", "0.02", "--no-check")
+    done = python("-m", "eventsweep", *words, preexec_fn=small_files)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert f"{out}: file too large; 0 of" in done.stderr
+    assert "make room, and the same command goes on" in done.stderr
+    assert main([*map(str, words)]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"seq", "o"}
+
+
+@pytest.mark.parametrize(
+    ("error", "words"), [(MemoryError(), ""), (MemoryError("no 9 GB"), "no 9 GB: ")]
+)
+def test_a_fault_without_words_is_said_without_an_empty_place(capsys, error, words):
+    with exit_code() as code:
+        raise error
+    assert code.value == 2
+    assert capsys.readouterr().err.startswith(f"eventsweep: {words}not enough memory; ")
 
 
 @pytest.mark.slow
