@@ -97,8 +97,9 @@ def _paths(value: object) -> Iterator[Path]:
     if isinstance(value, Path):
         yield value
     elif isinstance(value, str):
-        texts = {value, value.partition("=")[2], value.rpartition(":")[0]}
-        yield from _paths([Path(text) for text in texts if _is_input(text)])
+        # Only after a name is a folder meant for sure: a scene may be called like one.
+        for text, is_place in zip(_forms(value), (False, True, False), strict=True):
+            yield from [Path(text)] if _is_input(text, is_place=is_place) else ()
     elif isinstance(value, Mapping):
         yield from _paths([item for name, item in value.items() if name not in _OUTPUTS])
     elif isinstance(value, list | tuple | set | frozenset):
@@ -108,10 +109,15 @@ def _paths(value: object) -> Iterator[Path]:
         yield from _paths(vars(value))
 
 
-def _is_input(text: str) -> bool:
+def _forms(text: str) -> tuple[str, ...]:
+    """Where a text may hold a path: all of it, `NAME=FILE`, `FILE:FUNCTION`."""
+    return text, text.partition("=")[2], text.rpartition(":")[0]
+
+
+def _is_input(text: str, *, is_place: bool) -> bool:
     # Unlike those of `Path`, these functions bear a text that is no file name.
     is_file = os.path.isfile(text)  # noqa: PTH113
-    return is_file or (os.sep in text and os.path.exists(text))  # noqa: PTH110
+    return is_file or ((is_place or os.sep in text) and os.path.exists(text))  # noqa: PTH110
 
 
 def _named_in(path: Path, opened: set[str]) -> Iterator[Path]:
@@ -119,15 +125,18 @@ def _named_in(path: Path, opened: set[str]) -> Iterator[Path]:
     with suppress(OSError, ValueError):
         file = path / "recording.toml" if path.is_dir() else path
         named = _NAMED.get(file.suffix.lower())
-        if named is not None and (place := os.path.realpath(file)) not in opened:
-            opened.add(place)
-            yield from named(file)
+        # A path that leads nowhere may be resolved to the place of a file.
+        if named is None or not file.is_file() or (place := os.path.realpath(file)) in opened:
+            return
+        opened.add(place)
+        yield from named(file)
 
 
 def _named_in_toml(file: Path) -> Iterator[Path]:
     """What a TOML file names, from its own folder or from the working directory."""
     for text in _texts(parse_toml(read_text(file, SETTINGS_BYTES))):
-        yield from (Path(text), file.parent / text) if text.strip("./") else ()
+        for form in _forms(text):
+            yield from (Path(form), file.parent / form) if form.strip("./") else ()
 
 
 _NAMED: dict[str, Callable[[Path], Iterable[Path]]] = {".toml": _named_in_toml}

@@ -3,6 +3,7 @@
 import io
 import json
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -194,6 +195,25 @@ def test_list_and_version(capsys):
     assert "mean |e - g|" in capsys.readouterr().out
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("eventsweep 0.")
+
+
+@pytest.mark.parametrize("points", [0, 1])
+def test_a_method_without_points_or_with_one_is_scored_shown_and_compared(tmp_path, points):
+    mapped, none = tmp_path / "map", tmp_path / "none"
+    words = ("map", small_sequence(tmp_path / "seq"), "--out", mapped, *FEW, "--no-check")
+    assert main([*map(str, words), "--method", "Alg1/min"]) == 0
+    shutil.copytree(mapped, none)
+    path = none / "w000" / "Alg1-min" / "depth.npz"
+    arrays = dict(np.load(path))
+    arrays["mask"] &= np.cumsum(arrays["mask"]).reshape(arrays["mask"].shape) <= points
+    assert np.count_nonzero(arrays["mask"]) == points
+    np.savez(path, **arrays)
+    for folder in (mapped, none):
+        assert main(["score", str(folder), "--quiet"]) == 0
+        assert main(["report", str(folder), "--tables", "--figures", "svg", "--quiet"]) == 0
+    pair = ["compare", str(mapped), str(none), "--out", str(tmp_path / "c"), "--quiet"]
+    assert main([*pair, "--table", str(tmp_path / "t.tex")]) == 0
+    assert f"none: Alg1/min & {'--' if points == 0 else ''}" in (tmp_path / "t.tex").read_text()
 
 
 @pytest.mark.slow
