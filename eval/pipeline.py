@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.inputs import inputs_of
 from eventsweep.emvs.utils.outputs import atomic_dir, check_files, files_together, output_folder
 from eventsweep.eval.config import EvalConfig, Settings
 from eventsweep.eval.progress import SILENT, Display, MapBars
@@ -69,7 +68,7 @@ def run_cases(
 
     jobs = _planned(cases, settings, rig, seed, tracker)
     store, runtime = Cache(cache or default_cache()), Runtime(renderers, True, progress)
-    with atomic_dir(out, force=force, inputs=_inputs(cases, settings, rig)) as folder:
+    with atomic_dir(out, force=force, inputs=(cases, settings, rig)) as folder:
         (folder / run_folder.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
         if crew is not None:
             _done_by(crew, jobs.values(), progress)
@@ -145,14 +144,6 @@ def _kernels_beside(
 
     cameras = scenes.rig_for(case, rig, settings.sim)
     return compiled_beside(settings.map, cameras, progress.say)
-
-
-def _inputs(*given: object) -> list[object]:
-    """What is read: of models also the files that they name."""
-    from eventsweep.sim.mjcf import SUFFIXES, files_of
-
-    models = [path for path in inputs_of(*given) if path.suffix.lower() in SUFFIXES]
-    return [*given, *map(files_of, models)]
 
 
 def score_folder(

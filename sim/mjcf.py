@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from xml.parsers import expat
 
 from eventsweep.emvs.errors import InputError, located, printable
-from eventsweep.emvs.utils.inputs import check_file, read_text
+from eventsweep.emvs.utils.inputs import check_file, names_others, read_text
 from eventsweep.emvs.utils.processes import bounded
 from eventsweep.sim.graphics import import_mujoco
 
@@ -224,6 +224,9 @@ def files_of(path: Path) -> list[Path]:
         names = {unescape(name) for text in texts.values() for name in _FILE.findall(text)}
         files |= {file.resolve() for file in _places(names, roots, folder) if _is_there(file)}
     return sorted(file for file in files if file.is_file())
+
+
+names_others(SUFFIXES, files_of)
 
 
 def _is_model(file: Path) -> bool:

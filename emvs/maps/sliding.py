@@ -7,7 +7,8 @@ run that was stopped goes on where it was.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +37,7 @@ from eventsweep.emvs.maps.store import MapStore, open_store, read_entry, write_e
 from eventsweep.emvs.methods import device_for_methods, methods_by_name
 from eventsweep.emvs.preflight import check_view_fits, check_window_fits
 from eventsweep.emvs.reference_view import reference_view
+from eventsweep.emvs.utils.files import DiskFull, names_full_disk
 from eventsweep.emvs.utils.outputs import CURE, atomic_dir, check_output, real
 from eventsweep.emvs.utils.runtime import Progress, silent, versions
 from eventsweep.emvs.windows import Window, WindowPlan, check_poses, choose_window, plan_windows
@@ -209,14 +211,15 @@ def _map_sliding(
         facts = {"hot_pixels": described(recording.rig, hot), "without_pose": dict(lost)}
         run = _Run(head.model_copy(update=facts), plan, store, clouds, progress, device)
         ahead = [plan.window(k) for k in range(len(plan)) if not store.has(plan.name(k))]
-        with projector_on(device).reading(without(recording, hot), ahead) as kept:
-            skipped = run.all_windows(kept)
-        if len(skipped) == len(plan):
-            raise InputError(
-                f"none of {len(plan)} windows could be mapped; {skipped[0].name}: "
-                f"{skipped[0].reason}"
-            )
-        finish(store.path)
+        with run.says_what_is_kept():
+            with projector_on(device).reading(without(recording, hot), ahead) as kept:
+                skipped = run.all_windows(kept)
+            if len(skipped) == len(plan):
+                raise InputError(
+                    f"none of {len(plan)} windows could be mapped; {skipped[0].name}: "
+                    f"{skipped[0].reason}"
+                )
+            finish(store.path)
 
 
 @dataclass
@@ -247,6 +250,19 @@ class _Run:
             self._index(skipped, tried, complete=complete)
         return skipped
 
+    @contextmanager
+    def says_what_is_kept(self) -> Iterator[None]:
+        """A disk that is full stops the run, which goes on from the windows that are finished."""
+        try:
+            with names_full_disk(self.store.path):
+                yield
+        except DiskFull as error:
+            done = sum(self.store.has(self.plan.name(k)) for k in range(len(self.plan)))
+            raise DiskFull(
+                f"{error.fault}; {done} of {len(self.plan)} windows are finished and kept: make "
+                "room, and the same again goes on from there"
+            ) from error.__cause__
+
     def _skipped(self, recording: Recording, k: int) -> Iterable[SkippedWindow]:
         """Maps a window that is not there yet; gives it back where that cannot be done."""
         name, window = self.plan.name(k), self.plan.window(k)
@@ -255,6 +271,8 @@ class _Run:
             return ()
         try:
             self._map(recording, name, window)
+        except DiskFull:
+            raise  # the next windows would meet it, too
         except InputError as error:
             reason = str(error)
         except MemoryError:

@@ -12,6 +12,7 @@ import errno
 import fcntl
 import logging
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -25,13 +26,20 @@ MARK = ".eventsweep-work"
 REPLACED = "replaced"
 """What lies in a work folder until the output that takes its place is there."""
 _ENDING, _RESUMED = ".partial", ".unfinished"
-_FULL = (errno.ENOSPC, errno.EDQUOT)
+_LIMITS = (errno.EDQUOT, errno.EFBIG)
+"""A limit of the user or of one file, whatever is free on the disk."""
+_SHORT = re.compile(r"\d+ requested and \d+ written")
 _UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 _log = logging.getLogger(__name__)
 
 
 class DiskFull(InputError):
     """An output that its disk has no room for."""
+
+    @property
+    def fault(self) -> str:
+        """Which output, and what the system says, without the cure."""
+        return str(self).rpartition(": ")[0]
 
 
 @contextmanager
@@ -48,15 +56,20 @@ def names_full_disk(path: Path) -> Iterator[None]:
     except (OSError, DiskFull) as error:
         if not (isinstance(error, DiskFull) or _is_full(error)):
             raise
-        raise DiskFull(
-            f"{path}: no space left on device, {bytes_text(free_bytes(path))} are free: free "
-            "some space or choose another output"
-        ) from error
+        origin = error.__cause__ if isinstance(error, DiskFull) else error
+        code = getattr(origin, "errno", None)
+        fault, cure = "no space left on device", "free some space"
+        if code in _LIMITS:
+            fault, cure = os.strerror(code).lower(), "raise that limit"
+        else:
+            fault += f", {bytes_text(free_bytes(path))} are free"
+        raise DiskFull(f"{path}: {fault}: {cure} or choose another output") from origin
 
 
 def _is_full(error: OSError) -> bool:
-    # HDF5 keeps the number to itself.
-    return error.errno in _FULL or os.strerror(errno.ENOSPC) in str(error)
+    # HDF5 keeps the number to itself, and numpy says only how much it could write.
+    says = os.strerror(errno.ENOSPC) in str(error) or _SHORT.fullmatch(str(error))
+    return error.errno in (errno.ENOSPC, *_LIMITS) or bool(says)
 
 
 def free_bytes(path: Path) -> int:

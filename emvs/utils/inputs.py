@@ -13,7 +13,7 @@ import re
 import stat
 import tomllib
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import is_dataclass
@@ -43,22 +43,36 @@ _MOST_VALUES, _MOST_DEPTH = 1_000_000, 64
 
 _OUTPUTS = ("out", "picture", "junit", "markdown")
 """Arguments and fields that name what is written."""
-_OF_COMMAND: ContextVar[tuple[Path, ...]] = ContextVar("_OF_COMMAND", default=())
+_NOTHING: tuple[int, tuple[Path, ...]] = (0, ())
+_OF_COMMAND = ContextVar("_OF_COMMAND", default=_NOTHING)
+"""How many formats were known that name others, and what the command is known to read."""
 
 
 def inputs_of(*values: object) -> tuple[Path, ...]:
     """Every file and folder that values name, however deep in groups of settings.
 
-    A text counts if it names a file, also as `NAME=FILE` or `FILE:FUNCTION`. Of a TOML file, and of
-    a recording with a descriptor, all that is named in it counts.
+    A text counts if it names a file, also as `NAME=FILE` or `FILE:FUNCTION`. Of a TOML file, of a
+    recording with a descriptor, and of what `names_others` tells, all that is named in it counts,
+    and what that names in turn.
     """
-    return tuple(dict.fromkeys(_paths(values)))
+    found, opened = dict.fromkeys(_paths(values)), set[str]()
+    new = list(found)
+    for path in new:  # which grows
+        named = [other for other in _named_in(path, opened) if other not in found]
+        found |= dict.fromkeys(named)
+        new += named
+    return tuple(found)
+
+
+def names_others(suffixes: Iterable[str], named: Callable[[Path], Iterable[Path]]) -> None:
+    """Tells what finds the files that one of a format names, such as the textures of a model."""
+    _NAMED.update(dict.fromkeys(suffixes, named))
 
 
 @contextmanager
 def command() -> Iterator[None]:
     """The extent of a command, for which `also_read` holds; outside of any it does for good."""
-    before = _OF_COMMAND.set(())
+    before = _OF_COMMAND.set(_NOTHING)
     try:
         yield
     finally:
@@ -67,21 +81,25 @@ def command() -> Iterator[None]:
 
 def also_read(*values: object) -> None:
     """Says what is read: no output removes an input that these values name."""
-    _OF_COMMAND.set(tuple(dict.fromkeys((*_OF_COMMAND.get(), *inputs_of(*values)))))
+    _OF_COMMAND.set((len(_NAMED), inputs_of(*_OF_COMMAND.get()[1], *values)))
 
 
 def command_inputs() -> tuple[Path, ...]:
-    """What the command that runs reads."""
-    return _OF_COMMAND.get()
+    """What the command that runs reads, and by now is known to be named in that."""
+    if _OF_COMMAND.get()[0] != len(
+        _NAMED
+    ):  # the reader of models may be imported by the command itself
+        also_read()
+    return _OF_COMMAND.get()[1]
 
 
 def _paths(value: object) -> Iterator[Path]:
     if isinstance(value, Path):
         yield value
-        yield from _named_in(value)
     elif isinstance(value, str):
-        texts = {value, value.partition("=")[2], value.rpartition(":")[0]}
-        yield from _paths([Path(text) for text in texts if _is_input(text)])
+        # Only after a name is a folder meant for sure: a scene may be called like one.
+        for text, is_place in zip(_forms(value), (False, True, False), strict=True):
+            yield from [Path(text)] if _is_input(text, is_place=is_place) else ()
     elif isinstance(value, Mapping):
         yield from _paths([item for name, item in value.items() if name not in _OUTPUTS])
     elif isinstance(value, list | tuple | set | frozenset):
@@ -91,19 +109,37 @@ def _paths(value: object) -> Iterator[Path]:
         yield from _paths(vars(value))
 
 
-def _is_input(text: str) -> bool:
+def _forms(text: str) -> tuple[str, ...]:
+    """Where a text may hold a path: all of it, `NAME=FILE`, `FILE:FUNCTION`."""
+    return text, text.partition("=")[2], text.rpartition(":")[0]
+
+
+def _is_input(text: str, *, is_place: bool) -> bool:
     # Unlike those of `Path`, these functions bear a text that is no file name.
     is_file = os.path.isfile(text)  # noqa: PTH113
-    return is_file or (os.sep in text and os.path.exists(text))  # noqa: PTH110
+    return is_file or ((is_place or os.sep in text) and os.path.exists(text))  # noqa: PTH110
 
 
-def _named_in(path: Path) -> Iterator[Path]:
-    """What a TOML file names, from its own folder or from the working directory."""
+def _named_in(path: Path, opened: set[str]) -> Iterator[Path]:
+    """What a file names; a damaged one names nothing, and files that name each other end here."""
     with suppress(OSError, ValueError):
         file = path / "recording.toml" if path.is_dir() else path
-        if file.suffix == ".toml":
-            for text in _texts(parse_toml(read_text(file, SETTINGS_BYTES))):
-                yield from (Path(text), file.parent / text) if text.strip("./") else ()
+        named = _NAMED.get(file.suffix.lower())
+        # A path that leads nowhere may be resolved to the place of a file.
+        if named is None or not file.is_file() or (place := os.path.realpath(file)) in opened:
+            return
+        opened.add(place)
+        yield from named(file)
+
+
+def _named_in_toml(file: Path) -> Iterator[Path]:
+    """What a TOML file names, from its own folder or from the working directory."""
+    for text in _texts(parse_toml(read_text(file, SETTINGS_BYTES))):
+        for form in _forms(text):
+            yield from (Path(form), file.parent / form) if form.strip("./") else ()
+
+
+_NAMED: dict[str, Callable[[Path], Iterable[Path]]] = {".toml": _named_in_toml}
 
 
 def _texts(content: Any) -> Iterator[str]:

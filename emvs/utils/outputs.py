@@ -57,7 +57,7 @@ def atomic_dir(
         InputError: what `check_output` refuses, or another process writes the same output. If it
             comes at the end, the finished output stays beside its place, and the error says where.
     """
-    with _making(path, inputs, work, force=force, within=part_of is None) as made:
+    with _making(path, inputs, work, force=force, into=part_of) as made:
         yield made
         if manifest:
             output_manifest.complete(made)
@@ -80,7 +80,7 @@ def output_file(
 @contextmanager
 def _making(
     path: Path, inputs: Iterable[object], work: Path | None, *,
-    force: bool, within: bool = True, name: str = "",
+    force: bool, into: Path | None = None, name: str = "",
 ) -> Iterator[Path]:  # fmt: skip
     """Yields a hidden folder, or a file of a `name` in it; puts it in the output's place."""
     path = Path(path)
@@ -101,7 +101,7 @@ def _making(
             flush(file)
         alone = {place.name: output_manifest.facts_of(made)} if made.is_file() else {}
         with output_manifest.listing(place.parent, alone) if alone else nullcontext():
-            _put(made, path, place, work, force=force, inputs=inputs, within=within)
+            _put(made, path, place, work, force=force, inputs=inputs, into=into)
 
 
 @contextmanager
@@ -256,10 +256,10 @@ def _place(path: Path) -> Path:
     return real(path.parent) / path.name if path.name not in ("", "..") else real(path)
 
 
-def _touching(place: Path, inputs: Iterable[object], *, within: bool = True) -> str:
+def _touching(place: Path, inputs: Iterable[object], *, into: Path | None = None) -> str:
     """How an output and an input lie to each other, where they touch.
 
-    Unless `within`, the output is a part of something that the command adds to, and reads as well.
+    What a command adds to, `into`, it may read as well: that protects none of its parts.
     """
     of_command = command_inputs()
     for source in (*inputs_of(*inputs), *of_command):
@@ -268,7 +268,8 @@ def _touching(place: Path, inputs: Iterable[object], *, within: bool = True) -> 
             continue
         if _is_in(leads_to, place):
             return f"is or holds the input {source}"
-        if (within or source not in of_command) and _is_in(place, leads_to):
+        adds = into is not None and source in of_command and _is_in(into, leads_to)
+        if not adds and _is_in(place, leads_to):
             return f"is part of the input {source}"
     return ""
 
@@ -284,7 +285,7 @@ def _is_in(inner: Path, outer: Path) -> bool:
 
 def _put(
     made: Path, path: Path, place: Path, work: Path, *,
-    force: bool, inputs: Iterable[object] = (), within: bool = True,
+    force: bool, inputs: Iterable[object] = (), into: Path | None = None,
 ) -> None:  # fmt: skip
     """Puts what was made in its place; where that cannot be, it is kept beside."""
     old = None
@@ -292,10 +293,10 @@ def _put(
         if _place(path) != place:
             raise InputError(f"{path} now points elsewhere, to {_place(path)}")
         check_output(path, force=force)
-        if made.is_file() and is_ours(place) and not _touching(place, inputs, within=within):
+        if made.is_file() and is_ours(place) and not _touching(place, inputs, into=into):
             made.replace(place)
             return
-        old = _out_of_the_way(place, work, inputs, within=within)
+        old = _out_of_the_way(place, work, inputs, into=into)
         link_new(made, place)
     except BaseException as error:
         if old is not None and not os.path.lexists(place):
@@ -317,18 +318,18 @@ def _make_room(folder: Path, name: str, manifest: OutputManifest) -> None:
             move_aside(above, above, "is in the way of a folder")
     place = folder / name
     why = "" if manifest.lists(folder, name) else _FOREIGN
-    why = _touching(place, (), within=False) or why
+    why = _touching(place, (), into=folder) or why
     if why and os.path.lexists(place):
         move_aside(place, place, why)
 
 
 def _out_of_the_way(
-    place: Path, work: Path, inputs: Iterable[object], *, within: bool = True
+    place: Path, work: Path, inputs: Iterable[object], *, into: Path | None = None
 ) -> Path | None:
     """Renames what stands at a place: into the work folder what may be removed, else aside."""
     if not os.path.lexists(place):
         return None
-    why = _touching(place, inputs, within=within)
+    why = _touching(place, inputs, into=into)
     if place.is_symlink() or not place.is_dir():
         why = why or ("is a link" if place.is_symlink() else _FOREIGN)
     if why:

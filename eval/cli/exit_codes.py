@@ -83,13 +83,18 @@ def _ending(error: BaseException) -> int | None:
     if isinstance(error, InputError):
         return _say(with_flags(error), BAD_INPUT)
     if isinstance(error, OSError):
-        return _say(f"{error}: free the disk or choose another output", BAD_INPUT)
+        return _say(_joined(error, "free the disk or choose another output"), BAD_INPUT)
     if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop"):
         return _say(f"{error}: these links lead in a circle, correct the path", BAD_INPUT)
     if isinstance(error, MemoryError):
-        words = f"{error}: not enough memory; lower the resolution, the planes or the window"
-        return _say(words, BAD_INPUT)
+        cure = "not enough memory; lower the resolution, the planes or the window"
+        return _say(_joined(error, cure), BAD_INPUT)
     return None
+
+
+def _joined(error: Exception, cure: str) -> str:
+    """What an error says, if it says anything, and the cure."""
+    return ": ".join(filter(str.strip, (str(error), cure)))
 
 
 def incomplete(maps: Iterable[MapInfo], *, allowed: bool) -> int:

@@ -182,9 +182,9 @@ def _label(axes: Axes, study: Study, curve: RobustnessCurve) -> None:
         axes.set_xscale("log")
         axes.set_xticks(study.amounts, [f"{amount:g}" for amount in study.amounts], fontsize=8)
         axes.minorticks_off()
-    elif study.amounts[-1] > 15 * study.amounts[1] > 0:
-        axes.set_xscale("symlog", linthresh=study.amounts[1], linscale=0.4)
-        axes.set_xlim(left=-study.amounts[1] / 3)
+    elif study.amounts[-1] > 15 * (least := study.amounts[:2][-1]) > 0:
+        axes.set_xscale("symlog", linthresh=least, linscale=0.4)
+        axes.set_xlim(left=-least / 3)
         axes.set_xticks(study.amounts, [f"{amount:g}" for amount in study.amounts], fontsize=8)
         axes.minorticks_off()
     if study.amounts[-1] < study.amounts[0]:

@@ -169,7 +169,10 @@ def make_archive(
     failed = tuple(outcome for outcome in outcomes.values() if isinstance(outcome, Failed))
     if failed:
         return None, failed
-    with atomic_dir(out, force=force) as folder, progress.stage("pack", len(jobs)) as update:
+    with (
+        atomic_dir(out, force=force, inputs=(plan.suite,)) as folder,
+        progress.stage("pack", len(jobs)) as update,
+    ):
         packed = []
         for (case, seed), job in jobs.items():
             made = entry(job, store)

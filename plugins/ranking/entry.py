@@ -93,7 +93,7 @@ def make_entry(folder: Path, asked: Asked, out: Path, *, force: bool) -> Submiss
         force: whether an entry that is there is replaced.
     """
     _check_name(out)
-    with atomic_dir(out, force=force, inputs=(folder,)) as made:
+    with atomic_dir(out, force=force, inputs=(folder, asked)) as made:
         manifest = make_submission(folder, asked, made / PACKAGE, force=False)
         check_file(made / PACKAGE, MOST_BYTES)
         digest = sha256_of(made / PACKAGE)

@@ -1,4 +1,5 @@
 import dataclasses
+import errno
 import json
 import os
 import re
@@ -22,7 +23,7 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.maps.folder import RecordingInfo, read_map
 from eventsweep.emvs.maps.sliding import map_windows
-from eventsweep.emvs.maps.store import open_store
+from eventsweep.emvs.maps.store import MapStore, open_store
 from eventsweep.emvs.preflight import check_view_fits, need_memory
 from eventsweep.emvs.reference_view import reference_view
 from eventsweep.emvs.utils.output_manifest import facts_of, listing
@@ -341,6 +342,56 @@ def test_a_run_without_a_single_good_window_says_why(tmp_path):
     refused(words, run, tmp_path / "map", with_(min_events=10**6))
     info = read_map(tmp_path / "map").info
     assert (len(info.windows), len(info.skipped)) == (0, 8)
+
+
+FULL = {
+    "disk": (OSError(errno.ENOSPC, "No space left on device"), "no space left on device, "),
+    "quota": (OSError(errno.EDQUOT, "Disk quota exceeded"), "disk quota exceeded"),
+    "file": (OSError(errno.EFBIG, "File too large"), "file too large"),
+    "numpy": (OSError("4096 requested and 0 written"), "no space left on device, "),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("stage", ["window", "index", "report"])
+@pytest.mark.parametrize("full", FULL)
+@pytest.mark.parametrize("force", [False, True])
+def test_a_full_disk_stops_sliding_windows_which_go_on_later(
+    tmp_path, monkeypatch, full, stage, force
+):
+    """It is no fault of one window, which would be left out, and of the next and the next."""
+    run(tmp_path / "whole", finish=report_into)
+    out, (error, words), write = tmp_path / "map", FULL[full], np.savez
+
+    def fail(*_):
+        raise error
+
+    def savez(path, **arrays):
+        fail() if "w002" in str(path) else write(path, **arrays)
+
+    if force:
+        run(out, with_(median_px=3))
+    done, finish = (8, fail) if stage == "report" else (2, report_into)
+    if stage != "report":
+        monkeypatch.setattr(np, "savez", savez)
+    if stage == "index":
+        index = MapStore.write_index  # the first one is there before any window
+
+        def write_index(self, head, names):
+            fail() if self.has("w001") else index(self, head, names)
+
+        monkeypatch.setattr(MapStore, "index_is_due", False)
+        monkeypatch.setattr(MapStore, "write_index", write_index)
+    said = refused(f"{words}.*; {done} of 8 windows", run, out, force=force, finish=finish)
+    assert said.count("make room, and the same call goes on") == 1
+    assert str(tmp_path) in said
+    monkeypatch.undo()
+    run(out, force=force, finish=report_into)
+    assert all_bytes(out) == all_bytes(tmp_path / "whole")
+    assert {path.name for path in tmp_path.iterdir()} == {"whole", "map"}
+
+
+def report_into(folder):
+    (folder / "report.html").write_text("report")
 
 
 # One window alone

@@ -48,7 +48,8 @@ def make(
     from eventsweep.plugins.ranking.submission import make_submission
 
     asked = _asked(suite, archive)
-    _show(common, make_submission(folder, asked, out, force=force).facts, asked)
+    maps = len(asked.views())
+    _show(common, make_submission(folder, asked, out, force=force).facts, asked, maps)
     common.console().wrote(out)
 
 
@@ -72,7 +73,8 @@ def enter(
     from eventsweep.plugins.ranking.entry import make_entry
 
     asked = _asked(suite, archive)
-    _show(common, make_entry(folder, asked, out, force=force), asked)
+    maps = len(asked.views())  # now: the model of a suite may lie in what is set aside
+    _show(common, make_entry(folder, asked, out, force=force), asked, maps)
     common.console().wrote(out)
 
 
@@ -101,7 +103,7 @@ def check(
             entries.append((path, facts))
         else:
             facts, asked = _checked(path, suite, archive)
-        _show(common, facts, asked)
+        _show(common, facts, asked, len(asked.views()))
     check_apart(entries)
 
 
@@ -129,9 +131,9 @@ def _checked(path: Path, suite: str | None, archive: Path | None) -> tuple[Submi
     return check_submission(path, asked), asked
 
 
-def _show(common: Common, facts: SubmissionFacts, asked: Asked) -> None:
+def _show(common: Common, facts: SubmissionFacts, asked: Asked, maps: int) -> None:
     """Prints what a submission is, once all of it has been checked."""
-    maps, cost = len(asked.views()), facts.cost
+    cost = facts.cost
     line = (
         f"{facts.method} by {', '.join(facts.authors)}, {facts.licence}: {maps} depth maps for "
         f"{asked.name} are complete; stated: {cost.seconds_per_window:g} s per window, "

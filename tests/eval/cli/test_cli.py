@@ -3,6 +3,7 @@
 import io
 import json
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ import pytest
 
 from eventsweep.eval.cli import flag_names
 from eventsweep.eval.cli.app import app
+from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.cli.main import main
 from programs import python
 from refusals import command_refused
@@ -199,6 +201,50 @@ def test_list_and_version(capsys):
     assert "mean |e - g|" in capsys.readouterr().out
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("eventsweep 0.")
+
+
+@pytest.mark.parametrize("points", [0, 1])
+def test_a_method_without_points_or_with_one_is_scored_shown_and_compared(tmp_path, points):
+    mapped, none = tmp_path / "map", tmp_path / "none"
+    words = ("map", small_sequence(tmp_path / "seq"), "--out", mapped, *FEW, "--no-check")
+    assert main([*map(str, words), "--method", "Alg1/min"]) == 0
+    shutil.copytree(mapped, none)
+    path = none / "w000" / "Alg1-min" / "depth.npz"
+    arrays = dict(np.load(path))
+    arrays["mask"] &= np.cumsum(arrays["mask"]).reshape(arrays["mask"].shape) <= points
+    assert np.count_nonzero(arrays["mask"]) == points
+    np.savez(path, **arrays)
+    for folder in (mapped, none):
+        assert main(["score", str(folder), "--quiet"]) == 0
+        assert main(["report", str(folder), "--tables", "--figures", "svg", "--quiet"]) == 0
+    pair = ["compare", str(mapped), str(none), "--out", str(tmp_path / "c"), "--quiet"]
+    assert main([*pair, "--table", str(tmp_path / "t.tex")]) == 0
+    assert f"none: Alg1/min & {'--' if points == 0 else ''}" in (tmp_path / "t.tex").read_text()
+
+
+@pytest.mark.slow
+def test_a_full_disk_in_sliding_windows_is_one_line_and_the_same_command_goes_on(tmp_path):
+    def small_files() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (12_000, 12_000))
+
+    sequence, out = small_sequence(tmp_path / "seq"), tmp_path / "o"
+    words = ("map", sequence, "--out", out, *FEW, "--map.window-s", "0.02", "--no-check")
+    done = python("-m", "eventsweep", *words, preexec_fn=small_files)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert f"{out}: file too large; 0 of" in done.stderr
+    assert "make room, and the same again goes on" in done.stderr
+    assert main([*map(str, words)]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"seq", "o"}
+
+
+@pytest.mark.parametrize(
+    ("error", "words"), [(MemoryError(), ""), (MemoryError("no 9 GB"), "no 9 GB: ")]
+)
+def test_a_fault_without_words_is_said_without_an_empty_place(capsys, error, words):
+    with exit_code() as code:
+        raise error
+    assert code.value == 2
+    assert capsys.readouterr().err.startswith(f"eventsweep: {words}not enough memory; ")
 
 
 @pytest.mark.slow

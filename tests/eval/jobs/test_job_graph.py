@@ -320,7 +320,7 @@ def test_bad_input_and_a_full_disk_are_one_line(make, tmp_path):
     over = run_here([make(name, act) for name, act in acts.items()], tmp_path / "cache", 1)
     assert over["r"] == Failed("r", "3 came, needs 4: add one")
     assert "no space left on device" in over["f"].reason.lower()
-    assert "File too large" in over["s"].reason
+    assert "file too large" in over["s"].reason
     assert all("\n" not in one.reason for one in over.values())
     assert Cache(tmp_path / "cache").size_bytes() == 0
 

@@ -71,8 +71,10 @@ def test_a_curve_is_the_mean_over_cases_of_the_mean_over_seeds_or_nothing():
     assert np.isnan(curve.low[1])
 
 
-def test_one_seed_has_no_band_and_is_drawn(tmp_path):
+@pytest.mark.parametrize("amounts", [1, None])
+def test_one_seed_has_no_band_and_is_drawn(tmp_path, amounts):
     study = study_named("pose-noise")
+    study = replace(study, amounts=study.amounts[:amounts])
     table = {("a", 0): [1.0 + k for k in range(len(study.amounts))]}
     found = curves(values_of(table), [float(k) for k in range(len(study.amounts))], ["Alg1/H"],
                    ["a"])  # fmt: skip
