@@ -132,9 +132,9 @@ measurements: setup studies
 		--picture docs/images/fidelity.png
 	$(BIN)/python tests/benchmarks fidelity --rays --truth out/fidelity --page docs/simulator.md
 	$(BIN)/python tests/benchmarks simulate_stages --page docs/performance.md
-	$(BIN)/python tests/benchmarks fault_runs --page docs/gate.md
+	$(BIN)/python tests/benchmarks recipe_runs --work out/recipe
+	$(BIN)/python tests/benchmarks recipe_runs --work out/recipe --page docs/gate.md
 	$(BIN)/python tests/benchmarks mutation_runs --work out/mutations
-	$(BIN)/python tests/benchmarks mutation_runs --page docs/gate.md
 
 # The figures and tables of docs/studies.md: see there what they cost. Jobs are kept in the cache.
 STUDY = $(BIN)/eventsweep study $$name --out out/studies --seeds 0,1 --quiet

@@ -1,23 +1,14 @@
-"""Runs `quick` and its gate in copies of the packages, whole or with a planted fault.
+"""Runs `quick` and its gate in copies of the packages, whole or with a planted fault."""
 
-`python tests/benchmarks fault_runs --page docs/gate.md` plants every fault and writes what the
-gate says of each into the page. With `EVENTSWEEP_CACHE` set, a run that was stopped goes on where
-it was.
-"""
-
-import argparse
 import json
 import os
 import signal
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
-from eventsweep.emvs.utils.cache import default_cache
 from eventsweep.eval.results.series import SPEED_METRIC
-from markdown_blocks import into_page
-from planted_faults import FAULTS, ROOT, Fault, broken_copy
+from planted_faults import ROOT
 
 BASELINE = Path(os.environ.get("EVENTSWEEP_BASELINE", ROOT / "reports" / "baseline.json"))
 """What is held against; `EVENTSWEEP_BASELINE` names another one than the project's."""
@@ -80,40 +71,3 @@ def timeless(baseline, path):
 def red(verdicts):
     """The verdicts that make a gate fail."""
     return [verdict for verdict in verdicts if verdict["is_red"]]
-
-
-def line(fault: Fault, verdicts):
-    """What the gate says of a fault, as a line of the page's table."""
-    reds = red(verdicts)
-    first = "nothing"
-    if reds:
-        verdict = reds[0]
-        first = " ".join(verdict[part] for part in ("case", "method", "metric") if verdict[part])
-    return f"| {fault.name} | `{fault.file}` | {len(reds)} | {first} |"
-
-
-def table(cache):
-    """Every fault's line; printed as they come."""
-    lines = []
-    with tempfile.TemporaryDirectory() as folder:
-        for fault in FAULTS:
-            _, verdicts = gate(broken_copy(Path(folder) / "copy", fault), cache)
-            lines.append(line(fault, verdicts))
-            sys.stdout.write(lines[-1] + "\n")
-            sys.stdout.flush()
-    deciding = sum(verdict["decides"] and verdict["status"] != "new" for verdict in verdicts)
-    head = [f"| Fault | File | Red, of {deciding} that decide | First |", "|---|---|--:|---|"]
-    return "\n".join([*head, *lines]) + "\n"
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--page", type=Path, help="page to write the table into")
-    asked = parser.parse_args()
-    text = table(default_cache())
-    if asked.page is not None:
-        into_page(asked.page, "faults", text)
-
-
-if __name__ == "__main__":
-    main()
