@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from eventsweep.emvs.errors import InputError, offer, shown
+from eventsweep.emvs.errors import InputError, offer, quoted, shown
 
 RUNS_CODE = "runs code"
 """Marks, in `Annotated`, a field that names code to run: a flag or a call may set it, no file."""
@@ -89,7 +89,7 @@ def fault(
     """
     first = error.errors(include_url=False, include_context=False)[0]
     place, value = first["loc"], shown(first["input"])
-    key = above + ".".join(map(str, place)) if place else model.__name__
+    key = above + ".".join(map(quoted, place)) if place else model.__name__
     if first["type"] == "extra_forbidden":
         return InputError(f"{where}unknown key {key}{_suggestion(model, place)}")
     message = first["msg"].removeprefix("Value error, ")
@@ -129,7 +129,7 @@ def refuse_code(model: type[BaseModel], values: Any, where: str = "", above: str
 def first_fault(error: ValidationError) -> str:
     """Where a pydantic error's first fault is, and what it is: for files that are no parameters."""
     fault = error.errors()[0]
-    return f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}".removeprefix(": ")
+    return f"{'.'.join(map(quoted, fault['loc']))}: {fault['msg']}".removeprefix(": ")
 
 
 def _suggestion(model: type[BaseModel], place: tuple[int | str, ...]) -> str:

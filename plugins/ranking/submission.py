@@ -151,7 +151,7 @@ def read_facts(folder: Path) -> SubmissionFacts:
 
 def _first(error: ValidationError) -> str:
     fault = error.errors()[0]
-    where = ".".join(map(str, fault["loc"]))
+    where = ".".join(map(quoted, fault["loc"]))
     costs = (f"cost.{name}" for name in StatedCost.model_fields)
     known = ", ".join((*SubmissionFacts.model_fields, *costs))
     more = "is missing" if fault["type"] == "missing" else fault["msg"]

@@ -198,6 +198,13 @@ def test_deep_nesting_and_long_numbers_are_one_line(tmp_path, name, text):
     refused_soon(".", READERS[name], tmp_path / name)
 
 
+@pytest.mark.parametrize("name", ["recording.toml", "preset", "settings"])
+@pytest.mark.parametrize("head", ["", "[poses]\n", "[sensor]\n", "[map]\n"])
+def test_a_long_key_is_shortened(tmp_path, name, head):
+    (tmp_path / name).write_text(f"{head}{'9' * 5000} = 1\n")
+    refused_soon(".", READERS[name], tmp_path / name)
+
+
 def test_deep_nesting_in_a_map_and_a_study(tmp_path):
     (tmp_path / "map.json").write_text(DEEP)
     refused_soon("nested too deeply", read_info, tmp_path)
