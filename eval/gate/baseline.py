@@ -75,7 +75,7 @@ def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> B
         seeds=measured.seeds,
         history=history if now in history[-1:] else (*history, now),
         versions=dict(measured.versions),
-        origins={numbers.case: numbers.origins for numbers in measured.series.values()},
+        origins={one.case: one.origins for one in measured.series.values() if one.origins},
         series=tuple(sorted(measured.series.values(), key=lambda numbers: numbers.key)),
     )
 

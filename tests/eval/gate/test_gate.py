@@ -114,7 +114,9 @@ def test_the_more_is_the_same_the_less_may_change(before, now, alike, allowed, d
 def test_a_baseline_keeps_what_its_numbers_were_made_of(tmp_path):
     origins = {0: Origin(sequence="a", recipe="r"), 1: Origin(sequence="b")}
     numbers = series([1, 2]).model_copy(update={"origins": origins})
-    write_baseline(tmp_path / "b", make_baseline(measured(numbers, seeds=(0, 1)), "why", None))
+    speed = series([2.0], metric=SPEED_METRIC)  # of the same case, and of no sequence
+    made = measured(numbers, speed, seeds=(0, 1))
+    write_baseline(tmp_path / "b", make_baseline(made, "why", None))
     assert read_baseline(tmp_path / "b").by_key()[numbers.key].origins == origins
 
 
