@@ -71,6 +71,8 @@ class Program(App):
 
         def flags() -> ArgumentCollection:
             _, apps, _ = self.parse_commands(tokens[0] if tokens else None)
+            if apps[-1].default_command is None:  # no verb, or an unknown one
+                return ArgumentCollection()  # type: ignore[no-untyped-call]
             return apps[-1].assemble_argument_collection()
 
         return flags

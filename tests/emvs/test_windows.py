@@ -382,7 +382,7 @@ def test_a_full_disk_stops_sliding_windows_which_go_on_later(
         monkeypatch.setattr(MapStore, "index_is_due", False)
         monkeypatch.setattr(MapStore, "write_index", write_index)
     said = refused(f"{words}.*; {done} of 8 windows", run, out, force=force, finish=finish)
-    assert said.count("make room, and the same call goes on") == 1
+    assert said.count("make room, and the same again goes on") == 1
     assert str(tmp_path) in said
     monkeypatch.undo()
     run(out, force=force, finish=report_into)
