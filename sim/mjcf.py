@@ -138,11 +138,16 @@ def _model_of(path: Path, _digests: tuple[tuple[str, str], ...]) -> Any:
     with _memory_file() as made:
         bounded(
             str(path),
-            lambda: mj.mj_saveModel(_compiled_at(path), str(made), None),
+            lambda: _save_compiled(mj, path, made),
             memory_bytes=_MODEL_BYTES + _MODEL_RATIO * size,
             cpu_s=_MODEL_S + round(size * _MODEL_S_PER_BYTE),
         )
         return mj.MjModel.from_binary_path(str(made))
+
+
+def _save_compiled(mj: Any, path: Path, made: Path) -> None:
+    mj.set_mju_user_warning(lambda _text: None)  # MuJoCo's own leaves a log in the user's folder
+    mj.mj_saveModel(_compiled_at(path), str(made), None)
 
 
 def _compiled_at(path: Path) -> Any:
