@@ -133,7 +133,6 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks fidelity --rays --truth out/fidelity --page docs/simulator.md
 	$(BIN)/python tests/benchmarks simulate_stages --page docs/performance.md
 	$(BIN)/python tests/benchmarks recipe_runs --work out/recipe
-	$(BIN)/python tests/benchmarks recipe_runs --work out/recipe --page docs/gate.md
 	$(BIN)/python tests/benchmarks mutation_runs --work out/mutations
 
 # The figures and tables of docs/studies.md: see there what they cost. Jobs are kept in the cache.

@@ -64,7 +64,8 @@ class Choice:
         metrics: that decide; all others are shown and decide nothing.
         cases: the only ones to look at; empty: all.
         methods: likewise, beside the event statistics.
-        strict: let every number decide, and make what is better red, too: a change is a change.
+        strict: let every number of the same sequences decide, and make what is better red, too:
+            there a change is one of the code. What is missing or cannot be compared is red anyhow.
     """
 
     metrics: tuple[str, ...] = DECIDING
@@ -89,10 +90,10 @@ class Choice:
 
     def weighed(self, verdict: Judgement) -> Judgement:
         """The verdict with whether it counts, and whether it is red."""
-        decides = self.strict or verdict.key.metric in self.metrics
-        # Nobody's time repeats: to be faster needs no new baseline.
-        any_change = self.strict and verdict.key.metric != SPEED_METRIC
-        red = (*RED, "better") if any_change else RED
+        repeats = verdict.alike == "sequence"
+        asked = verdict.key.metric in self.metrics
+        decides = asked or (self.strict and (repeats or verdict.status in LOST))
+        red = (*RED, "better") if self.strict and repeats else RED
         return replace(verdict, decides=decides, is_red=decides and verdict.status in red)
 
 
@@ -131,7 +132,7 @@ class Tolerances:
 
     def absolute(self, unit: str) -> float:
         """What counts as nothing in this unit."""
-        return {"m": 2e-4, "%": 0.02, "cells": 0.002}.get(unit, 0.0)
+        return {"m": 2e-4, "%": 0.02, "cells": 0.02, "px": 0.01}.get(unit, 0.0)
 
 
 @dataclass(frozen=True)
@@ -322,7 +323,7 @@ def _compared(
     else:
         before = _mean(base.values[seed] for seed in common)
         now = _mean(current.values[seed] for seed in common)
-        by_spread = tolerances.paired * _spread(base) if alike == "seeds" else 0.0
+        by_spread = 0.0 if alike == "sequence" else tolerances.paired * _spread(base)
     relative = _relative(base, alike, tolerances)
     absolute = tolerances.absolute(base.unit)
     if alike == "sequence":  # of what repeats, less counts as nothing

@@ -70,7 +70,7 @@ class GateFlags:
     "File for the summary; it also goes to $GITHUB_STEP_SUMMARY where that is set."
 
     strict: Annotated[bool, NO_NEGATIVE, RARE] = False
-    "Let every number decide, and fail if one is better, too: for code that should not change any."
+    "Of the same sequences let any change be red, and whatever is lost."
 
     update: Annotated[bool, NO_NEGATIVE] = False
     "Write the result as the new baseline."

@@ -3,8 +3,7 @@
 `python tests/benchmarks recipe_runs --work out/recipe` plants those of `PLANTED` and, of a seed,
 random mutations of mapper, extraction and scoring: in a copy of the packages it maps and scores one
 sequence and holds the numbers against those of the code as it is, strictly. Verdicts are lines of
-`WORK/verdicts.jsonl`: a run that was stopped goes on where it was. `--page docs/gate.md` writes how
-many are red.
+`WORK/verdicts.jsonl`: a run that was stopped goes on where it was.
 """
 
 import argparse
@@ -15,7 +14,6 @@ import sys
 from pathlib import Path
 
 import fault_runs
-from markdown_blocks import into_page
 from mutations import drawn
 from planted_faults import Fault, broken_copy
 
@@ -63,13 +61,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--work", type=Path, required=True, help="folder for copies; kept")
     parser.add_argument("--seed", type=int, default=55, help="of the mutations that are drawn")
-    parser.add_argument("--page", type=Path, help="write the table there, and run nothing")
     asked = parser.parse_args()
     verdicts = asked.work / "verdicts.jsonl"
-    if asked.page is None:
-        judge_all(asked.work.resolve(), asked.seed, verdicts)
-    else:
-        into_page(asked.page, "recipe", table(read(verdicts)))
+    judge_all(asked.work.resolve(), asked.seed, verdicts)
 
 
 def read(path):
@@ -138,17 +132,6 @@ def note(verdicts, name, area, code, first, cpu_s):
         stream.write(json.dumps(facts) + "\n")
     sys.stdout.write(f"{facts}\n")
     sys.stdout.flush()
-
-
-def table(verdicts):
-    """How many are red by area, and which are not."""
-    lines = ["| Faults | Planted | Red |", "|---|--:|--:|"]
-    for area in dict.fromkeys(verdict["area"] for verdict in verdicts if verdict["area"]):
-        reds = [verdict["red"] for verdict in verdicts if verdict["area"] == area]
-        lines.append(f"| {area} | {len(reds)} | {sum(reds)} |")
-    green = [verdict["name"] for verdict in verdicts if verdict["area"] and not verdict["red"]]
-    lines += ["", "Green:", "", *(f"- `{name}`" for name in green)] if green else []
-    return "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":
