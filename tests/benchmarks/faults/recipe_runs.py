@@ -105,7 +105,8 @@ def judged(copy, work):
     except fault_runs.TooSlow:
         code, first = 1, "does not end"
     except AssertionError as error:
-        code, first = 1, "ends with: " + str(error).strip().splitlines()[-1][:90]
+        last = (str(error).strip() or "no word").splitlines()[-1]
+        code, first = 1, f"ends with: {last[:90]}"
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return code, first, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
