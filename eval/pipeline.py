@@ -213,7 +213,8 @@ def _scored(
         ):
             parts.append(describe_case(CaseMaps.of_map(name, recording, stored)))
             continue
-        recording = run_folder.sequence_of(stored)
+        run_folder.check_view(stored.info.config, str(stored.path))
+        recording = run_folder.with_ground_truth(recording)
         case = CaseMaps.of_map(name, recording, stored, run_folder.tracked(folder, name))
         windows = case.with_truth(config).windows[DEFAULT_MAPPER]
         # Without predictions nothing is read to check them against.

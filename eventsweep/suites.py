@@ -27,7 +27,7 @@ def run_suite(
 ) -> Results:  # fmt: skip
     """Runs a suite and writes `suite.json` and `suite.csv`; finished jobs come from the cache.
 
-    With more than one worker the calling script must stand below `if __name__ == "__main__":`.
+    Workers import the calling script: its calls must stand below `if __name__ == "__main__":`.
 
     Args:
         suite: a name such as `quick`, or the path of a definition; see the page `suite`.

@@ -175,7 +175,7 @@ def is_ros2(path: Path) -> bool:
 
 
 def _storage(path: Path) -> type[BoundedPath] | None:
-    """How the library is told what a lone file of a ROS2 bag holds; None for other files."""
+    """The kind of path that tells the library what a lone ROS2 file holds; None for others."""
     with opened(path) as file:
         head = file.read(len(SQLITE))
     return next((own for magic, own in _STORAGES.items() if head.startswith(magic)), None)

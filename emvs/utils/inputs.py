@@ -86,9 +86,8 @@ def also_read(*values: object) -> None:
 
 def command_inputs() -> tuple[Path, ...]:
     """What the command that runs reads, and by now is known to be named in that."""
-    if _OF_COMMAND.get()[0] != len(
-        _NAMED
-    ):  # the reader of models may be imported by the command itself
+    formats, _ = _OF_COMMAND.get()
+    if formats != len(_NAMED):  # the reader of models may be imported by the command itself
         also_read()
     return _OF_COMMAND.get()[1]
 

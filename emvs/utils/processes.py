@@ -26,10 +26,11 @@ _LOOKS_S = 0.02  # between looks at a child's memory
 _GUARD = re.compile(rb"__name__|current_process|parent_process")
 
 
-def check_guard() -> None:
+def check_guard(otherwise: str = "") -> None:
     """Refuses workers for a script that would run again in each of them.
 
-    A worker is a new Python, which imports the program's main file first.
+    A worker is a new Python, which imports the program's main file first. `otherwise` is what else
+    would do, where anything would: jobs have a worker even if it is the only one.
 
     Raises:
         InputError: names the file, and what its calls must stand under.
@@ -43,7 +44,7 @@ def check_guard() -> None:
         if b"\0" not in source and not _GUARD.search(source):
             raise InputError(
                 f"{file}: each worker would run this script again: put its calls below "
-                'if __name__ == "__main__":, or use one worker'
+                f'if __name__ == "__main__":{otherwise}'
             )
 
 
@@ -109,7 +110,7 @@ def _in_child(work: Callable[[], object], answer: int, cpu_s: int) -> None:
     code, words = _FAULT, ""
     try:
         faulthandler.disable()
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # a crash is told of by the parent
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the parent reports a crash
         for kind, most in ((resource.RLIMIT_CPU, cpu_s), (resource.RLIMIT_CORE, 0)):
             hard = resource.getrlimit(kind)[1]
             resource.setrlimit(kind, (most if hard < 0 else min(most, hard), hard))

@@ -67,7 +67,7 @@ class Program(App):
         return command, bound, ignored
 
     def _flags_of(self, tokens: Any) -> Callable[[], ArgumentCollection]:
-        """What a command takes, where the command can be told from its words."""
+        """Gives the arguments of the command that the words name; none for an unknown one."""
 
         def flags() -> ArgumentCollection:
             _, apps, _ = self.parse_commands(tokens[0] if tokens else None)

@@ -112,7 +112,7 @@ def method_table(
     results: Mapping[str, Results], metrics: Sequence[str] = (), reference: str = "",
     cases: Sequence[str] = (),
 ) -> MethodTable:  # fmt: skip
-    """Tabulates the methods of one result, or of several that are told apart by their names.
+    """Tabulates the methods of one result, or of several, each under its name.
 
     Args:
         results: by name; with several, a method is called `NAME: METHOD`.

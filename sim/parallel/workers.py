@@ -109,7 +109,7 @@ def frames_from_workers(job: RenderJob, first_chunk: int, workers: int) -> Itera
         InputError: what a worker refuses, or a scene that cannot be sent to another process.
         Stopped: a worker died.
     """
-    check_guard()
+    check_guard(", or use one worker")
     _check_sendable(job)
     # After a fork, threads and graphics of this process would be dead in the child: spawn.
     context = multiprocessing.get_context("spawn")

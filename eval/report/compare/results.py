@@ -124,7 +124,7 @@ def read_compared(paths: Sequence[Path]) -> tuple[ComparedResult, ...]:
 
 
 def names_of(paths: Sequence[Path]) -> list[str]:
-    """What pages and tables call results: their folders' names, told apart where they are equal."""
+    """Names for pages and tables: the folders' own, or longer ones where two are equal."""
     folders = [path.resolve() if path.is_dir() else path.resolve().parent for path in paths]
     names = [folder.name for folder in folders]
     if len(set(names)) < len(names):

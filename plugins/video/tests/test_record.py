@@ -349,9 +349,9 @@ def test_sound_frames_are_not_doubted(tmp_path):
     folder = write_folder(tmp_path / "video", sixteen, SLOW_S[:6])
     assert es.video_to_events(folder, tmp_path / "out").notes == ()
     twelve = write_folder(tmp_path / "twelve", TWELVE_BITS, SLOW_S[:6])
-    told = es.video_to_events(twelve, tmp_path / "out2", video=VideoConfig(full_scale=4095))
-    assert told.events > 0
-    assert not [note for note in told.notes if "full scale" in note]
+    made = es.video_to_events(twelve, tmp_path / "out2", video=VideoConfig(full_scale=4095))
+    assert made.events > 0
+    assert not [note for note in made.notes if "full scale" in note]
 
 
 def test_a_missing_number_of_a_picture_is_doubted_where_a_rate_gives_the_times(tmp_path):

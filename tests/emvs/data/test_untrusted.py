@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import socket
 import time
 from pathlib import Path
 
@@ -32,6 +31,7 @@ from eventsweep.eval.scoring.predictions import read_description
 from eventsweep.eval.suite import definition
 from eventsweep.sim.sensor_presets import read_preset
 from refusals import refused
+from sockets import plug
 
 DEEP = "[" * 100_000
 
@@ -83,14 +83,6 @@ def pipe(path):
 
 def device(path):
     path.symlink_to("/dev/zero")
-
-
-def plug(path):
-    before = Path.cwd()
-    os.chdir(path.parent)  # a socket's name is short
-    with socket.socket(socket.AF_UNIX) as one:
-        one.bind(path.name)
-    os.chdir(before)
 
 
 READERS = {

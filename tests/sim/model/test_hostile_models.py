@@ -1,9 +1,7 @@
 """Models that wait for ever, fill memory or crash MuJoCo are refused soon; sound ones are equal."""
 
 import os
-import socket
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +12,7 @@ from eventsweep.sim import mjcf
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.mjcf import compiled, model_of, read_spec
 from refusals import refused
+from sockets import plug
 
 mujoco = import_mujoco()
 
@@ -22,14 +21,6 @@ def soon(words, path, seconds=10):
     began = time.monotonic()
     assert len(refused(words, model_of, path)) < 1000
     assert time.monotonic() - began < seconds
-
-
-def plug(path):
-    before = Path.cwd()
-    os.chdir(path.parent)  # a socket's name is short
-    with socket.socket(socket.AF_UNIX) as one:
-        one.bind(path.name)
-    os.chdir(before)
 
 
 NAMED = (
