@@ -60,6 +60,8 @@ PRESETS = {
     # Fitted by `python tests/benchmarks fit_imperfection` of commit 77cd9c78 to the table's ratios,
     # errors and points, see the page on studies.
     "mvsec-v2": Perturbation(pose_walk_mm=26),
+    # Of no particular program: lengths off by 1 %, a slow turn, poses at the rate of its camera.
+    "vio": Perturbation(drift_percent=1, drift_yaw_deg_s=0.2, pose_walk_mm=2, pose_rate_hz=100),
 }
 """Errors of real recordings, by name."""
 

@@ -38,7 +38,7 @@ Condition = Literal["noise", "light", "motion", "occlusion", "geometry"]
 """What is hard about a case: noise of the sensor, light, moving things or fast motion, things in
 front of each other, and imperfect geometry."""
 _MOST_CHARS = 4096
-_LATER = ("imperfection", "conditions", "track", "change")
+_LATER = ("imperfection", "conditions", "track", "change", "seeds")
 _Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
 _Seeds = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
 
@@ -66,7 +66,7 @@ class CaseSpec(FrozenModel):
     `conditions` say what is hard about it, for tables; they decide no number. With `track`, a
     tracker's name or true for `track`, its poses are found from its events, too, and scored, as are
     maps on them, see `eval.own_poses`. `change` is what a study makes of the scene, see
-    `eval.stages.changes`.
+    `eval.stages.changes`. `seeds` are those of the suite's that it is run with, where fewer do.
     """
 
     scene: str
@@ -79,6 +79,7 @@ class CaseSpec(FrozenModel):
     conditions: tuple[Condition, ...] = ()
     track: bool | str = False
     change: dict[str, float] = Field(default_factory=dict)
+    seeds: tuple[Annotated[int, Field(ge=0)], ...] = ()
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, given: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -181,11 +182,16 @@ class Suite(FrozenModel):
         length = {"duration_s": case.seconds, "truth_times_s": times_s}
         return {**self.sim, **case.sim, **length}
 
+    def leaves_out(self, case: str, seed: int) -> bool:
+        """Whether one of the suite's own seeds is none of the case's."""
+        own = self.cases[case].seeds
+        return bool(own) and seed in self.seeds and seed not in own
+
     def digest_of(self, case: str) -> str:
         """A hash over all that the definition says of a case, its seeds left out."""
         spec = self.cases[case]
         facts = {
-            "case": spec.model_dump(mode="json", exclude={"conditions"}),
+            "case": spec.model_dump(mode="json", exclude={"conditions", "seeds"}),
             "sim": self.sim,
             "score": self.score,
             "mappers": {name: self.mappers[name] for name in spec.mappers},

@@ -46,6 +46,7 @@ def suite_jobs(
         _suite_job(suite, case, seed, *source(suite, case, seed))
         for seed in seeds
         for case in cases
+        if not suite.leaves_out(case, seed)
     ]
 
 
