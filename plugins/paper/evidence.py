@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.errors import InputError
+from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.jobs.job import SEQUENCE, stored
 from eventsweep.eval.numbers import display_unit, displayed
 from eventsweep.eval.report.run_data import MethodData, WindowData
@@ -20,6 +21,7 @@ from eventsweep.eval.report.suite_pictures import CaseViews
 from eventsweep.eval.results.results import Results, mapper_method
 from eventsweep.eval.results.table import EVENTS, POOLED
 from eventsweep.eval.scoring.pairing import Truth
+from eventsweep.eval.scoring.regions import region_masks
 from eventsweep.eval.scoring.significance import stratified_interval
 
 if TYPE_CHECKING:
@@ -77,7 +79,7 @@ class Evidence:
     views: CaseViews
 
     @cached_property
-    def _rows(self) -> pd.Series:
+    def _rows(self) -> pd.DataFrame:
         keys = ["case", "seed", "window", "method", "metric"]
         return self.results.rows.set_index(keys).sort_index()
 
@@ -103,15 +105,15 @@ class Evidence:
         Raises:
             Missing: there is none.
         """
-        seeds = [sample.seed for sample in self.results.samples if sample.case == case]
+        seeds = sorted(s.seed or 0 for s in self.results.samples if s.case == case)
         name = self._mapped(case, method, mapper)
         try:
-            rows = [self._rows.loc[(case, seed, window, name, metric)] for seed in sorted(seeds)]
+            rows = [self._rows.loc[(case, seed, window, name, metric), "value"] for seed in seeds]
         except KeyError:
             rows = []
         if not rows:
             raise Missing(f"{metric} of {name} in {case} was not measured")
-        return np.array([float(row["value"]) for row in rows])
+        return np.array(rows, np.float64)
 
     def unit(self, metric: str) -> str:
         """The unit in which a metric is stored."""
@@ -141,7 +143,8 @@ class Evidence:
             - np.log(self.per_seed(name, reference, metric, window=window))
             for name in names
         ]
-        return Value(*(math.exp(end) for end in _mean(strata, "")[:3]))
+        mean, low, high, _ = _mean(strata, "")
+        return Value(math.exp(mean), math.exp(low), math.exp(high))
 
     def view(self, case: str, mapper: str = "") -> View:
         """The first window of a case's first seed, with the maps of one of its mappers.
@@ -160,7 +163,10 @@ class Evidence:
         if window is None or window.truth is None or sequence is None:
             raise Missing(f"the cache does not hold the maps of {case}")
         maps = {method.name: method for method in window.methods}
-        return View(window, window.truth, maps, EventSequence.open(sequence.path / SEQUENCE))
+        opened = EventSequence.open(sequence.path / SEQUENCE)
+        config = EvalConfig.model_validate(self.views.suite.score)
+        regions = region_masks(opened, window.t_us, window.truth.depth_m, config)
+        return View(window, replace(window.truth, regions=regions), maps, opened)
 
 
 def _mean(strata: Sequence[NDArray[np.float64]], unit: str) -> Value:

@@ -63,7 +63,7 @@ def _of_twin(exact: View, noisy: View, scale: Scale) -> dict[str, IndexedImage]:
 
 
 def figure_3(evidence: Evidence) -> bytes:
-    """What an ordinary camera and an event camera see of two HDR scenes, and what they make of it."""
+    """What an ordinary and an event camera see of two HDR scenes, and the depth of each."""
     rows = []
     for case in exposure.CASES:
         view = evidence.view(case)
@@ -82,7 +82,9 @@ def figure_3(evidence: Evidence) -> bytes:
 def _of_light(view: View) -> dict[str, IndexedImage]:
     window, scale = view.window, depth_scale(view.window.depth_range_m)
     ours, frames = view.maps[_METHOD], view.maps["Frames/sgm"]
-    assert window.photo is not None and window.brighter is not None and window.darker is not None
+    assert window.photo is not None
+    assert window.brighter is not None
+    assert window.darker is not None
     photo = on_view(window.photo.image, view.sequence.rig.cameras[0])
     most = float(np.nanpercentile(ours.confidence[ours.mask], 90))
     return {
@@ -100,13 +102,7 @@ def lengths(evidence: Evidence) -> bytes:
     figure, axes = _plots(2)
     for axis, place in zip(axes, ("room", "corridor"), strict=True):
         for name, times in list(DRIFTS.items())[1:]:
-            ratios = [
-                evidence.ratio(
-                    place, "abs_rel", _METHOD, _METHOD, window=window,
-                    of=lambda case, name=name: case + name,
-                ).mean
-                for window in LENGTHS
-            ]  # fmt: skip
+            ratios = [_lost(evidence, place, name, window) for window in LENGTHS]
             axis.plot(list(LENGTHS.values()), ratios, marker="o", label=f"errors × {times}")
         axis.axhline(1, color="grey", linewidth=0.8)
         axis.set(title=place, xscale="log", xlabel="window [s]", ylabel="relative error, times")
@@ -114,6 +110,12 @@ def lengths(evidence: Evidence) -> bytes:
         axis.minorticks_off()
         axis.legend()
     return _saved(figure)
+
+
+def _lost(evidence: Evidence, place: str, drift: str, window: str) -> float:
+    return evidence.ratio(
+        place, "abs_rel", _METHOD, _METHOD, window=window, of=lambda case: case + drift
+    ).mean
 
 
 def focus(evidence: Evidence) -> bytes:
@@ -145,7 +147,7 @@ FIGURES: dict[str, Callable[[Evidence], bytes]] = {
 
 def _aspect(image: IndexedImage) -> float:
     height, width = image.index.shape
-    return height / width
+    return float(height / width)
 
 
 def _grid(rows: int, columns: int, aspect: float) -> tuple[Figure, np.ndarray]:
@@ -164,7 +166,9 @@ def _show(axis: Axes, image: IndexedImage, title: str) -> None:
     axis.set(title=title, xticks=(), yticks=())
 
 
-def _bar(figure: Figure, axes: Sequence[Axes] | np.ndarray, scale: Scale, side: str = "bottom") -> None:
+def _bar(
+    figure: Figure, axes: Sequence[Axes] | np.ndarray, scale: Scale, side: str = "bottom"
+) -> None:
     levels = ListedColormap(scale.palette[:-1, :3] / 255)
     bar = figure.colorbar(
         ScalarMappable(Normalize(0, 1), levels), ax=list(axes), location=side, label="depth [m]",

@@ -8,7 +8,8 @@ with the distance from the focus of expansion, the image of where the camera goe
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ SCENES = ("boxes", "planes")
 HEADINGS_DEG = (0, 45, 90)
 SIDEWAYS = tuple(f"{scene}-0" for scene in SCENES)
 RINGS = 6
+PAIR = ("Alg1/H", "EMVS/cam0")
 
 
 class Surest(NamedTuple):
@@ -42,6 +44,16 @@ def surest(view: View, method: str = "Alg1/H") -> Surest:
     first = np.argsort(-one.confidence[both], kind="stable")
     edges = int(np.count_nonzero(truth.regions["edges"] & truth.scored))
     return Surest(errors[first].astype(np.float64), edges)
+
+
+def pooled_surest(evidence: Evidence, cases: Sequence[str], method: str, mapper: str) -> float:
+    """Mean relative error over cases, at as many points as every method of `PAIR` reports there."""
+    means = []
+    for case in cases:
+        view = evidence.view(case, mapper)
+        count = min(len(surest(view, name).errors) for name in PAIR)
+        means.append(float(surest(view, method).errors[:count].mean()))
+    return float(np.mean(means))
 
 
 def by_heading(evidence: Evidence) -> Finding:
@@ -94,12 +106,11 @@ def rings(view: View, method: str = "Alg1/H") -> Iterator[Ring]:
     both = one.mask & truth.scored
     error = np.abs(one.depth_m - truth.depth_m) / truth.depth_m
     bounds = np.linspace(0, float(np.percentile(distance[truth.scored], 98)), RINGS + 1)
-    for inner, outer in zip(bounds, bounds[1:], strict=False):
+    for inner, outer in pairwise(bounds.tolist()):
         ring = (distance >= inner) & (distance < outer)
-        there = np.count_nonzero(ring & edges)
-        points = ring & both
+        there, points = int(np.count_nonzero(ring & edges)), ring & both
         median = 100 * float(np.median(error[points])) if points.any() else float("nan")
-        yield Ring(inner, outer, np.count_nonzero(points) / max(1, there), median)
+        yield Ring(inner, outer, int(np.count_nonzero(points)) / max(1, there), median)
 
 
 def _from_focus(view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

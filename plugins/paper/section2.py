@@ -6,12 +6,11 @@ import numpy as np
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.results.table import EVENTS
+from eventsweep.plugins.paper import means
 from eventsweep.plugins.paper.evidence import Evidence, Value
-from eventsweep.plugins.paper.order import FUNCTIONS, order_of_means
+from eventsweep.plugins.paper.means import NOISY, SCENES
 from eventsweep.plugins.paper.statements import Chapter, Finding, Statement, Verdict
 
-SCENES = ("boxes", "desk", "planes", "low-texture")
-NOISY = tuple(f"{scene}-noisy" for scene in SCENES)
 BAD = "outlier_share"
 
 
@@ -49,7 +48,7 @@ def _edges(evidence: Evidence) -> Finding:
     return Finding(
         f"{100 * on:.0f} % of the points lie on edges of texture or depth, which are "
         f"{100 * everywhere:.0f} % of the view (desk)",
-        Verdict.of(on > 0.5 and on > 2 * everywhere),
+        Verdict.of(bool(on > 0.5 and on > 2 * everywhere)),
     )
 
 
@@ -63,40 +62,6 @@ def _naive(evidence: Evidence) -> Finding:
     )
 
 
-def _order(evidence: Evidence) -> Finding:
-    order = order_of_means(evidence.view("boxes").sequence)
-    return Finding(
-        f"In {order.voxels - order.broken:,} of {order.voxels:,} voxels; {order.both:,} have votes "
-        "of both cameras",
-        Verdict.of(order.broken == 0 and order.both > 0),
-    )
-
-
-def _functions(evidence: Evidence) -> Finding:
-    parts, verdicts = [], []
-    for cases, light in ((SCENES, "ideal sensor"), (NOISY, "a DAVIS346's noise")):
-        shares = {f: evidence.number(cases, f"Alg1/{f}", BAD) for f in FUNCTIONS}
-        parts.append(f"{light}: " + ", ".join(f"{f} {100 * v.mean:.1f}" for f, v in shares.items()))
-        strict, lenient = (
-            [shares[f].mean for f in names] for names in (FUNCTIONS[:3], FUNCTIONS[3:])
-        )
-        verdicts.append(max(strict) < min(lenient))
-    orders = [_scene_order(evidence, case) for case in SCENES]
-    told = "; ".join(f"{case}: {order}" for case, order in zip(SCENES, orders, strict=True))
-    return Finding(
-        f"Outliers, %: {'; '.join(parts)}",
-        Verdict.of(any(verdicts), all(verdicts)),
-        f"From fewest to most outliers, {told}. An ideal sensor and exact poses leave few false "
-        "maxima in one camera alone, so that the strict functions have little to reject, while A "
-        "and G add the votes of edges that only one camera sees well.",
-    )
-
-
-def _scene_order(evidence: Evidence, case: str) -> str:
-    shares = {f: evidence.number(case, f"Alg1/{f}", BAD).mean for f in FUNCTIONS}
-    return " < ".join(sorted(shares, key=shares.__getitem__))
-
-
 def _reference_view(evidence: Evidence) -> Finding:
     views = [evidence.view(case) for case in ("6dof", "desk2")]
     off = [abs(2 * view.window.t_us - sum(view.sequence.trajectory.span_us)) for view in views]
@@ -104,7 +69,7 @@ def _reference_view(evidence: Evidence) -> Finding:
         f"The reference view is camera 0's, at most {max(off) / 2:g} µs from the middle",
         Verdict.of(max(off) <= 2),
         "Volumes and maps equal those of the authors' program on its own example "
-        "(`compatibility = \"mcemvs\"`, [mapper](mapper.md)).",
+        '(`compatibility = "mcemvs"`, [mapper](mapper.md)).',
     )
 
 
@@ -149,11 +114,11 @@ CHAPTER = Chapter(
             "A volume for each camera, fused, is better than one that counts the rays of both",
             _naive,
         ),
-        Statement("Sec. 2, Eq. 1", "min ≤ H ≤ G ≤ A ≤ RMS ≤ max", _order),
+        Statement("Sec. 2, Eq. 1", "min ≤ H ≤ G ≤ A ≤ RMS ≤ max", means.order),
         Statement(
             "Sec. 2, after Eq. 1",
             "G, H and min, which ask both cameras, reject outliers best",
-            _functions,
+            means.functions,
             "Tab. 1 of the journal paper",
         ),
         Statement(

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from eventsweep.eval.results.table import EVENTS
-from eventsweep.plugins.paper import exposure, heading
+from eventsweep.plugins.paper import edges, exposure, heading
 from eventsweep.plugins.paper.evidence import Evidence
-from eventsweep.plugins.paper.section2 import BAD
 from eventsweep.plugins.paper.statements import Chapter, Finding, Statement, Verdict
 
 INDOORS, OUTDOORS = ("6dof", "desk2"), ("skate-easy", "bike-easy")
@@ -39,37 +38,48 @@ def _count(evidence: Evidence) -> Finding:
     told = ", ".join(f"{case} {count:.1f}" for case, count in counts.items())
     return Finding(
         f"Millions of events of both cameras: {told}",
-        Verdict.of(all(1 < c < 100 for c in counts.values()), all(3 < c < 30 for c in counts.values())),
+        Verdict.of(
+            all(1 < c < 100 for c in counts.values()), all(3 < c < 30 for c in counts.values())
+        ),
     )
 
 
 def _clean(evidence: Evidence) -> Finding:
-    shares = {case: evidence.number(case, "Alg1/H", BAD) for case in INDOORS}
+    told, clean, ahead = [], [], []
+    for case in INDOORS:
+        every, left = edges.outliers_of(evidence, case, "Alg1/H")
+        _, alone = edges.outliers_of(evidence, case, "EMVS/cam0")
+        other = edges.outliers_of(evidence, case, "EMVS/cam1")[1]
+        told.append(
+            f"{case} {every:.1f} %, of which all but {left:.1f} % are right for a pixel beside "
+            f"them (one camera {alone:.1f} and {other:.1f} %)"
+        )
+        clean.append(left < 5)
+        ahead.append(left < max(alone, other))
     median = evidence.number(INDOORS, "Alg1/H", "median_error")
-    beside = evidence.ratio(INDOORS, BAD, "Alg1/H", "EMVS/cam0")
-    told = ", ".join(f"{case} {share}" for case, share in shares.items())
     return Finding(
-        f"Points off by more than a tenth: {told}; median error {median}; outliers {beside} times "
-        "those of one camera",
-        Verdict.of(all(v.mean < 0.1 for v in shares.values()), beside.mean < 1),
+        f"Points off by more than a tenth: {'; '.join(told)}; median error {median}",
+        Verdict.of(all(clean), all(ahead)),
+        "Exact truth counts a point half a pixel beside an occluding contour as an outlier, for "
+        "every method alike; of real recordings nobody can tell.",
     )
 
 
 def _planes(evidence: Evidence) -> Finding:
-    hundred = evidence.ratio(INDOORS, BAD, "Alg1/H", "EMVS/cam0")
-    fine = [
-        evidence.number(INDOORS, method, BAD, mapper="fine").mean
-        for method in ("Alg1/H", "EMVS/cam0")
-    ]
-    medians = [
-        evidence.number(INDOORS, "Alg1/H", "median_error", mapper=mapper)
-        for mapper in ("mocap", "fine")
-    ]
+    told, ahead = [], []
+    for mapper, words in (("mocap", "100 planes"), ("fine", "246")):
+        ours, alone = (
+            heading.pooled_surest(evidence, INDOORS, method, mapper)
+            for method in ("Alg1/H", "EMVS/cam0")
+        )
+        ratio = ours / alone
+        median = evidence.number(INDOORS, "Alg1/H", "median_error", mapper=mapper)
+        told.append(f"{words}: median error {median}, {ratio:.2f} times one camera's mean error")
+        ahead.append(ratio)
     return Finding(
-        f"With 100 planes H has {hundred} times the outliers of one camera, with 246 (at most 1 px "
-        f"of disparity apart) {fine[0] / fine[1]:.2f} times; median error {medians[0]} and "
-        f"{medians[1]}",
-        Verdict.of(hundred.mean < 1, medians[0].mean < 1.2 * medians[1].mean),
+        f"At equal points, {'; '.join(told)}",
+        Verdict.of(ahead[0] < 1, ahead[0] < 1.1 * ahead[1]),
+        "Between 0.45 and 4 m disparity spans 245 px, so 100 planes are 2.5 px apart and 246 one.",
     )
 
 
@@ -226,7 +236,9 @@ CHAPTER = Chapter(
         ),
         Statement("Sec. 3, video", "Better than ESVO on the same data", _esvo),
         Statement(
-            "Sec. 3", "Poses of odometry and of motion capture give the same maps", _vio,
+            "Sec. 3",
+            "Poses of odometry and of motion capture give the same maps",
+            _vio,
             "no major difference",
         ),
         Statement(
@@ -235,7 +247,9 @@ CHAPTER = Chapter(
             _lengths,
             "0.5 s",
         ),
-        Statement("Sec. 3, conclusion (ii)", "The method is robust to errors of the poses", _robust),
+        Statement(
+            "Sec. 3, conclusion (ii)", "The method is robust to errors of the poses", _robust
+        ),
         Statement(
             "Sec. 3, Fig. 3",
             "Depth is right in all parts of an HDR scene, also where a frame is black or white",
