@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from eventsweep.eval.results.results import Results
-from eventsweep.plugins.paper import section2, section3
+from eventsweep.plugins.paper import edges, section2, section3
 from eventsweep.plugins.paper.evidence import Evidence, Missing
 from eventsweep.plugins.paper.figures import FIGURES
+from eventsweep.plugins.paper.means import FUNCTIONS, NOISY, SCENES
+from eventsweep.plugins.paper.section3 import FIGURE_2, vio
 from eventsweep.plugins.paper.statements import Chapter, Finding, Statement, Verdict
 
 CHAPTERS: tuple[Chapter, ...] = (section2.CHAPTER, section3.CHAPTER)
-_CAPTIONS = {
+_SHOWN = {
     "paper-figure-2": (
         "Figure 2: depth and confidence of the twins of four recordings",
-        "Red is near, blue far, over the paper's ranges. Confidence is dark on white.",
+        "Red is near, blue far, over the paper's ranges; confidence is dark on white. *A pixel "
+        "beside*: outliers that remain where each point may be held against the truth of the eight "
+        "pixels around it, too.",
+    ),
+    "functions": (
+        "Fusion functions and outliers",
+        "Mean over seeds; `-noisy`: with the noise of a DAVIS346.",
     ),
     "paper-figure-3": (
         "Figure 3: high dynamic range",
@@ -31,6 +39,9 @@ _CAPTIONS = {
         "What H reports, and how far off it is, by the distance from the focus of expansion.",
     ),
 }
+"""Per figure or table its title and what it shows."""
+_METRICS = ("points", "median_error", "mean_error", "outlier_share")
+_OTHERS = ("Alg1/H", "EMVS/cam0", "ESVO/window", "Focus/H")
 
 
 class Page(NamedTuple):
@@ -49,7 +60,7 @@ def page(evidence: Evidence, folder: str = "pictures") -> Page:
     lines = [
         *_head(evidence.results, verdicts),
         *(line for chapter, rows in found.items() for line in _chapter(chapter, rows)),
-        *_figures(pictures, missing, folder),
+        *_figures(evidence, pictures, missing, folder),
     ]
     return Page("\n".join(lines) + "\n", pictures, verdicts)
 
@@ -93,13 +104,62 @@ def _chapter(chapter: Chapter, rows: list[tuple[Statement, Finding]]) -> Iterato
 
 
 def _figures(
-    pictures: Mapping[str, bytes], missing: Mapping[str, str], folder: str
+    evidence: Evidence, pictures: Mapping[str, bytes], missing: Mapping[str, str], folder: str
 ) -> Iterator[str]:
-    for name, (title, caption) in _CAPTIONS.items():
+    for name, (title, caption) in _SHOWN.items():
         yield f"## {title}"
         yield ""
         file = f"{name}.webp"
-        yield f"![{title}]({folder}/{file})" if file in pictures else f"Not drawn: {missing[name]}."
-        yield ""
-        yield caption
-        yield ""
+        if file in pictures:
+            yield from (f"![{title}]({folder}/{file})", "")
+        elif name in missing:
+            yield from (f"Not drawn: {missing[name]}.", "")
+        yield from (caption, "")
+        if name in _TABLES:
+            yield from (*_table(evidence, name), "")
+
+
+def _of_twins(evidence: Evidence) -> Iterator[str]:
+    """Figure 2 in numbers: the method, one camera and ESVO, and the method with other poses."""
+    yield "| Twin | Method | Points | Median error | Mean error | Outliers | a pixel beside |"
+    yield "|---|---|--:|--:|--:|--:|--:|"
+    for case in FIGURE_2:
+        lines = [(case, method, method) for method in _OTHERS]
+        lines.insert(1, (vio(case), "Alg1/H", "Alg1/H, odometry"))
+        for name, method, label in lines:
+            yield _line((case, label), _numbers(evidence, name, method))
+
+
+def _numbers(evidence: Evidence, case: str, method: str) -> Iterator[str]:
+    for metric in _METRICS:
+        yield str(evidence.number(case, method, metric))
+    yield f"{edges.outliers_of(evidence, case, method)[1]:.2f} %"
+
+
+def _of_functions(evidence: Evidence) -> Iterator[str]:
+    """Outliers of every fusion function, scene by scene."""
+    yield f"| Outliers, % | {' | '.join(FUNCTIONS)} | one camera |"
+    yield f"|---|{'--:|' * (len(FUNCTIONS) + 1)}"
+    for case in (*SCENES, *NOISY):
+        names = (*(f"Alg1/{name}" for name in FUNCTIONS), "EMVS/cam0")
+        values = [evidence.number(case, name, "outlier_share") for name in names]
+        yield _line((case,), (str(value).removesuffix(" %") for value in values))
+
+
+def _line(first: Sequence[str], cells: Iterator[str]) -> str:
+    return f"| {' | '.join((*first, *cells))} |"
+
+
+_TABLES: dict[str, Callable[[Evidence], Iterator[str]]] = {
+    "paper-figure-2": _of_twins,
+    "functions": _of_functions,
+}
+"""Per figure that it stands below, or name, what makes a table."""
+
+
+def _table(evidence: Evidence, name: str) -> list[str]:
+    """The lines of a table; one that says what is missing where it cannot be made."""
+    try:
+        return list(_TABLES[name](evidence))
+    except Missing as missing:
+        return [f"No table: {missing}."]
