@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,9 +13,10 @@ from eventsweep.eval.jobs.local import default_workers, local_workers
 from eventsweep.eval.progress import SILENT
 from eventsweep.eval.report.method_table import method_table, write_table
 from eventsweep.eval.results.results import Results
-from eventsweep.eval.scoring.predictions import NamedFolder
 from eventsweep.eval.suite import output
 from eventsweep.eval.suite.definition import load
+from eventsweep.eval.suite.packages import Wanted, open_packages
+from eventsweep.eval.suite.plan import extent
 from eventsweep.eval.suite.run import run_suite as run_jobs_of
 
 __all__ = ["method_table", "run_suite", "write_table"]
@@ -51,11 +53,13 @@ def run_suite(
         raise InputError(f"workers is {workers}: must be 1 or greater")
     store = Cache(Path(cache) if cache is not None else default_cache())
     crew = partial(local_workers, default_workers() if workers is None else workers, store.folder)
-    depths = [NamedFolder(Path(place), name) for name, place in definition.predictions.items()]
+    wanted = Wanted(definition, *extent(definition, subset, seeds, cases))
+    depths, stated = open_packages((), wanted, store)
     with output.prepare_folder(Path(out), force=force) as folder:
         results = run_jobs_of(
             definition, subset, crew, SILENT,
             seeds=seeds, cases=cases, predictions=depths,
         )  # fmt: skip
+        results = replace(results, stated=stated)
         output.write(folder, results, force=force)
     return results

@@ -31,6 +31,7 @@ TABLES = ("scenes", "eval.cli.verbs")
 # Small modules with one importer that are an idea of their own, and which.
 SMALL = {
     "plugins.diagnose.calibration": "runs a refinement; its page only shows one",
+    "eval.stages.beside": "a stage of jobs, too",
     "eval.stages.perturb": "a stage of jobs: its version is that of its own code",
 }
 

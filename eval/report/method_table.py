@@ -21,6 +21,7 @@ from eventsweep.emvs.errors import InputError, check_path, quoted
 from eventsweep.emvs.utils.outputs import output_file
 from eventsweep.eval.numbers import display_unit, displayed
 from eventsweep.eval.report.ranking import column
+from eventsweep.eval.report.unknown import unknown_words
 from eventsweep.eval.results.direction import Direction, best, change_of
 from eventsweep.eval.results.results import Results
 from eventsweep.eval.results.table import EVENTS, POOLED, RIG
@@ -55,7 +56,7 @@ class Cell:
     Attributes:
         value: over all cases and seeds; NaN where the method lacks one of them.
         difference: from the reference, of pairs; None without one, and of the reference itself.
-        wins: in how many of `pairs` it is better than the reference.
+        wins: in how many of `pairs`, those that have both numbers, it beats the reference.
         is_best: whether no method of the table has a better mean.
     """
 
@@ -85,6 +86,7 @@ class MethodTable:
         reference: the method that all are compared with; empty for none.
         cases, seeds: what the numbers are of.
         left_out: methods that lack a number of one of those.
+        unknown: numbers of the other methods that are not known, and why; empty where all are.
     """
 
     heads: tuple[Head, ...]
@@ -93,6 +95,7 @@ class MethodTable:
     cases: tuple[str, ...]
     seeds: tuple[int, ...]
     left_out: tuple[str, ...] = ()
+    unknown: str = ""
 
     @property
     def caption(self) -> str:
@@ -103,6 +106,8 @@ class MethodTable:
             words += ", with 95 % intervals (Student's t over seeds, cases as strata)"
         if self.reference:
             words += f"; Δ: paired difference from {self.reference}, and in how many pairs it wins"
+        if self.unknown:
+            words += f"; not known: {self.unknown}"
         if self.left_out:
             words += f"; left out, for they lack some of it: {', '.join(self.left_out)}"
         return f"{words}."
@@ -142,7 +147,8 @@ def method_table(
     lines = {method: tuple(of[method] for of in columns) for method in methods}
     its_cases, seeds = (tuple(dict.fromkeys(part)) for part in zip(*places, strict=True))
     left_out = tuple(method for method in every if method not in lines)
-    return MethodTable(heads, lines, reference, its_cases, seeds, left_out)
+    unknown = unknown_words(rows, methods, {head.metric: head.title for head in heads}, places)
+    return MethodTable(heads, lines, reference, its_cases, seeds, left_out, unknown)
 
 
 def _check_known(what: str, names: Sequence[str], column: pd.Series) -> None:
@@ -222,7 +228,8 @@ def _column(
         cell = Cell(estimate, is_best=estimate.mean == top)
         if reference and method != reference:
             differences = values[method] - values[reference]
-            changes = [change_of(float(change), direction) for change in differences]
+            known = differences[np.isfinite(differences)]
+            changes = [change_of(float(change), direction) for change in known]
             cell = replace(
                 cell, difference=_estimate(differences, of_cases),
                 wins=changes.count("better"), pairs=len(changes),
@@ -263,7 +270,9 @@ def _against(cell: Cell, head: Head) -> str:
     if cell.difference is None:
         return ""
     text = _shown(cell.difference, head.unit, sign=True)
-    return text if head.direction == "none" else f"{text} ({cell.wins}/{cell.pairs})"
+    return (
+        text if head.direction == "none" or not cell.pairs else f"{text} ({cell.wins}/{cell.pairs})"
+    )
 
 
 def markdown(table: MethodTable) -> str:

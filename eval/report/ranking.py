@@ -16,6 +16,7 @@ from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.found_poses import TRACK, is_on_own_poses, method_on_own_poses
 from eventsweep.eval.numbers import display_unit, displayed
 from eventsweep.eval.report.html import Grid, GridCell, Head, grid
+from eventsweep.eval.report.unknown import unsure_words
 from eventsweep.eval.results.direction import Direction, badness, best
 from eventsweep.eval.results.table import RIG, each, tidy
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
@@ -29,7 +30,8 @@ from eventsweep.eval.scoring.trajectories.metrics import PRIMARY_OF_TRAJECTORIES
 FUSED_PREFIX = "Alg1/"
 SINGLE_PREFIX = "EMVS/"
 RANKING_COLUMNS = (
-    "points", "completeness", "recall_5cm", "mean_error", "common_mean_error", "median_error",
+    "points", "completeness", "recall_5cm", "mean_error", "common_mean_error", "equal_mean_error",
+    "median_error",
     "rmse", "abs_rel", "silog", "bad_published", "outlier_share", "delta_1", "f1_5cm",
     *PRIMARY_OF_TRAJECTORIES, "ate_share", "drift_rotation", "scale_error",
 )  # fmt: skip
@@ -266,7 +268,7 @@ def findings(rows: pd.DataFrame, metric: str, cases: int = 1) -> list[str]:
         sentences.append(f"Fusion functions by {column(metric).title}, best first: {order_text}.")
     if common_text := fusion_order(rows, f"common_{metric}"):
         support = said.count(REFERENCE, "common_points")
-        where = f"the {support} that all methods of the map report" if support else "common pixels"
+        where = f"the {support} that all methods report" if support else "common pixels"
         sentences.append(f"On {where}: {common_text}.")
     ranked = [name for name, value in order(rows, metric) if not math.isnan(value)]
     single = next((name for name in ranked if name.startswith(SINGLE_PREFIX)), None)
@@ -276,6 +278,8 @@ def findings(rows: pd.DataFrame, metric: str, cases: int = 1) -> list[str]:
         sentences += [said.beside(name, REFERENCE) for name in _others(ranked)]
         if single is not None and ranked.index(single) < ranked.index(REFERENCE):
             sentences.append(said.why_single(single, metric))
+    if unsure := unsure_words(rows):
+        sentences.append(unsure)
     if causes_text := said.causes(REFERENCE):
         sentences.append(causes_text)
     return sentences + poses

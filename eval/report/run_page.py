@@ -61,8 +61,8 @@ _READING = (
     "Ordered by {title} (single cameras, the baseline of all others, have no rank). ● best of its "
     "column; ↓ lower is better, ↑ higher is better. Read errors together with points: a method "
     "that reports fewer pixels has chosen easier ones, so “common” repeats the comparison on the "
-    "pixels that all methods of the map report, and the sentences above compare two methods on "
-    "the pixels that both report. “Completeness, any error” is the share of the pixels with "
+    "pixels that all methods report and “equal” at as many points, and the sentences above on "
+    "those that two report. “Completeness, any error” is the share of the pixels with "
     "ground truth that have a depth, however wrong; recall, which papers also call completeness, "
     "counts only depth within its stated error. Hold the pointer over a heading for its formula."
 )

@@ -177,7 +177,10 @@ def _identity(results: Results, sample: Sample, row: Any) -> str:
     if results.suite:
         # Frozen sequences and such as were drawn anew are of different versions.
         archive = [results.archive.version] if results.archive else []
-        return _hash([results.cases[row.case], sample.scene, *archive, version])
+        # Which pixels these are of, predictions decide with.
+        theirs = [results.predictions] if row.region in ("common", "equal") else []
+        beside = theirs if results.predictions else []
+        return _hash([results.cases[row.case], sample.scene, *archive, version, *beside])
     facts = [sample.sequence or None, results.configuration.get("score"), row.metric, row.unit]
     # Own results may say nothing of what made their numbers; ours say it.
     return _hash(facts if version is None else [*facts, version])

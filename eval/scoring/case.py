@@ -78,9 +78,9 @@ def score_case(
 ) -> Results:
     """Scores every window, all of them pooled, and their mean, for each mapper.
 
-    There are rows about the events, which a gate looks at. In a suite every window must have ground
-    truth. In a run there are rows about the rig's parallax, too, all methods are compared with the
-    reference method on common pixels, and windows without ground truth are left out and counted.
+    There are rows about the events, which a gate looks at, and all methods are compared with the
+    reference method on common pixels. In a suite every window must have ground truth. In a run
+    there are rows about the rig's parallax, too, and windows without it are left out and counted.
 
     Args:
         case: what there is.
@@ -93,8 +93,7 @@ def score_case(
     for mapper, windows in scored.windows.items():
         own = own_estimates(case.own[mapper], windows) if mapper in case.own else None
         estimates = own if others is None else others if own is None else _both(others, own)
-        reference = None if in_suite else REFERENCE
-        rows = score_windows(case.name, case.recording, windows, config, estimates, reference)
+        rows = score_windows(case.name, case.recording, windows, config, estimates, REFERENCE)
         tables.append(rows.assign(method=[mapper_method(m, mapper) for m in rows["method"]]))
     tables.insert(1, _context_rows(scored, in_suite=in_suite))
     configuration, versions = _settings_of(case, scored), metric_versions()

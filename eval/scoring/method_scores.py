@@ -10,7 +10,7 @@ from eventsweep.eval.results.direction import Direction
 from eventsweep.eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS
 from eventsweep.eval.scoring.metrics import CELL_METRICS, METRICS, Metric, Pairs
 from eventsweep.eval.scoring.outlier_causes import CAUSES
-from eventsweep.eval.scoring.pairing import ALL, COMMON, HARMONIC, SHARED, MethodPairs
+from eventsweep.eval.scoring.pairing import ALL, COMMON, EQUAL, HARMONIC, SHARED, MethodPairs
 
 CAUSE_PREFIX = "cause_"
 BAD_POINTS = "outlier_points"
@@ -21,7 +21,9 @@ REGION_NAMES = (
     "outlier_share", "f1_5cm",
 )  # fmt: skip
 # The pixels of both are the same ones: their number once is enough.
-_NAMES = {COMMON: COMMON_NAMES, SHARED: SHARED_NAMES, HARMONIC: SHARED_NAMES[1:]}
+_NAMES = {
+    COMMON: COMMON_NAMES, EQUAL: COMMON_NAMES, SHARED: SHARED_NAMES, HARMONIC: SHARED_NAMES[1:],
+}  # fmt: skip
 ALL_METRICS: dict[str, Metric] = ByName(
     "metric",
     {one.name: one for one in (*METRICS, *CELL_METRICS, *CURVE_METRICS, *COVERAGE_METRICS)},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,12 +15,16 @@ from eventsweep.eval.scoring.regions import away_from_border
 
 REFERENCE = "Alg1/H"
 """The method that others are compared with, on the pixels that both report."""
-ALL, COMMON, SHARED, HARMONIC = "all", "common", "shared", "harmonic"
+ALL, COMMON, EQUAL, SHARED, HARMONIC = "all", "common", "equal", "shared", "harmonic"
 COMPARED: dict[str, str] = {
+    COMMON: "the pixels that all methods of the window report",
+    EQUAL: "the method's surest pixels, as many as the method with the fewest has",
     SHARED: f"the pixels that the method and {REFERENCE} both report",
     HARMONIC: f"{REFERENCE}'s depth at the pixels that the method reports, too",
 }
-"""Regions that are no property of the truth, but of two methods."""
+"""Regions that are no property of the truth, but of several methods."""
+OF_ALL_METHODS = (COMMON, EQUAL)
+"""Those that are decided by every method of the window."""
 DepthImage = NDArray[np.floating]
 MaskImage = NDArray[np.bool_]
 
@@ -87,9 +91,11 @@ class MethodPairs:
 
     Attributes:
         own: at all pixels that it reports.
-        common: at those that all methods of the map report; None for one that is not of the map.
-        regions: at its own pixels in each region of ground truth; beside a reference method also
-            `shared`, at the pixels that both report, and `harmonic`, the reference's pairs there.
+        common: at those that all compared methods report; None for one that is not compared.
+        regions: at its own pixels in each region of ground truth; `equal`, at its surest pixels, as
+            many as the compared method with the fewest has, where they are known; beside a
+            reference method also `shared`, at the pixels that both report, and `harmonic`, the
+            reference's pairs there.
         causes: why its bad pixels are bad, see `eval.scoring.outlier_causes`; None where it was not
             asked.
     """
@@ -139,37 +145,64 @@ def pair(
 
 
 def pair_methods(
-    estimates: Mapping[str, AnyEstimate], truth: Truth, *, mapped: Iterable[str] | None = None,
+    estimates: Mapping[str, AnyEstimate], truth: Truth, *, compared: Iterable[str] | None = None,
     reference: str | None = None,
 ) -> dict[str, MethodPairs]:  # fmt: skip
     """Pairs every method with the truth, and again by region and on the pixels others report.
 
-    A method without a single point is left out of the common support, which it would empty.
+    A method without a single point is left out of the common support, which it would empty, and of
+    the fewest points.
 
     Args:
         estimates: by method.
         truth: ground truth of the same view.
-        mapped: the methods whose pixels make the common support, so that it does not depend on
-            what is scored beside them; None for all.
+        compared: the methods whose pixels make the common support and the fewest points; None for
+            all.
         reference: the method that every other is paired with; None, or one that is not there, for
             no pairs.
     """
     full = {method: Estimate(*estimate) for method, estimate in estimates.items()}
-    support = set(full if mapped is None else mapped)
-    filled = [one.mask for name, one in full.items() if name in support and one.mask.any()]
+    within = set(full if compared is None else compared)
+    filled = [one.mask for name, one in full.items() if name in within and one.mask.any()]
     common = np.logical_and.reduce(filled) if filled else np.zeros(truth.valid.shape, np.bool_)
     other = full.get(reference) if reference is not None else None
+    own = {method: _pair(one, truth) for method, one in full.items()}
+    fewest = min((own[name].count for name in within if own[name].count), default=0)
     return {
         method: MethodPairs(
-            _pair(one, truth),
-            _pair(one, truth, common) if method in support else None,
+            own[method],
+            _pair(one, truth, common) if method in within else None,
             {
                 **{name: _pair(one, truth, region) for name, region in truth.regions.items()},
+                **(_equal(own[method], fewest) if method in within else {}),
                 **(_beside(one, other, truth) if other is not None and method != reference else {}),
             },
         )
         for method, one in full.items()
     }
+
+
+def surest(pairs: Pairs, count: int) -> Pairs | None:
+    """The `count` pairs of the highest confidence; None where nothing says which those are.
+
+    Of equal confidences some are drawn: the first ones would lie in the same rows of the image.
+    """
+    if count >= pairs.count:
+        return pairs
+    if pairs.confidence is None:
+        return None
+    drawn = np.random.default_rng(0).permutation(pairs.count)
+    kept = np.sort(np.lexsort((drawn, -pairs.confidence))[:count])
+    cells = pairs.signed_cells
+    return replace(
+        pairs, estimate_m=pairs.estimate_m[kept], truth_m=pairs.truth_m[kept],
+        signed_cells=None if cells is None else cells[kept], confidence=pairs.confidence[kept],
+    )  # fmt: skip
+
+
+def _equal(own: Pairs, count: int) -> dict[str, Pairs]:
+    found = surest(own, count)
+    return {} if found is None else {EQUAL: found}
 
 
 def _pair(estimate: Estimate, truth: Truth, within: MaskImage | None = None) -> Pairs:

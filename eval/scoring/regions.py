@@ -23,14 +23,13 @@ _DARK = 8.0
 """Added to intensities (0..255) before the logarithm: one step of the darkest level is 0.12."""
 REGIONS: dict[str, str] = {
     "all": "every pixel with ground truth",
-    "common": "the pixels that all methods report",
     "interior": "the pixels away from depth discontinuities",
     "boundary": "the pixels at depth discontinuities",
     "edges": "the pixels on texture edges",
     "static": "the pixels of what stands still",
     "moving": "the pixels of what moves by itself",
 }
-DRAWN: tuple[str, ...] = tuple(name for name in REGIONS if name not in ("all", "common"))
+DRAWN: tuple[str, ...] = tuple(name for name in REGIONS if name != "all")
 """Those that are drawn from ground truth."""
 
 

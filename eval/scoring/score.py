@@ -22,6 +22,7 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.maps.folder import StoredWindow, WindowInfo
 from eventsweep.emvs.windows import Window
 from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.found_poses import is_on_own_poses
 from eventsweep.eval.results.table import MEAN, POOLED, RIG, tidy
 from eventsweep.eval.scoring.method_scores import Score, score_method, score_pairs
 from eventsweep.eval.scoring.outlier_causes import OutlierClassifier, count_events
@@ -149,7 +150,8 @@ def window_pairs(
 
     A data set's truth is sparse and comes without intensity: it has no regions and no causes.
     `predictions` are, by name, depth maps of other methods for the same view; all methods are
-    compared with `reference` on the pixels that both report.
+    compared with `reference` on the pixels that both report, and with each other on those that all
+    report, but for maps on poses that were found: where those fail, nothing would be left.
     """
     info = window.info
     stretch = Window(info.t0_us, info.t1_us, info.t_ref_us, ())
@@ -168,12 +170,9 @@ def pairs_of_maps(
         _check_unit(sequence.name, truth, next(iter(maps.values())).rho)
     if isinstance(sequence, EventSequence):
         truth = replace(truth, regions=region_masks(sequence, t_us, truth.depth_m, config))
-    estimates = {
-        method: Estimate(depth_map.depth_m, depth_map.mask, depth_map.confidence, depth_map.rho)
-        for method, depth_map in maps.items()
-    }
-    estimates |= predictions
-    pairs = pair_methods(estimates, truth, mapped=maps, reference=reference)
+    estimates = map_estimates(maps) | predictions
+    compared = [name for name in estimates if not is_on_own_poses(name)]
+    pairs = pair_methods(estimates, truth, compared=compared, reference=reference)
     if not isinstance(sequence, EventSequence):
         return pairs
     classifier = outlier_classifier(sequence, window, next(iter(maps.values())), truth, config)
@@ -186,6 +185,11 @@ def pairs_of_maps(
         )
         for method, compared in pairs.items()
     }
+
+
+def map_estimates(maps: Mapping[str, DepthMap]) -> dict[str, Estimate]:
+    """What depth maps say of their view."""
+    return {name: Estimate(m.depth_m, m.mask, m.confidence, m.rho) for name, m in maps.items()}
 
 
 def _check_unit(name: str, truth: Truth, rho: NDArray[np.floating]) -> None:

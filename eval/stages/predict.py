@@ -15,7 +15,7 @@ from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.jobs.job import RESULT, Runtime
 from eventsweep.eval.results.results import DEFAULT_MAPPER, to_json
 from eventsweep.eval.scoring.case import score_case
-from eventsweep.eval.scoring.pairing import REFERENCE
+from eventsweep.eval.scoring.pairing import OF_ALL_METHODS, REFERENCE
 from eventsweep.eval.scoring.predictions import Prediction, PredictionFacts, estimates_of
 from eventsweep.eval.scoring.run_folder import target_view
 from eventsweep.eval.stages.score import case_of
@@ -34,7 +34,9 @@ def run(
     views = [target_view(case.recording, window, config) for window in windows]
     estimates = (estimates_of([prediction], view) for view in views)
     scored = score_case(replace(case, windows=only), config, estimates)
-    rows = scored.rows[scored.rows["method"] == prediction.name]
+    # `eval.stages.beside` compares all methods; here are but two of them.
+    of_two = scored.rows["region"].isin(OF_ALL_METHODS)
+    rows = scored.rows[(scored.rows["method"] == prediction.name) & ~of_two]
     (out / RESULT).write_text(to_json(replace(scored, rows=rows)), encoding="utf-8")
 
 

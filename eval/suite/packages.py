@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from eventsweep.emvs.utils.cache import Cache
@@ -32,9 +33,11 @@ class Wanted:
 
 
 def open_packages(
-    given: Sequence[NamedFolder], wanted: Wanted, cache: Cache
+    more: Sequence[str], wanted: Wanted, cache: Cache
 ) -> tuple[list[NamedFolder], Stated]:
     """Unpacks packed depth maps into the cache; plain folders stay as they are.
+
+    They are those that the suite's definition names, and more, each `NAME=DIR` or `DIR`.
 
     Returns:
         The folders, in the order given; and by the method's name in scores, facts of those that
@@ -43,9 +46,10 @@ def open_packages(
     Raises:
         InputError: a package that is damaged, or holds something else than is wanted.
     """
-    folders = list(given)
+    folders = [NamedFolder(Path(place), name) for name, place in wanted.suite.predictions.items()]
+    folders += map(NamedFolder.of, more)
     stated: Stated = {}
-    for point in reversed(points(PREDICTIONS)) if given else ():  # ours last: it refuses the rest
+    for point in reversed(points(PREDICTIONS)) if folders else ():  # ours last: it refuses the rest
         opened = loaded(point, "its predictions {} cannot be used")
         folders, facts = opened(folders, wanted, cache)
         stated |= facts

@@ -34,7 +34,7 @@ from eventsweep.eval.scoring.predictions import (
     method_name,
     timed_files,
 )
-from eventsweep.eval.stages import predict
+from eventsweep.eval.stages import beside, predict
 from eventsweep.eval.suite.definition import CaseSpec, Suite
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.mjcf import is_model_file
@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 
 PERFECT_PERCENT = 0.05
 """A mean relative error below this is not an estimate's."""
+BESIDE = "beside"
+"""What the jobs that compare all methods of a sequence are called."""
 LISTING = "eventsweep suite SUITE --list-cases"
 ViewId = tuple[str, int, int]
 _SEED = re.compile(r"seed(\d+)")
@@ -156,23 +158,49 @@ class SuitePrediction:
 
     def job(self, score: Job) -> Job:
         """Scores this method on the sequence of another scoring job, beside its first mapper."""
-        place, mappers = score.name.removeprefix("score/"), score.parameters["mappers"]
-        mapped = score.needs[1 : 1 + len(mappers)]  # behind them: the poses that were found
-        maps = [one for one, name in zip(mapped, mappers, strict=True) if name == mappers[0]]
-        parameters = {
-            **{name: score.parameters[name] for name in ("case", "seed", "score", "scene_digest")},
-            "mappers": [DEFAULT_MAPPER] * len(maps),
+        place, shared, needs = _first_mapper(score)
+        return Job(
+            f"predict/{place}/{self.name}",
+            predict.STAGE,
+            {**shared, **self.facts(place)},
+            needs,
+            (str(self.folder),),
+        )
+
+    def facts(self, place: str) -> dict[str, Any]:
+        """What `eval.stages.predict.opened` opens the depth maps of a place by."""
+        return {
             "name": self.name,
             "description": self.description.model_dump(mode="json"),
             "files": {str(t_us): list(one) for t_us, one in self.files[place].items()},
         }
-        return Job(
-            f"predict/{place}/{self.name}",
-            predict.STAGE,
-            parameters,
-            (score.needs[0], *maps),
-            (str(self.folder),),
-        )
+
+
+def beside_job(predictions: Sequence[SuitePrediction], score: Job) -> Job:
+    """Compares all predictions and the methods of a scoring job's first mapper."""
+    place, shared, needs = _first_mapper(score)
+    return Job(
+        f"{BESIDE}/{place}",
+        beside.STAGE,
+        {
+            **shared,
+            "mapper": score.parameters["mappers"][0],
+            "predictions": [one.facts(place) for one in predictions],
+        },
+        needs,
+        tuple(str(one.folder) for one in predictions),
+    )
+
+
+def _first_mapper(score: Job) -> tuple[str, dict[str, Any], tuple[Job, ...]]:
+    """Of a scoring job its place, and parameters and needs of one beside its first mapper."""
+    mappers = score.parameters["mappers"]
+    mapped = score.needs[1 : 1 + len(mappers)]  # behind them: the poses that were found
+    maps = [one for one, name in zip(mapped, mappers, strict=True) if name == mappers[0]]
+    names = ("case", "seed", "score", "scene_digest")
+    shared = {name: score.parameters[name] for name in names}
+    shared["mappers"] = [DEFAULT_MAPPER] * len(maps)
+    return score.name.removeprefix("score/"), shared, (score.needs[0], *maps)
 
 
 def open_predictions(

@@ -14,8 +14,10 @@ from eventsweep.eval.results.results import JobNote, Results, joined, results_fr
 from eventsweep.eval.scoring.predictions import NamedFolder
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.plan import extent, suite_jobs
-from eventsweep.eval.suite.predictions import assignment, open_predictions
+from eventsweep.eval.suite.predictions import assignment, beside_job, open_predictions
 from eventsweep.eval.suite.source import SequenceSource
+
+_ABOUT = ["case", "seed", "window", "method", "metric"]
 
 
 def run_suite(
@@ -34,7 +36,8 @@ def run_suite(
     facts = (job.parameters for job in jobs) if predictions else ()
     asked = [assignment(suite, each["case"], each["seed"]) for each in facts]
     others = open_predictions(predictions, suite, asked)
-    jobs += [other.job(job) for job in jobs for other in others]
+    beside = [beside_job(others, job) for job in jobs] if others else []
+    jobs += [*(other.job(job) for job in jobs for other in others), *beside]
     outcomes = run_jobs(jobs, workers, progress)
     return collected(
         jobs,
@@ -55,7 +58,10 @@ def collected(jobs: Sequence[Job], outcomes: Mapping[str, Outcome], **about: Any
     texts = [done.text for job in jobs if isinstance(done := outcomes[job.name], Done)]
     parts = [results_from(json.loads(text)) for text in texts if text]
     notes = tuple(map(_note, outcomes.values()))
-    return replace(joined(parts, jobs=notes, **about), configuration={})
+    found = joined(parts, jobs=notes, **about)
+    # Beside predictions, the maps are compared on other pixels than among themselves.
+    rows = found.rows.drop_duplicates(_ABOUT, keep="last", ignore_index=True)
+    return replace(found, rows=rows, configuration={})
 
 
 def _note(outcome: Outcome) -> JobNote:

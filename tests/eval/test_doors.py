@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from types import SimpleNamespace
 
@@ -162,11 +163,14 @@ def test_predictions_are_unpacked_by_whoever_can(monkeypatch, tmp_path):
         asked.append(about)
         return [one._replace(path=one.path / "unpacked") for one in given], {"Mine": {"cost": 1}}
 
-    given, cache = [NamedFolder(tmp_path, "Mine")], Cache(tmp_path / "cache")
+    given, cache = NamedFolder(tmp_path, "Mine"), Cache(tmp_path / "cache")
     offer(monkeypatch, packages)
-    assert packages.open_packages(given, wanted, cache) == (given, {})
+    assert packages.open_packages([f"Mine={tmp_path}"], wanted, cache) == ([given], {})
+    wanted = replace(
+        wanted, suite=suite.model_copy(update={"predictions": {"Mine": str(tmp_path)}})
+    )
     offer(monkeypatch, packages, mine=unpacked)
-    folders, stated = packages.open_packages(given, wanted, cache)
+    folders, stated = packages.open_packages((), wanted, cache)
     assert [one.path for one in folders] == [tmp_path / "unpacked"]
     assert (stated, asked) == ({"Mine": {"cost": 1}}, [wanted])
 

@@ -112,16 +112,13 @@ def _run(
 ) -> int:
     from eventsweep.emvs.utils.cache import Cache
     from eventsweep.eval.report.suite_pictures import write_pictures
-    from eventsweep.eval.scoring.predictions import NamedFolder
     from eventsweep.eval.suite import output
     from eventsweep.eval.suite.cost import measured_costs
     from eventsweep.eval.suite.packages import open_packages
     from eventsweep.eval.suite.predictions import perfect_scores
 
     suite, cache, console = parts.suite, job_flags.cache_folder(), common.console()
-    own = (f"{name}={folder}" for name, folder in suite.predictions.items())
-    entered = [NamedFolder.of(given) for given in (*own, *prediction)]
-    given, stated = open_packages(entered, parts.wanted(), Cache(cache))
+    given, stated = open_packages(prediction, parts.wanted(), Cache(cache))
     with output.prepare_folder(out, force=force) as folder:
         result = run_with_flags(
             suite, parts.subset, job_flags, console.progress, seeds=parts.seeds,

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from eventsweep.eval.report.compare.results import WHOLE, CaseResult, ComparedResult, Number
+from eventsweep.eval.scoring.pairing import OF_ALL_METHODS
 from eventsweep.eval.scoring.trajectories.metrics import TRAJECTORY_METRICS
 
-_COMMON = "common_"
+_OF_ALL_METHODS = tuple(f"{region}_" for region in OF_ALL_METHODS)
 Lacking = Callable[[ComparedResult, ComparedResult, str], list[str]]
 
 
@@ -34,8 +35,8 @@ def not_comparable(
             "scored otherwise" if number.metric in TRAJECTORY_METRICS else "other pixels are scored"
         )
         return f"{what}: {', '.join(differing)}"
-    if number.metric.startswith(_COMMON) and set(one.methods) != set(two.methods):
-        return "common to other methods"
+    if number.metric.startswith(_OF_ALL_METHODS) and set(one.methods) != set(two.methods):
+        return "beside other methods"
     return ""
 
 

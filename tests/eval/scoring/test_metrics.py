@@ -1,5 +1,7 @@
 """Metrics: against their slow twin, against a hand calculation, and by law."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +14,7 @@ from eventsweep.eval.results.table import each
 from eventsweep.eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS, THRESHOLDS_CM
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, score_method, score_pairs
 from eventsweep.eval.scoring.metrics import CELL_METRICS, METRICS, Pairs
-from eventsweep.eval.scoring.pairing import Truth, pair, pair_methods
+from eventsweep.eval.scoring.pairing import Estimate, Truth, pair, pair_methods, surest
 from eventsweep.eval.scoring.score import case_rows, score_depth
 from refusals import line_of
 
@@ -239,15 +241,50 @@ def test_two_methods_are_compared_on_the_pixels_of_both():
     assert not [name for name in alone["b"] if name.startswith("shared")]
 
 
-def test_what_is_scored_beside_a_map_leaves_its_common_support_alone():
+def test_maps_that_are_not_compared_leave_the_common_support_alone():
     ours = {"a": estimate(1.5, 1, 1, 1, 0), "b": estimate(2.0, 0, 1, 1, 1)}
     alone = of_methods(pair_methods(ours, TRUTH))
-    theirs = {"Given/x": estimate(1.0, 1, 0, 0, 0)}
-    both = of_methods(pair_methods({**ours, **theirs}, TRUTH, mapped=ours))
+    theirs = {"a track": estimate(1.0, 1, 0, 0, 0)}
+    both = of_methods(pair_methods({**ours, **theirs}, TRUTH, compared=ours))
     assert alone["a"]["common_points"] == 2
     for name in ours:
         np.testing.assert_equal(both[name], alone[name])
-    assert not [name for name in both["Given/x"] if name.startswith("common")]
+    assert not [name for name in both["a track"] if name.startswith(("common", "equal"))]
+
+
+def sure(depth_m, mask, *confidence):
+    return Estimate(*estimate(depth_m, *mask), np.array([confidence]))
+
+
+def test_at_equal_points_each_method_keeps_its_surest_as_many_as_the_fewest():
+    """By hand: b has two points, so a keeps its two surest; c does not say which those are."""
+    methods = {
+        "a": sure([[3.0, 2.0, 1.5, 1.25]], (1, 1, 1, 1), 1, 2, 4, 3),
+        "b": estimate(2.0, 0, 1, 1, 0),
+        "c": estimate(1.0, 1, 1, 1, 0), "silent": estimate(1.0, 0, 0, 0, 0),
+    }  # fmt: skip
+    got = of_methods(pair_methods(methods, TRUTH))
+    assert (got["a"]["equal_points"], got["a"]["equal_mean_error"]) == (2, 0.375)
+    assert (got["b"]["equal_points"], got["b"]["equal_mean_error"]) == (2, 1.0)
+    assert not [name for name in got["c"] if name.startswith("equal")]
+    assert got["silent"]["equal_points"] == 0
+
+
+@given(st.integers(0, 50), st.integers(1, 60))
+def test_the_surest_are_never_less_sure_than_the_rest(seed, count):
+    """And a confidence that says nothing draws pixels of everywhere, not the first rows."""
+    rng = np.random.default_rng(seed)
+    estimate_m, confidence = rng.uniform(1, 2, 60), rng.integers(0, 5, 60).astype(float)
+    pairs = Pairs(estimate_m, np.ones(60), 60, 10.0, confidence=confidence)
+    kept = surest(pairs, count)
+    assert kept.count == count
+    whole = np.sort(confidence)[::-1]
+    np.testing.assert_array_equal(np.sort(kept.confidence)[::-1], whole[:count])
+    assert set(zip(kept.estimate_m, kept.confidence, strict=True)) <= set(
+        zip(estimate_m, confidence, strict=True)
+    )
+    flat = surest(replace(pairs, truth_m=np.arange(1.0, 61), confidence=np.ones(60)), 20)
+    assert 20 < flat.truth_m.mean() < 41
 
 
 def test_case_rows_hold_every_window_and_their_pool_as_one_large_window():
@@ -256,7 +293,7 @@ def test_case_rows_hold_every_window_and_their_pool_as_one_large_window():
         other = np.random.default_rng(seed).random(mask.shape) < 0.5
         truth = Truth(truth_m, valid, 226.0, 0.1)
         found = {"Alg1/H": (depth_m, mask), "b": (1.1 * depth_m, mask & other)}
-        return pair_methods(found, truth, mapped=["Alg1/H"], reference="Alg1/H")
+        return pair_methods(found, truth, compared=["Alg1/H"], reference="Alg1/H")
 
     parts = {f"w{seed:03d}": windows(seed) for seed in (0, 1)}
     rows = each(case_rows("desk", parts))

@@ -11,6 +11,7 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.results.results import read_results
 from eventsweep.eval.results.table import each
+from eventsweep.eval.scoring.pairing import OF_ALL_METHODS
 from eventsweep.eval.stages import predict as predict_stage
 from refusals import command_refused, line_of
 from small_suite import case, suite_text
@@ -106,16 +107,19 @@ def test_a_prediction_is_scored_ranked_and_shown(suite, theirs, tmp_path):
     out = tmp_path / "out"
     assert run(file.parent, cache, out, "--prediction", f"mine={theirs}") == 0
     result = read_results(out)
-    assert [one.facts for one in result.samples] == [one.facts for one in before.samples]
-    built_in = result.rows[result.rows["method"] != "Given/mine"]
-    assert built_in.reset_index(drop=True).equals(before.rows)
+    assert result.samples == before.samples
+    own, alone = (
+        rows[(rows["method"] != "Given/mine") & ~rows["region"].isin(OF_ALL_METHODS)]
+        for rows in (result.rows, before.rows)
+    )
+    assert own.reset_index(drop=True).equals(alone.reset_index(drop=True))
     for sample in result.samples:
         rows = result.rows[result.rows["case"] == sample.case]
         mine = list(each(rows[(rows["seed"] == sample.seed) & (rows["method"] == "Given/mine")]))
         relative = {row.window: row.value for row in mine if row.metric == "abs_rel"}
         assert relative == pytest.approx(dict.fromkeys(relative, 1.0), abs=1e-3)
         assert {"shared_mean_error", "harmonic_mean_error"} <= {row.metric for row in mine}
-        assert not any(row.metric.startswith("common_") for row in mine)
+        assert not any(row.metric.startswith("equal_") for row in mine)  # without confidence
     assert set(result.predictions) == {"Given/mine"}
     lines = (out / "suite.csv").read_text().splitlines()
     assert any(line.startswith("wall,0,all,Given/mine,mean_error,") for line in lines)
@@ -130,6 +134,36 @@ def test_a_prediction_is_scored_ranked_and_shown(suite, theirs, tmp_path):
     assert best < page.index("Alg1/H")
 
 
+@blank_pictures()
+def test_all_methods_of_a_window_are_compared_on_the_same_pixels(suite, tmp_path, capsys):
+    """A prediction of the right half of the image, surest where it is nearest."""
+    file, cache, before = suite
+    theirs = predict(listed(file, cache, capsys), tmp_path / "theirs", right_half)
+    for path in theirs.rglob("*.npz"):
+        depth_m = np.load(path)["depth_m"]
+        np.savez(path, depth_m=depth_m, confidence=np.nan_to_num(1 / depth_m))
+    assert run(file.parent, cache, tmp_path / "out", "--prediction", f"mine={theirs}") == 0
+    rows = read_results(tmp_path / "out").rows
+    for name, group in rows[rows["region"].isin(OF_ALL_METHODS)].groupby(["case", "window"]):
+        points = group[group["metric"].isin(("common_points", "equal_points"))]
+        first = points[~points["method"].str.endswith(" coarse") | (name[0] == "late")]
+        assert set(first["method"]) >= {"Given/mine"}
+        assert len(first) == 2 * first["method"].nunique()
+        if name[1] != "mean":
+            assert (first.groupby("metric")["value"].nunique() == 1).all()
+    of_wall = (rows["case"] == "wall") & (rows["window"] == "all")
+    common = rows[of_wall & (rows["metric"] == "common_points")].set_index("method")["value"]
+    alone = before.rows[(before.rows["case"] == "wall") & (before.rows["window"] == "all")]
+    alone = alone[alone["metric"] == "common_points"].set_index("method")["value"]
+    assert 0 < common["Alg1/H"] < alone["Alg1/H"]
+    assert common["Alg1/H coarse"] == alone["Alg1/H coarse"]
+
+
+def right_half(depth_m):
+    depth_m[:, :120] = np.nan
+    return depth_m
+
+
 @pytest.mark.slow
 @blank_pictures()
 def test_several_predictions_resume_and_only_what_changed_is_scored_again(suite, theirs, tmp_path):
@@ -139,14 +173,16 @@ def test_several_predictions_resume_and_only_what_changed_is_scored_again(suite,
     assert run(file.parent, cache, tmp_path / "one", *given) == 0
     found = {job.name: job.found for job in read_results(tmp_path / "one").jobs}
     assert {name for name, done in found.items() if not done} == {
-        f"predict/{case}/seed0/Given/{name}" for case in ("wall", "late") for name in ("a", "other")
-    }
+        f"{job}/seed0{name}" for case in ("wall", "late")
+        for job, name in ((f"predict/{case}", "/Given/a"), (f"predict/{case}", "/Given/other"),
+                          (f"beside/{case}", ""))
+    }  # fmt: skip
     moved = shutil.move(other, tmp_path / "elsewhere")
     np.savez(theirs / "late" / "seed0" / "30000.npz", depth_m=np.full((180, 240), 2.0))
     given = ("--prediction", f"a={theirs}", "--prediction", f"other={moved}")
     assert run(file.parent, cache, tmp_path / "two", *given) == 0
     again = {job.name for job in read_results(tmp_path / "two").jobs if not job.found}
-    assert again == {"predict/late/seed0/Given/a"}
+    assert again == {"predict/late/seed0/Given/a", "beside/late/seed0"}
     one, two = (read_results(tmp_path / name).predictions for name in ("one", "two"))
     assert one["Given/other"] == two["Given/other"]
     assert one["Given/a"] != two["Given/a"]
