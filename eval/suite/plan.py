@@ -12,7 +12,7 @@ from uuid import uuid4
 
 from eventsweep import scenes
 from eventsweep.emvs import methods
-from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.config import PLANES, MapperConfig
 from eventsweep.emvs.dsi.device import check_device
 from eventsweep.emvs.errors import InputError, offer
 from eventsweep.emvs.parameters import stated
@@ -80,6 +80,7 @@ def _suite_job(suite: Suite, case: str, seed: int, sequence: Job, digest: str) -
             {
                 "window": name,
                 "map": {
+                    "planes": PLANES,  # a suite's default stays what it was when it was frozen
                     **suite.mappers[mapper],
                     "start_s": window.start_s,
                     "duration_s": window.duration_s,
