@@ -41,7 +41,8 @@ _RELIABILITY = {1: 0.1, 2: 0.03}  # by cameras: two confirm each other
 _FEWEST, _ENDS = 20, (0.01, 0.99)  # points, and which quantiles of their depths count
 _MARGIN = 0.75, 1.5
 _SHORT_WAY = 0.3  # of the longest: one camera that hardly moves sees depths of chance
-_SHORTER = 1, 4, 16  # parts of a window: on a long way no depth is in focus on planes so wide apart
+# Parts of a window, and the longest: on a long way no depth is in focus on planes so wide apart.
+_PARTS, _LONGEST_US = (1, 4, 16, 64, 256), 5_000_000
 _WINDOW_US = 200_000  # of windows by count
 _log = logging.getLogger(__name__)
 
@@ -118,7 +119,9 @@ def coarse_range_m(
     and where it sees nothing there, at ever shorter parts.
     """
     length_us, count = _extent(config, stretch)
-    for parts in _SHORTER:
+    for parts in _PARTS:
+        if length_us // parts > _LONGEST_US:
+            continue
         windows = _windows(recording, stretch, length_us // parts, count if parts == 1 else 3)
         ends_m: list[NDArray[np.float64]] = []
         for window in windows:

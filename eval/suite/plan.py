@@ -12,7 +12,7 @@ from uuid import uuid4
 
 from eventsweep import scenes
 from eventsweep.emvs import methods
-from eventsweep.emvs.config import PLANES, MapperConfig
+from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.dsi.device import check_device
 from eventsweep.emvs.errors import InputError, offer
 from eventsweep.emvs.parameters import stated
@@ -23,7 +23,7 @@ from eventsweep.eval.jobs.job import Job
 from eventsweep.eval.results.results import DEFAULT_MAPPER
 from eventsweep.eval.stages import map as mapping
 from eventsweep.eval.stages import score, simulate, track
-from eventsweep.eval.suite.definition import Suite
+from eventsweep.eval.suite.definition import FROZEN, Suite
 from eventsweep.eval.suite.source import SequenceSource
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.mjcf import is_model_file
@@ -80,7 +80,7 @@ def _suite_job(suite: Suite, case: str, seed: int, sequence: Job, digest: str) -
             {
                 "window": name,
                 "map": {
-                    "planes": PLANES,  # a suite's default stays what it was when it was frozen
+                    **FROZEN,
                     **suite.mappers[mapper],
                     "start_s": window.start_s,
                     "duration_s": window.duration_s,
