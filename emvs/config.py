@@ -16,6 +16,8 @@ from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 from eventsweep.emvs.parameters import ParameterGroup
 
 DEFAULT_DEPTH_RANGE_M = (0.2, 5.0)
+PLANES = 100
+"""The paper's number of depth planes."""
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 FocusMeasure = Literal["variance", "mean-square", "gradient", "laplacian", "dog"]
@@ -272,15 +274,21 @@ _FORMER_NAMES = {
 class MapperConfig(ParameterGroup):
     """Parameters of Algorithms 1 and 2; every field has a default that works."""
 
-    planes: int = Field(default=100, ge=2, le=100_000, description="number of depth planes")
+    planes: int | None = Field(
+        default=None, ge=2, le=100_000,
+        description="number of depth planes; by default 100, or up to 400 where those lie over "
+        "1 px of disparity apart",
+    )  # fmt: skip
     spacing: Literal["inverse", "linear"] = Field(
         default="inverse", description="planes uniform in inverse depth, or in depth"
     )
     min_depth_m: Positive | None = Field(
-        default=None, description="nearest depth plane, m; by default the recording's own, else 0.2"
+        default=None,
+        description="nearest depth plane, m; by default the recording's own, else seen",
     )
     max_depth_m: Positive | None = Field(
-        default=None, description="farthest depth plane, m; by default the recording's own, else 5"
+        default=None,
+        description="farthest depth plane, m; by default the recording's own, else seen",
     )
     start_s: NotNegative | None = Field(
         default=None,

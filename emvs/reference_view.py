@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.config import DEFAULT_DEPTH_RANGE_M, MapperConfig
+from eventsweep.emvs.config import DEFAULT_DEPTH_RANGE_M, PLANES, MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
@@ -37,7 +37,7 @@ def reference_view(recording: Recording, config: MapperConfig, t_us: int) -> Ref
         t_us=t_us,
         T_world_rv=recording.trajectory.at(t_us) @ _T_body_rv(recording, config.reference_shift),
         camera=_camera(recording.rig.cameras[0].undistorted(), config),
-        rho=planes(near_m, far_m, config.planes),
+        rho=planes(near_m, far_m, config.planes or PLANES),
     )
 
 

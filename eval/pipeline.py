@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from eventsweep.eval.scoring.pairing import Estimate
     from eventsweep.eval.scoring.predictions import NamedFolder
 
+_log = logging.getLogger(__name__)
 _RESULTS = ("results.json", "results.csv")
 _BEFORE_MAPPING = ("count", "hot pixels")  # stages after which a map may still be refused
 
@@ -226,7 +228,7 @@ def _scored(
 def map_recording(
     path: Path, out: Path, settings: Settings, *, force: bool = False,
     finish: Callable[[Path], None] = _add_nothing, warn: Callable[[str], None] | None = None,
-    progress: Display = SILENT,
+    note: Callable[[str], None] = _log.warning, progress: Display = SILENT,
 ) -> StoredMap:  # fmt: skip
     """Maps one window of a recording and writes the map folder.
 
@@ -235,21 +237,27 @@ def map_recording(
     `map_windows`, called when the bars of the mapping have ended, so that it may show its own.
     `warn` is called, when mapping begins, with a line on each thing that looks doubtful or wrong to
     the checks of plug-ins; without it nothing is checked. What is refused is refused before that.
+    `note` takes a line where the depth range had to be guessed; what was found is said.
     """
     from eventsweep.emvs.datasets import open_recording
+    from eventsweep.emvs.first_pass import settled
     from eventsweep.emvs.maps.folder import RecordingInfo, StoredMap
-    from eventsweep.emvs.maps.sliding import map_windows
+    from eventsweep.emvs.maps.sliding import check_out, map_windows
 
     recording = open_recording(path)
     about = RecordingInfo.of(recording, path, out)
+    check_out(out, settings.map, force=force)
+    chosen = settled(recording, settings.map, note)
+    if chosen.found:
+        progress.say(chosen.found)
     with MapBars(progress, f"map {recording.name}") as bars:
 
         def end(folder: Path) -> None:
             bars.close()
             finish(folder)
 
-        steps = bars if warn is None else _checking(recording, settings.map, warn, bars)
-        info = map_windows(recording, out, settings.map, about, steps, force=force, finish=end)
+        steps = bars if warn is None else _checking(recording, chosen.config, warn, bars)
+        info = map_windows(recording, out, chosen.config, about, steps, force=force, finish=end)
     return StoredMap(out, info)
 
 

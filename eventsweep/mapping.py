@@ -9,6 +9,7 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets import opened
 from eventsweep.emvs.errors import InputError, check_path
+from eventsweep.emvs.first_pass import settled
 from eventsweep.emvs.maps import sliding
 from eventsweep.emvs.maps.folder import RecordingInfo, StoredMap, read_map
 from eventsweep.emvs.methods import overview as methods
@@ -54,6 +55,7 @@ def map_window(
         )
     window = choose_window(recording, config)
     check_window_fits(recording, window)
+    config = settled(recording, config).config
     hot = sliding.find_hot(recording, config, window.t0_us, window.t1_us, progress)
     filtered = sliding.without(recording, hot)
     return mapper.map_window(filtered, config, progress, window=window)

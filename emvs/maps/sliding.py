@@ -18,6 +18,7 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.dsi.device import Device, check_device, projector_on
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.first_pass import settled
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels
 from eventsweep.emvs.mapper import check_request, map_window
@@ -68,7 +69,8 @@ def map_windows(
     Args:
         recording: events, poses and calibration.
         out: the map folder: new, or, with sliding windows, of the same run.
-        config: `window_s` or `window_events` for sliding windows, and everything else.
+        config: `window_s` or `window_events` for sliding windows, and everything else; what it
+            leaves to the recording is settled first (`emvs.first_pass`), and kept in `map.json`.
         about: what `map.json` says of the recording.
         progress: called with `count`, `hot pixels`, then, with sliding windows, `windows` done and
             all, with the stages of `map_window` and `write` in between.
@@ -84,13 +86,14 @@ def map_windows(
         InputError: settings that suit no window, an output that exists or is of another run, or no
             window that could be mapped; of sliding windows the reasons are in `map.json`.
     """
+    check_out(out, config, force=force)
+    config = settled(recording, config).config
     if config.slides:
         _map_sliding(
             recording, out, config, about, progress, force=force, clouds=clouds, finish=finish
         )
         return read_info(out)
     inputs = _inputs(out, about, config)
-    check_output(out, force=force)
     window, hot = one_window(recording, config, out, progress)
     with atomic_dir(out, force=force, inputs=inputs) as folder:
         kept, place = without(recording, hot), folder / _SINGLE
@@ -98,6 +101,12 @@ def map_windows(
         write_index(folder, about, config, [info], described(recording.rig, hot))
         finish(folder)
     return read_info(out)
+
+
+def check_out(out: Path, config: MapperConfig, *, force: bool) -> None:
+    """Refuses an output that exists; one of sliding windows may, and is compared when opened."""
+    if not config.slides:
+        check_output(out, force=force)
 
 
 def _inputs(out: Path, about: RecordingInfo, config: MapperConfig) -> tuple[object, ...]:

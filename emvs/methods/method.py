@@ -40,12 +40,14 @@ class Extraction(ABC):
         keeps_votes: whether it needs the votes of all planes.
         needs_baseline: whether it needs parallax, and so a baseline.
         trained: whether it learned from other data.
+        planes: the only number of planes that it reads; None where any will do.
         calibrated: tables of precision that it brings itself (`emvs.depth.precision.table_name`).
     """
 
     family = grammar = summary = how = ""
     examples: tuple[str, ...] = ()
     calibrated: tuple[str, ...] = ()
+    planes: int | None = None
     per_camera = keeps_votes = needs_baseline = trained = False
 
     @abstractmethod

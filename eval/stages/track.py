@@ -56,10 +56,10 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path, runtim
             about = RecordingInfo(name=recording.name, path=SEQUENCE)
             if of_run:
                 info = read_map(inputs[1] / MAP_FOLDER).info
-                windows, about = windows_of(info), info.recording
+                windows, about, first = windows_of(info), info.recording, info.config
             else:
                 windows = {n: one_window(recording, c, out)[0] for n, c in configs.items()}
-            first = next(iter(configs.values()))
+                first = next(iter(configs.values()))
             place = out / TRACKED_MAP_FOLDER / mapper
             map_on_poses(recording, poses, windows, first, place, about, clouds=of_run)
         update(1, "")

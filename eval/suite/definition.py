@@ -22,6 +22,7 @@ from pydantic import (
     model_validator,
 )
 
+from eventsweep.emvs.config import PLANES
 from eventsweep.emvs.errors import InputError, quoted, shown
 from eventsweep.emvs.parameters import FrozenModel, fault, refuse_code
 from eventsweep.eval.config import Settings, read_toml
@@ -33,6 +34,8 @@ FOLDER = Path(__file__).parent / "definitions"
 GATED = "suite-v4"
 """The suite whose part `quick` gates changes; what is frozen later is named in full."""
 ALL = "all"
+FROZEN: Mapping[str, Any] = {"planes": PLANES}
+"""What mappers of suites set where a definition does not: its meaning stays what it was."""
 
 Condition = Literal["noise", "light", "motion", "occlusion", "geometry"]
 """What is hard about a case: noise of the sensor, light, moving things or fast motion, things in

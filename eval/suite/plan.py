@@ -23,7 +23,7 @@ from eventsweep.eval.jobs.job import Job
 from eventsweep.eval.results.results import DEFAULT_MAPPER
 from eventsweep.eval.stages import map as mapping
 from eventsweep.eval.stages import score, simulate, track
-from eventsweep.eval.suite.definition import Suite
+from eventsweep.eval.suite.definition import FROZEN, Suite
 from eventsweep.eval.suite.source import SequenceSource
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.mjcf import is_model_file
@@ -81,6 +81,7 @@ def _suite_job(suite: Suite, case: str, seed: int, sequence: Job, digest: str) -
             {
                 "window": name,
                 "map": {
+                    **FROZEN,
                     **suite.mappers[mapper],
                     "start_s": window.start_s,
                     "duration_s": window.duration_s,

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.occupied import Span, length_of, occupied_spans, spread, steps
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.first_pass import settled
 from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.plugins.diagnose.sharpness import WindowEvents
 
@@ -129,6 +131,17 @@ def farthest(recording: Recording, length_us: int, count: int, candidates: int) 
         if gap_us >= length_us // 2 and len(chosen) < count:
             chosen.append(begin_us)
     return sorted(chosen)
+
+
+def with_range(recording: Recording, config: MapperConfig) -> MapperConfig:
+    """The configuration with the depth range that a coarse pass sees, where nobody gave one.
+
+    As it is where no window can be looked at: findings say more of what is wrong.
+    """
+    try:
+        return settled(recording, config, doubt=lambda _line: None).config
+    except InputError:
+        return config
 
 
 def shared_spans(recording: Recording, margin_us: int = 0) -> tuple[Span, ...]:

@@ -63,6 +63,7 @@ def map(  # noqa: A001 - the verb's name
             them.
     """
     from eventsweep.eval.cli.exit_codes import incomplete
+    from eventsweep.eval.cli.flag_names import with_flags
     from eventsweep.eval.cli.verbs.report import report_stage
     from eventsweep.eval.pipeline import map_recording
 
@@ -73,7 +74,7 @@ def map(  # noqa: A001 - the verb's name
     finish = report_stage(console.progress)
     stored = map_recording(
         recording, out, wanted, force=force, finish=finish, progress=console.progress,
-        warn=_warn if check else None,
+        warn=_warn if check else None, note=lambda doubt: console.warn(with_flags(doubt)),
     )  # fmt: skip
     console.result({"map": str(stored.path), **_facts(stored)}, _tables(stored))
     console.wrote(out / "report.html")

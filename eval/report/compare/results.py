@@ -23,7 +23,7 @@ from eventsweep.eval.results.direction import Direction
 from eventsweep.eval.results.results import DEFAULT_MAPPER, Results, Sample, read_results
 from eventsweep.eval.results.table import MEAN, POOLED, each
 from eventsweep.eval.scoring.run_folder import find_maps
-from eventsweep.eval.suite.definition import WindowSpec
+from eventsweep.eval.suite.definition import FROZEN, WindowSpec
 
 WHOLE = ""
 """What stands in a window's place where only numbers of all windows together are stored."""
@@ -238,7 +238,7 @@ def _suite_settings(definition: Mapping[str, Any], sample: Sample) -> dict[str, 
     settings = {"scene": spec["scene"], "rig": spec["rig"] or own_rig, "sim": sample.sim}
     for mapper in spec["mappers"]:
         group = "map" if mapper == DEFAULT_MAPPER else f"map ({mapper})"
-        settings[group] = _filled(MapperConfig, definition["mappers"][mapper])
+        settings[group] = _filled(MapperConfig, {**FROZEN, **definition["mappers"][mapper]})
     settings["score"] = _filled(EvalConfig, definition["score"])
     settings["renderer"] = sample.renderer
     return settings

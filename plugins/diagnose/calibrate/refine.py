@@ -51,7 +51,12 @@ from eventsweep.plugins.diagnose.parameters import (
     Parameter,
     parameters_of,
 )
-from eventsweep.plugins.diagnose.windows import WindowPlan, read_windows, window_spans
+from eventsweep.plugins.diagnose.windows import (
+    WindowPlan,
+    read_windows,
+    window_spans,
+    with_range,
+)
 
 Floats = NDArray[np.float64]
 _SURE = 0.975  # quantile of the two-sided 95 % that uncertainties state
@@ -76,7 +81,7 @@ class RefineConfig:
         windows: how many at most; more of shorter ones.
         window_s: length of each, s; shorter where the camera turns fast.
         events: kept per camera and window, at most.
-        min_depth_m, max_depth_m: depth range; by default the recording's, else 0.2 and 5 m.
+        min_depth_m, max_depth_m: depth range; by default the recording's, else what is seen.
         threads: of the CPU; 0 for all. They do not change the result.
     """
 
@@ -167,6 +172,8 @@ def refine(
     use_threads(config.threads)
     parameters = parameters_of(config.refine, len(recording.rig))
     limits = MapperConfig(min_depth_m=config.min_depth_m, max_depth_m=config.max_depth_m)
+    limits = with_range(recording, limits)
+    config = replace(config, min_depth_m=limits.min_depth_m, max_depth_m=limits.max_depth_m)
     range_m = depth_range_m(recording, limits)
     plan = WindowPlan(config.windows, config.window_s, config.events)
     windows = read_windows(recording, plan, progress)

@@ -27,6 +27,7 @@ from eventsweep.plugins.diagnose.check.cameras import check_cameras, check_recti
 from eventsweep.plugins.diagnose.check.events import check_events, occupied, pieces, read_streams
 from eventsweep.plugins.diagnose.check.findings import Finding, Report
 from eventsweep.plugins.diagnose.check.poses import check_parallax, check_poses
+from eventsweep.plugins.diagnose.windows import with_range
 
 Unchecked = list[tuple[str, str]]
 _CALIBRATED = ("cameras", "poses", "parallax", "mapping", "rectification")
@@ -68,7 +69,7 @@ def check(
             return Report(Path(recording).resolve().name, (_refused("opening", error),))
         unchecked = [(name, "there is no calibration") for name in _CALIBRATED]
         return Report(alone.name, tuple(_events(alone, True, progress)), tuple(unchecked))
-    return _checked(readable, config, True, mapping, progress)
+    return _checked(readable, with_range(readable, config), True, mapping, progress)
 
 
 def quick_check(recording: Recording, config: MapperConfig) -> list[Finding]:

@@ -43,8 +43,8 @@ def calibrate(
         windows: Most windows of the recording to use; more where they must be shorter.
         window_s: Length of each, s; shorter where the camera turns fast.
         events: Most events per camera and window.
-        min_depth_m: Nearest depth; by default the recording's, else 0.2 m.
-        max_depth_m: Farthest depth; by default the recording's, else 5 m.
+        min_depth_m: Nearest depth, m; by default the recording's, else seen.
+        max_depth_m: Farthest depth, m; by default the recording's, else seen.
         threads: CPU threads; 0 for all. They do not change the result.
     """
     from eventsweep.emvs.datasets import open_recording

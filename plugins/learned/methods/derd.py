@@ -31,10 +31,11 @@ class Derd(Extraction):
     examples: tuple[str, ...] = ("DERD/H",)
     how = ", read by DERD-Net"
     keeps_votes = trained = True
+    planes = PLANES
 
     def check(self, config: MapperConfig) -> None:
         """Refuses planes that the network cannot read, and weights that are none."""
-        if config.planes != PLANES or config.spacing != "inverse":
+        if config.planes not in (None, PLANES) or config.spacing != "inverse":
             raise InputError(
                 f"DERD/H with {config.planes} planes of {config.spacing} spacing: the network "
                 f"reads {PLANES} planes of inverse spacing; set planes {PLANES} and spacing inverse"

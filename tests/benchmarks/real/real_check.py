@@ -21,7 +21,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.typing import NDArray
 from PIL import Image
 
-from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.config import PLANES, MapperConfig
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.ecd import EventCameraDataset
 from eventsweep.emvs.depth.depth_map import DepthMap, without_border
@@ -295,7 +295,7 @@ def main(arguments: list[str] | None = None) -> int:
         help="places of the reference view on the slider's way, m",
     )  # fmt: skip
     parser.add_argument("--windows", type=float, nargs="+", default=list(WINDOWS_S), help="s")
-    parser.add_argument("--planes", type=int, default=MapperConfig().planes)
+    parser.add_argument("--planes", type=int, default=PLANES)
     parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
     parser.add_argument("--mark", default="real", help="name of that part")
     parser.add_argument("--picture", type=Path, help="draws the last view and window")

@@ -153,7 +153,7 @@ def test_the_page_says_who_is_better_then_what_was_changed_and_ends_with_setting
     places = [text.index(what) for what in said]
     assert places == sorted(places)
     lines = list(csv.reader((tmp_path / "out/tables/settings.csv").open()))
-    assert lines == [["setting", "a", "b"], ["map.planes", "100 (default)", "20"]]
+    assert lines == [["setting", "a", "b"], ["map.planes", "100", "20"]]
 
 
 def test_settings_of_simulator_and_scores_differ_too_and_have_units(tmp_path):
@@ -180,7 +180,7 @@ def test_a_default_that_is_stated_is_no_difference(tmp_path):
     assert compared(*folders[:2]).differing == ()
     assert settings_text(compared(*folders[:2])) == "No setting differs."
     (planes,) = compared(*folders[1:]).differing
-    assert planes.labelled_texts == ("100 (default)", "50")
+    assert planes.labelled_texts == ("100", "50")
 
 
 def test_a_setting_that_one_case_alone_has_names_it(tmp_path):
