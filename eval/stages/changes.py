@@ -1,4 +1,4 @@
-"""What a study makes of a scene: another rig, way or light."""
+"""What a study makes of a scene: another rig, way, light or texture."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.motion import Motion
 from eventsweep.sim.scene import Scene
@@ -16,6 +17,7 @@ from eventsweep.sim.scene import Scene
 if TYPE_CHECKING:
     import mujoco
 
+Image = NDArray[np.uint8]
 WAY_M = 0.25
 
 
@@ -42,8 +44,11 @@ class Straight:
 def changed(scene: Scene, rig: Rig, change: Mapping[str, float]) -> tuple[Scene, Rig]:
     """The scene and the rig with a change.
 
-    It may hold `baseline_m`, `heading_deg` (the head then goes straight) and `light`, a factor on
-    every lamp.
+    It may hold `baseline_m`, `heading_deg` (the head then goes straight), `light`, a factor on
+    every lamp, and `texture_density`, how many times as dense the patterns of surfaces are.
+
+    Raises:
+        InputError: a density that is neither a whole number nor one over a whole number.
     """
     if "baseline_m" in change:
         rig = with_baseline(rig, change["baseline_m"])
@@ -51,6 +56,8 @@ def changed(scene: Scene, rig: Rig, change: Mapping[str, float]) -> tuple[Scene,
         scene = going_straight(scene, change["heading_deg"])
     if "light" in change:
         scene = lit(scene, change["light"])
+    if "texture_density" in change:
+        scene = patterned(scene, change["texture_density"])
     return scene, rig
 
 
@@ -84,3 +91,26 @@ def lit(scene: Scene, factor: float) -> Scene:
                 setattr(lamp, kind, np.asarray(getattr(lamp, kind)) * factor)
 
     return replace(scene, edit=edit)
+
+
+def patterned(scene: Scene, density: float) -> Scene:
+    """The scene with every texture repeated, or of a part of it, `density` times as dense."""
+    times, share = round(density), round(1 / density) if density > 0 else 0
+    if not (density > 0 and np.isclose(density, times if density > 1 else 1 / share)):
+        raise InputError(
+            f"texture_density is {density:g}: needs a whole number such as 2, or one over it"
+        )
+
+    def textures() -> Mapping[str, Image]:
+        return {name: _repeated(image, times, share) for name, image in scene.textures().items()}
+
+    return replace(scene, textures=textures)
+
+
+def _repeated(image: Image, times: int, share: int) -> Image:
+    """A texture, or each of the six faces of a cube's, which lie one above the other."""
+    height, width = image.shape[:2]
+    faces = image.reshape(6, width, width, 3) if height == 6 * width else image[None]
+    rows, columns = (max(2, size // max(share, 1)) for size in faces.shape[1:3])
+    made = [np.tile(face[:rows, :columns], (max(times, 1), max(times, 1), 1)) for face in faces]
+    return np.concatenate(made)

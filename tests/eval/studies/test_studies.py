@@ -15,7 +15,7 @@ from eventsweep.emvs.utils.output_manifest import NAME, is_ours
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.perturbations import Perturbation
 from eventsweep.eval.results.results import Results
-from eventsweep.eval.stages.changes import WAY_M, going_straight, lit, with_baseline
+from eventsweep.eval.stages.changes import WAY_M, going_straight, lit, patterned, with_baseline
 from eventsweep.eval.studies.curves import METRICS, curves, draw
 from eventsweep.eval.studies.definitions import MARGIN_S, SECONDS, STUDIES, study_named
 from eventsweep.eval.studies.run import (
@@ -163,6 +163,21 @@ def test_every_lamp_becomes_as_dim_as_asked():
         before, after = (np.array(getattr(m.vis.headlight, kind)) for m in (bright, dim))
         np.testing.assert_allclose(after, 0.1 * before, rtol=1e-6)
     assert isinstance(dim, mujoco.MjModel)
+
+
+@pytest.mark.parametrize(("density", "size"), [(2, 2), (0.5, 0.5)])
+def test_a_texture_is_repeated_or_cut_face_by_face_and_other_densities_are_refused(density, size):
+    scene = scenes.load("mvsec-flying")
+    before, after = scene.textures(), patterned(scene, density).textures()
+    assert {k: (size * v.shape[0], size * v.shape[1], 3) for k, v in before.items()} == {
+        k: v.shape for k, v in after.items()
+    }
+    face = before["drum_blue"].shape[1]  # six of them, one above the other
+    second, scaled = before["drum_blue"][face : 2 * face], round(size * face)
+    start = after["drum_blue"][scaled : scaled + face // 2, : face // 2]
+    np.testing.assert_array_equal(start, second[: face // 2, : face // 2])
+    for wrong in (0.0, -1.0, 1.5, 0.4):
+        assert "texture_density" in line_of(patterned, scene, wrong)
 
 
 @pytest.mark.parametrize("words", [
