@@ -45,6 +45,7 @@ def test_a_processor_that_can_do_less_gives_the_same_bytes(processor, tmp_path):
         "OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
     }  # fmt: skip
     for name, told in (("own", {}), ("older", older)):
+        told = {**told, "EVENTSWEEP_CACHE": str(tmp_path / f"{name} textures")}
         asked = "--rig", "davis346", "--seconds", "0.01", "--seed", "0", "--out", tmp_path / name
         python("-m", "eventsweep", "simulate", "desk", *asked, env=told, check=True)
     own, other = (Sequence.open(tmp_path / name) for name in ("own", "older"))
