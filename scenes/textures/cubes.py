@@ -41,7 +41,7 @@ def wrap(side: Image, lid: Image) -> Image:
     height, width = side.shape[:2]
     x, y, z = _directions(len(lid))
     radius = np.hypot(x, y)
-    around = np.arctan2(x, -y) / (2 * np.pi) + 0.5
+    around = (np.arctan2(x, -y, dtype=float) / (2 * np.pi) + 0.5).astype(np.float32)
     rise = np.clip(0.5 - 0.5 * z / np.maximum(radius, 1e-6), 0.0, 1.0)
     seen = cv2.remap(side, around * (width - 1), rise * (height - 1), cv2.INTER_LINEAR)
     return np.where((np.abs(z) > radius)[..., None], np.tile(lid, (6, 1, 1)), seen)
@@ -93,7 +93,8 @@ def ball(size_px: int, rng: Generator, colours: Sequence[Colour], worn: float = 
         worn: strength of the scuffs.
     """
     x, y, z = _directions(size_px)
-    sector = np.floor((np.arctan2(y, x) / (2 * np.pi) + 0.5) * 2 * len(colours)).astype(np.int64)
+    turn = np.arctan2(y, x, dtype=float) / (2 * np.pi) + 0.5
+    sector = np.floor(turn * 2 * len(colours)).astype(np.int64)
     sector[np.abs(z) > 0.93] = 1
     paint = np.asarray(colours, np.float32)[sector % len(colours)]
     scuffs = solid(size_px, rng, (0, 0, 0), (1, 1, 1), fineness=3.0).astype(np.float32) / 255.0

@@ -61,7 +61,9 @@ def fractal(
     rows = fft.fftfreq(height)[:, None].astype(np.float32) * (height * stretch[0])
     columns = fft.rfftfreq(width)[None, :].astype(np.float32) * (height * stretch[1])
     frequency_squared = rows**2 + columns**2
-    gain = np.maximum(frequency_squared, 0.25) ** np.float32(-0.5 * slope)
+    # From doubles, as exp, tanh and arctan2 are elsewhere: NumPy's for float32 differ by processor.
+    power = np.maximum(frequency_squared, 0.25).astype(float) ** (-0.5 * slope)
+    gain = power.astype(np.float32)
     gain[frequency_squared < 1.0] = 0.0
     field = fft.irfft2(spectrum * gain, s=shape)
     return _field(np.clip(0.5 + 0.18 * field / field.std(), 0.0, 1.0))

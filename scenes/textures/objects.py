@@ -115,7 +115,9 @@ def drum(size_px: int, rng: Generator, colour: Colour) -> Image:
     """Paints an oil drum as a cube map: hoops, stencilled words, a sticker, scuffs and runs."""
     shape = (size_px, 3 * size_px)
     rows = np.linspace(0, 1, size_px, dtype=np.float32)[:, None]
-    hoops = sum(np.exp(-(((rows - at) / 0.018) ** 2)) for at in (0.03, 0.35, 0.66, 0.97))
+    hoops = sum(
+        np.exp(-(((rows - at) / 0.018) ** 2), dtype=float) for at in (0.03, 0.35, 0.66, 0.97)
+    )
     scuffs = fractal(shape, rng, 0.9) + 0.7 * fractal(shape, rng, 0.6, (9.0, 1.0)) - 0.85
     tone = 1.0 + 0.9 * scuffs - 0.45 * np.roll(hoops, size_px // 40) + 0.4 * hoops
     side = np.asarray(colour, np.float32) * np.asarray(tone)[..., None]
@@ -212,7 +214,7 @@ def car_side(shape: tuple[int, int], rng: Generator, colour: Colour) -> Image:
     """Paints the lower side of a car, front at the right: seams, handles, arches, lamps."""
     height, width = shape
     down = np.linspace(0, 1, height, dtype=np.float32)[:, None]
-    gleam = 1.15 - 0.5 * down + 0.25 * np.exp(-(((down - 0.22) / 0.05) ** 2))
+    gleam = 1.15 - 0.5 * down + 0.25 * np.exp(-(((down - 0.22) / 0.05) ** 2), dtype=float)
     dirt = 0.9 + 0.2 * fractal(shape, rng, 1.2)
     paint = np.asarray(colour, np.float32) * (gleam * dirt)[..., None]
     seam = tuple(0.35 * c for c in colour)

@@ -38,7 +38,7 @@ def gravel(shape: tuple[int, int], rng: Generator, colours: tuple[Colour, Colour
     for grain_px, weight in ((1.4, 0.16), (3.2, 0.2)):
         noise = rng.standard_normal(shape, dtype=np.float32)
         pebbles = cv2.GaussianBlur(noise, (0, 0), grain_px, borderType=cv2.BORDER_REFLECT_101)
-        tone += weight * np.tanh(1.5 * pebbles / pebbles.std())
+        tone += weight * np.tanh(1.5 * pebbles / pebbles.std(), dtype=float)
     tone += 0.5 * (fractal(shape, rng, 1.3) - 0.5)
     return finish(blend(np.clip(tone, 0, 1), *colours))
 

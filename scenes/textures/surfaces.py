@@ -119,7 +119,7 @@ def cork(shape: tuple[int, int], rng: Generator) -> Image:
     tone = np.zeros(shape, np.float32)
     for grain_px, weight in ((3.0, 0.3), (7.0, 0.4), (15.0, 0.3)):
         blurred = cv2.GaussianBlur(rng.standard_normal(shape, dtype=np.float32), (0, 0), grain_px)
-        tone += weight * np.tanh(1.6 * blurred / blurred.std())
+        tone += weight * np.tanh(1.6 * blurred / blurred.std(), dtype=float)
     tone = 0.5 + 0.4 * tone + 0.35 * (fractal(shape, rng, 0.5) - 0.5)
     return finish(blend(np.clip(tone, 0, 1), (0.28, 0.17, 0.09), (0.78, 0.6, 0.4)))
 

@@ -34,6 +34,7 @@ from eventsweep.sim.compensation.path_kernels import (
     View,
     bent,
     carried,
+    fused,
     light_at,
 )
 
@@ -168,9 +169,9 @@ def place_of(
 ) -> tuple[float, float]:
     """Where a layer that pixel (x, y) sees lies in a frame whose numbers begin at `at`."""
     f = numbers[at + _SHARE]
-    u = numbers[at] + f * numbers[at + 4] + s * (numbers[at + 1] + f * numbers[at + 5])
-    v = numbers[at + 2] + f * numbers[at + 6] + s * (numbers[at + 3] + f * numbers[at + 7])
-    return x + s * u, y + s * v
+    u = fused(f, numbers[at + 4], numbers[at]) + s * fused(f, numbers[at + 5], numbers[at + 1])
+    v = fused(f, numbers[at + 6], numbers[at + 2]) + s * fused(f, numbers[at + 7], numbers[at + 3])
+    return fused(s, u, x), fused(s, v, y)
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
@@ -231,8 +232,8 @@ def counted(
             rho = depths[j + m]
             hit = weight if least < rho <= most else zero
             on += hit
-            total += hit * lights[j + m]
-            depth += hit * rho
+            total = fused(hit, lights[j + m], total)
+            depth = fused(hit, rho, depth)
             beyond += weight if rho <= least else zero
     share = one / np.float32(n * n)
     return float(on * share), float(beyond * share), float(total * share), float(depth * share)

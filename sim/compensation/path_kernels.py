@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
@@ -17,11 +21,11 @@ TO_FIRST_MIDDLE, TO_FIRST_END, TO_SECOND_MIDDLE, TO_SECOND_START = 0, 1, 2, 3
 """Which of `ways` is which: into the first frame from half-time and from the second frame, into the
 second frame from half-time and from the first."""
 
-FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
-"""Sums may be reordered, so each function rounds as it was compiled. What is called is inlined, or
-a process that compiles would call another copy than one that loads the cache; by `forceinline`, as
-`inline="always"` has numba type and lower the body anew at each call. And it says its flags: numba
-hands a caller's down to what it compiles on the way, so that it would round as who came first."""
+FAST = {"nnan", "nsz"}
+"""Every number is rounded as it is written, so that each processor finds the same bits: nothing is
+reordered, and products and sums are one instruction (`fused`) only where that is said. What is
+called is inlined by `forceinline`: `inline="always"` has numba type and lower the body anew at each
+call. And it says its flags: numba hands a caller's down to what it compiles on the way."""
 
 Path = tuple[float, float, float, float, float, float, float, float, float]
 # Indices without a sign: there is no negative one to look for.
@@ -60,6 +64,20 @@ class Geometry(NamedTuple):
     body_b: NDArray[np.uint16]
 
 
+@intrinsic
+def fused(_typing: Any, _one: Any, _other: Any, _total: Any) -> Any:
+    """One x other + total, rounded once: on a processor that cannot, by the system's library."""
+    kind = types.float32 if {_one, _other, _total} == {types.float32} else types.float64
+
+    def codegen(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        bits = ir.FloatType() if kind == types.float32 else ir.DoubleType()
+        name = f"llvm.fma.f{kind.bitwidth}"
+        whole = ir.FunctionType(bits, [bits] * 3)
+        return builder.call(cgutils.get_or_insert_function(builder.module, whole, name), args)
+
+    return kind(kind, kind, kind), codegen
+
+
 @numba.njit(cache=True, nogil=True, inline="always")
 def light_at(light: NDArray[np.float32], u: float, v: float) -> float:
     """Catmull-Rom light at column `u` and row `v` of the grid; beyond its edge that of the edge.
@@ -74,12 +92,11 @@ def light_at(light: NDArray[np.float32], u: float, v: float) -> float:
     b0, b1, b2, b3 = _weights(np.float32(v - i))
     top, above, below, bottom = light[i - _ONE], light[i], light[i + _ONE], light[i + _TWO]
     k, m, n = j - _ONE, j + _ONE, j + _TWO
-    value = (
-        b0 * (a0 * top[k] + a1 * top[j] + a2 * top[m] + a3 * top[n])
-        + b1 * (a0 * above[k] + a1 * above[j] + a2 * above[m] + a3 * above[n])
-        + b2 * (a0 * below[k] + a1 * below[j] + a2 * below[m] + a3 * below[n])
-        + b3 * (a0 * bottom[k] + a1 * bottom[j] + a2 * bottom[m] + a3 * bottom[n])
-    )
+    one = fused(a0, top[k], fused(a1, top[j], fused(a2, top[m], a3 * top[n])))
+    two = fused(a0, above[k], fused(a1, above[j], fused(a2, above[m], a3 * above[n])))
+    three = fused(a0, below[k], fused(a1, below[j], fused(a2, below[m], a3 * below[n])))
+    four = fused(a0, bottom[k], fused(a1, bottom[j], fused(a2, bottom[m], a3 * bottom[n])))
+    value = fused(b0, one, fused(b1, two, fused(b2, three, b3 * four)))
     low = min(min(above[j], above[m]), min(below[j], below[m]))
     high = max(max(above[j], above[m]), max(below[j], below[m]))
     return min(max(value, low), high)  # type: ignore[no-any-return]
@@ -133,9 +150,9 @@ def turned(T: NDArray[np.float64], a: float, b: float, rho: float) -> tuple[floa
         b: y/z in this view.
         rho: inverse depth in this view, 1/m; 0 at infinity.
     """
-    per_z = 1.0 / (T[2, 0] * a + T[2, 1] * b + T[2, 2] + T[2, 3] * rho)
-    u = (T[0, 0] * a + T[0, 1] * b + T[0, 2] + T[0, 3] * rho) * per_z
-    v = (T[1, 0] * a + T[1, 1] * b + T[1, 2] + T[1, 3] * rho) * per_z
+    per_z = 1.0 / fused(T[2, 0], a, fused(T[2, 1], b, fused(T[2, 3], rho, T[2, 2])))
+    u = fused(T[0, 0], a, fused(T[0, 1], b, fused(T[0, 3], rho, T[0, 2]))) * per_z
+    v = fused(T[1, 0], a, fused(T[1, 1], b, fused(T[1, 3], rho, T[1, 2]))) * per_z
     return u, v
 
 
@@ -279,8 +296,10 @@ def places_on(
         s: time, 0 at the first frame and 1 at the second.
     """
     t = 1.0 - s
-    u_a, v_a = x + s * (paths[0, k] + s * paths[1, k]), y + s * (paths[2, k] + s * paths[3, k])
-    u_b, v_b = x + t * (paths[4, k] + t * paths[5, k]), y + t * (paths[6, k] + t * paths[7, k])
+    u_a = fused(s, fused(s, paths[1, k], paths[0, k]), x)
+    v_a = fused(s, fused(s, paths[3, k], paths[2, k]), y)
+    u_b = fused(t, fused(t, paths[5, k], paths[4, k]), x)
+    v_b = fused(t, fused(t, paths[7, k], paths[6, k]), y)
     return u_a, v_a, u_b, v_b
 
 

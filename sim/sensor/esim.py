@@ -193,10 +193,9 @@ def log_intensity(
         InputError: what `check_intensity` refuses.
     """
     check_intensity(intensity, shape)
-    log: NDArray[np.float32] = (
-        intensity.astype(np.float32, copy=False) + np.float32(log_eps)
-    ).ravel()
-    return np.log(log, out=log)
+    # Rounded from doubles: of float32, processors have logarithms of their own.
+    log = np.log((intensity.astype(np.float32, copy=False) + np.float32(log_eps)).astype(float))
+    return log.ravel().astype(np.float32)
 
 
 def check_intensity(intensity: NDArray[np.float32], shape: tuple[int, int]) -> None:

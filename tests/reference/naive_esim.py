@@ -14,9 +14,15 @@ TIE = Fraction(1, 10**6)
 """A level counts as reached from this close."""
 
 
+def log_of(frames, log_eps):
+    """Logarithms as float32, each the nearest one."""
+    light = np.asarray(frames, np.float32) + np.float32(log_eps)
+    return np.log(light.astype(float)).astype(np.float32)
+
+
 def simulate(frames, times_us, config):
     """Returns rows (t_us, y, x, p) of all events of `frames` (N, H, W), in the order emitted."""
-    logs = np.log(np.asarray(frames, np.float32) + np.float32(config.log_eps))
+    logs = log_of(frames, config.log_eps)
     thresholds = config.contrast_threshold_pos, config.contrast_threshold_neg
     intervals = [[] for _ in times_us]
     for y, x in np.ndindex(logs.shape[1:]):

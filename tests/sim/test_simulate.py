@@ -12,6 +12,7 @@ from eventsweep.sim.config import FramesConfig, SimConfig
 from eventsweep.sim.rigs import RIGS, rig
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.simulate import simulate
+from programs import NARROW, python
 from refusals import all_bytes, refused
 
 CONFIG = SimConfig(truth_interval_s=0.01)
@@ -35,6 +36,21 @@ def test_the_same_arguments_give_the_same_bytes(folder, scene, sequence):
     again = simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "again")
     assert all_bytes(again) == all_bytes(sequence.path)
     sequence.verify()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("processor", NARROW)
+def test_a_processor_that_can_do_less_gives_the_same_bytes(processor, tmp_path):
+    older = NARROW[processor] | {
+        "OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
+    }  # fmt: skip
+    for name, told in (("own", {}), ("older", older)):
+        told = {**told, "EVENTSWEEP_CACHE": str(tmp_path / f"{name} textures")}
+        asked = "--rig", "davis346", "--seconds", "0.01", "--seed", "0", "--out", tmp_path / name
+        python("-m", "eventsweep", "simulate", "desk", *asked, env=told, check=True)
+    own, other = (Sequence.open(tmp_path / name) for name in ("own", "older"))
+    assert min(own.event_count(0), own.event_count(1)) > 4000
+    assert other.manifest.digest == own.manifest.digest
 
 
 def test_another_seed_is_another_motion(folder, scene, sequence):
