@@ -104,6 +104,7 @@ class MethodTable:
         words = f"Mean over {len(self.cases)} case{'s' * (len(self.cases) != 1)} and {seeds}"
         if len(self.seeds) > 1:
             words += ", with 95 % intervals (Student's t over seeds, cases as strata)"
+        words += "; bold: best mean of its column"
         if self.reference:
             words += f"; Δ: paired difference from {self.reference}, and in how many pairs it wins"
         if self.unknown:
@@ -223,9 +224,11 @@ def _column(
     values = {method: grid.reindex([method]).to_numpy(np.float64)[0] for method in methods}
     means = {method: _estimate(numbers, of_cases) for method, numbers in values.items()}
     top = best((estimate.mean for estimate in means.values()), direction)
+    # Nobody is best of what is the same for all.
+    differ = len({estimate.mean for estimate in means.values()}) > 1 or len(means) == 1
     cells = {}
     for method, estimate in means.items():
-        cell = Cell(estimate, is_best=estimate.mean == top)
+        cell = Cell(estimate, is_best=differ and estimate.mean == top)
         if reference and method != reference:
             differences = values[method] - values[reference]
             known = differences[np.isfinite(differences)]

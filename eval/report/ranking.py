@@ -25,6 +25,7 @@ from eventsweep.eval.scoring.pairing import COMPARED, HARMONIC, REFERENCE, SHARE
 from eventsweep.eval.scoring.predictions import FAMILY
 from eventsweep.eval.scoring.regions import REGIONS
 from eventsweep.eval.scoring.score import BASELINE, TRAVEL
+from eventsweep.eval.scoring.standings import Standing, standings
 from eventsweep.eval.scoring.trajectories.metrics import PRIMARY_OF_TRAJECTORIES, metric_named
 
 FUSED_PREFIX = "Alg1/"
@@ -66,10 +67,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class RankingLine:
-    """One method of a table; `rank` counts the methods that use more than a single camera.
-
-    Methods of the same value share a rank; one without a value has none.
-    """
+    """One method of a table; without standings, or a number of every case and seed, no rank."""
 
     method: str
     rank: int | None
@@ -78,7 +76,7 @@ class RankingLine:
 
 @dataclass(frozen=True, slots=True)
 class RankingTable:
-    """Methods by metrics, in order of the ranking metric."""
+    """Methods by metrics, in order of their ranks or of the ranking metric."""
 
     columns: tuple[Column, ...]
     lines: tuple[RankingLine, ...]
@@ -91,10 +89,11 @@ class RankingTable:
     def grid(self, about: str = "", spreads: Mapping[tuple[str, str], str] | None = None) -> Grid:
         """The table of a page; `spreads` by method and metric stand behind their values."""
         names = [column.name for column in self.columns]
+        ranked = any(line.rank for line in self.lines)
         lines = tuple(
             (
                 named_cell(line.method),
-                GridCell(str(line.rank or ""), line.rank or math.nan),
+                *([GridCell(str(line.rank or "–"), line.rank or math.nan)] if ranked else []),
                 *(
                     with_spread(cell, (spreads or {}).get((line.method, name), "–"))
                     for name, cell in zip(names, line.cells, strict=True)
@@ -102,8 +101,9 @@ class RankingTable:
             )
             for line in self.lines
         )
-        heads = (Head("method", text=True), Head("rank"), *self.heads())
-        ordered_by = 2 + names.index(self.metric) if self.metric in names else -1
+        heads = (Head("method", text=True), *([Head("rank")] if ranked else []), *self.heads())
+        ordered_by = 1 + names.index(self.metric) if self.metric in names else -1
+        ordered_by = 1 if ranked else ordered_by
         return Grid(heads, lines, about, ordered_by)
 
     def by_metric(self) -> Grid:
@@ -182,14 +182,40 @@ def order(rows: pd.DataFrame, metric: str, prefix: str = "") -> list[tuple[str, 
 
 
 def ranked_methods(rows: pd.DataFrame, metric: str) -> list[str]:
-    """Methods that have a rank, the first one first: single cameras have none."""
+    """Methods that use more than a single camera, the best first: what a picture shows."""
     found = order(rows, metric)
     return [name for name, value in found if not (math.isnan(value) or _SINGLE.search(name))]
 
 
-def table(rows: pd.DataFrame, metric: str, names: Sequence[str] = RANKING_COLUMNS) -> RankingTable:
-    """Tabulates the rows of one case and window, ordered by a metric, the best of each marked.
+def standings_of(rows: pd.DataFrame, metric: str) -> tuple[Standing, ...]:
+    """Ranks by one metric, of the methods that have a row of it for every case and seed.
 
+    The rows are of one window, of any number of cases and seeds.
+    """
+    rows = rows[rows["metric"] == metric]
+    if rows.empty:
+        return ()
+    found: dict[str, dict[tuple[str, int], float]] = {}
+    for row in each(rows.assign(seed=rows["seed"].fillna(0).astype(int))):
+        found.setdefault(row.method, {})[row.case, row.seed] = row.value
+    cases: dict[str, list[tuple[str, int]]] = {}
+    for place in dict.fromkeys(place for of in found.values() for place in of):
+        cases.setdefault(place[0], []).append(place)
+    values = {
+        method: [[of[place] for place in places] for places in cases.values()]
+        for method, of in found.items()
+        if all(place in of for places in cases.values() for place in places)
+    }
+    return standings(values, rows["direction"].iloc[0])
+
+
+def table(
+    rows: pd.DataFrame, metric: str, names: Sequence[str] = RANKING_COLUMNS,
+    ranks: Sequence[Standing] = (),
+) -> RankingTable:  # fmt: skip
+    """Tabulates the rows of one case and window, the best of each metric marked.
+
+    Methods are in the order of their ranks, and others behind them in that of a metric.
     What has no row of that metric, such as poses beside depth maps, is not in it.
     """
     rows = rows[rows["method"].isin(rows.loc[rows["metric"] == metric, "method"])]
@@ -200,14 +226,11 @@ def table(rows: pd.DataFrame, metric: str, names: Sequence[str] = RANKING_COLUMN
         name: best((row.value for row in found.values()), next(iter(found.values())).direction)
         for name, found in columns.items()
     }
-    ranked = order(rows, metric)
-    fused = [value for method, value in ranked if not _SINGLE.search(method)]
+    by_method = {one.method: one.rank for one in ranks}
     lines = []
-    for method, value in ranked:
+    for method in dict.fromkeys((*by_method, *(name for name, _ in order(rows, metric)))):
         cells = tuple(_cell(columns[name].get(method), top[name]) for name in present)
-        # The first of equal values is the one that counts; NaN equals nothing.
-        counts = not _SINGLE.search(method) and not math.isnan(value)
-        lines.append(RankingLine(method, fused.index(value) + 1 if counts else None, cells))
+        lines.append(RankingLine(method, by_method.get(method), cells))
     return RankingTable(tuple(column(name) for name in present), tuple(lines), metric)
 
 
@@ -239,19 +262,6 @@ def mean_over_cases(rows: pd.DataFrame, label: str) -> pd.DataFrame:
 def with_unit(row: Any) -> str:
     """A value and its unit as text prints them."""
     return f"{displayed(row.value, row.unit)} {display_unit(row.unit)}"
-
-
-def best_words(rows: pd.DataFrame, metric: str) -> str:
-    """Who is ahead, by how much; empty where nothing is ranked."""
-    values = {row.method: row for row in each(rows[rows["metric"] == metric])}
-    points = {row.method: row for row in each(rows[rows["metric"] == "points"])}
-    ranked = ranked_methods(rows, metric)
-    if not ranked:
-        return ""
-    first, *others = ranked
-    words = f"{first} is ahead: {column(metric).title} {with_unit(values[first])}"
-    words += f" over {with_unit(points[first])}" if first in points else ""
-    return words + (f"; next is {others[0]}, {with_unit(values[others[0]])}." if others else ".")
 
 
 def findings(rows: pd.DataFrame, metric: str, cases: int = 1) -> list[str]:

@@ -41,11 +41,11 @@ from eventsweep.eval.report.html import (
 )
 from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import (
-    best_words,
     column,
     findings,
     mean_over_cases,
     ranked_methods,
+    standings_of,
     table,
 )
 from eventsweep.eval.report.run_data import CaseData, RunData, WindowData, best_first, load_run
@@ -54,11 +54,12 @@ from eventsweep.eval.results.table import EVENTS, POOLED, RIG, each
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.metrics import NAN
 from eventsweep.eval.scoring.run_folder import TRACK_FOLDER
+from eventsweep.eval.scoring.standings import RULE, Standing, lead_words
 
 OVERVIEW_NAME = "overview.png"
 _SMALL_PX = 480
 _READING = (
-    "Ordered by {title} (single cameras, the baseline of all others, have no rank). ● best of its "
+    "Ordered by {title}. {rule} ● best of its "
     "column; ↓ lower is better, ↑ higher is better. Read errors together with points: a method "
     "that reports fewer pixels has chosen easier ones, so “common” repeats the comparison on the "
     "pixels that all methods report and “equal” at as many points, and the sentences above on "
@@ -104,7 +105,7 @@ def run_page(data: RunData, files: Sequence[str] = ()) -> Page:
         subtitle="Depth from events by ray density fusion: "
         f"{', '.join((plural(len(data.cases), 'case'), *counts))}.",
         blocks=(
-            *(Text(best, "lead") for best in [best_words(overall, data.ranking_metric)] if best),
+            *(Text(lead_words(ranks, 1), "lead") for ranks in [_standings(data)] if ranks),
             *(block for case in data.cases[:1] for block in _film(data, case)),
         ),
         sections=(
@@ -117,18 +118,24 @@ def run_page(data: RunData, files: Sequence[str] = ()) -> Page:
     )
 
 
+def _standings(data: RunData) -> tuple[Standing, ...]:
+    rows = data.results.rows
+    return standings_of(rows[rows["window"] == POOLED], data.ranking_metric)
+
+
 def _overall(data: RunData, rows: pd.DataFrame) -> Iterator[Section]:
     """The ranking over all cases; nothing where nothing was scored."""
     if not len(rows):
         return
     count, metric = len(data.cases), data.ranking_metric
+    title = column(metric).title
     yield Section(
         "ranking",
         f"Ranking, mean of {count} cases" if count > 1 else "Ranking",
         (
             Sentences(tuple(findings(rows, metric, count))),
             table(rows, metric).grid(),
-            Text(_READING.format(title=column(metric).title), "note"),
+            Text(_READING.format(title=title, rule=RULE.format(title=title)), "note"),
         ),
     )
 

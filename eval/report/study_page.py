@@ -143,8 +143,9 @@ def _section(study: StudyResult, figure: str, position: int) -> Section:
     axis, seeds = study.about.axis, plural(len(study.results.seeds), "seed")
     about = (
         f"{axis[:1].upper()}{axis[1:]}, in {study.about.unit}. Means over "
-        f"{', '.join(study.about.cases)} and {seeds}; ± is half of the 95 % band, which needs "
-        "several seeds."
+        f"{', '.join(study.about.cases)} and {seeds}; ± is half of the 95 % interval of the "
+        "paired change from the first column, which needs several seeds: where it excludes no "
+        "change, the method suffers; who breaks first, the table above says."
     )
     failures = tuple(f"{job}: {why}" for job, why in study.failures.items())
     blocks: list[Block] = [Text(about), Sentences(failures, "failures")]

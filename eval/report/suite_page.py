@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import get_args
 
@@ -32,10 +32,9 @@ from eventsweep.eval.report.html import (
 )
 from eventsweep.eval.report.ranking import (
     RANKING_COLUMNS,
-    best_words,
     column,
-    findings,
     mean_over_cases,
+    standings_of,
     table,
 )
 from eventsweep.eval.results.results import (
@@ -46,11 +45,12 @@ from eventsweep.eval.results.results import (
     read_results,
 )
 from eventsweep.eval.results.series import Series, means_over_seeds, measured_of
+from eventsweep.eval.results.table import POOLED
+from eventsweep.eval.scoring.standings import RULE, Standing, lead_words
 
 _ABOUT = (
     "Of each case: means over the seeds ± their standard deviation, where there is more than one; "
-    "the best of each column is marked. Single cameras have no rank: they are the baseline of all "
-    "others."
+    "the best of each column is marked."
 )
 _OVER_CASES = (
     "Every case weighs the same, and pixels are the mean of a case. A method that lacks one of "
@@ -94,7 +94,9 @@ def suite_page(result: Results, files: Sequence[str], pictures: Mapping[str, str
         blocks=tuple(_verdict(result, measured, metric, first, pictures)),
         sections=(
             *(
-                _section(k, case, numbers, metric, "" if case == first else pictures.get(case, ""))
+                _section(
+                    result, k, numbers, metric, "" if case == first else pictures.get(case, "")
+                )
                 for k, (case, numbers) in enumerate(measured.items())
             ),
             _provenance(result),
@@ -111,16 +113,21 @@ def _verdict(
     """Who is ahead over all cases, the first case's picture, and the mean over the cases."""
     rows = means_over_seeds([numbers for of_case in by_case.values() for numbers in of_case])
     mean = mean_over_cases(rows, "mean") if by_case else rows
-    if by_case and (best := best_words(mean, metric)):
-        yield Text(best, "lead")
+    if ranks := _standings(result, metric, by_case):
+        yield Text(lead_words(ranks, len(result.seeds)), "lead")
     if first:
         layer = Layer(pictures[first], "camera, depth, true depth")
         yield Pictures((Picture(first, (layer,)),), columns=1)
     yield Sentences(tuple(f"failed: {job.name}: {job.failure}" for job in result.failures))
     if len(by_case) > 1:  # the mean of a single case would repeat it
         about = f"Mean of {len(by_case)} cases, by {column(metric).title}. {_OVER_CASES}"
-        yield table(mean, metric).grid(about)
-    yield Text(_ABOUT, "note")
+        yield table(mean, metric, ranks=ranks).grid(about)
+    yield Text(f"{RULE.format(title=column(metric).title)} {_ABOUT}", "note")
+
+
+def _standings(result: Results, metric: str, cases: Collection[str]) -> tuple[Standing, ...]:
+    rows = result.rows
+    return standings_of(rows[(rows["window"] == POOLED) & rows["case"].isin(cases)], metric)
 
 
 def _provenance(result: Results) -> Section:
@@ -136,14 +143,16 @@ def _ordering_metric(result: Results, measured: Set[str]) -> str:
 
 
 def _section(
-    position: int, case: str, series: Sequence[Series], metric: str, picture: str
+    result: Results, position: int, series: Sequence[Series], metric: str, picture: str
 ) -> Section:
+    case = series[0].case
     rows = means_over_seeds(series)
+    ranks = _standings(result, metric, (case,))
     spreads = {(n.method, n.metric): displayed(n.spread, n.unit) for n in series}
     about = "what the camera saw, depth maps and true depth"
     blocks: tuple[Block, ...] = (
-        *map(Text, findings(rows, metric)[:1]),
+        *((Text(lead_words(ranks, len(result.seeds))),) if ranks else ()),
         *((Plot(picture, f"{case}: {about}"),) if picture else ()),
-        table(rows, metric).grid(f"By {column(metric).title}.", spreads),
+        table(rows, metric, ranks=ranks).grid(f"By {column(metric).title}.", spreads),
     )
     return Section(f"case{position}", case, blocks)

@@ -170,7 +170,7 @@ def pairs_of_maps(
         _check_unit(sequence.name, truth, next(iter(maps.values())).rho)
     if isinstance(sequence, EventSequence):
         truth = replace(truth, regions=region_masks(sequence, t_us, truth.depth_m, config))
-    estimates = map_estimates(maps) | predictions
+    estimates = {**map_estimates(maps), **predictions}
     compared = [name for name in estimates if not is_on_own_poses(name)]
     pairs = pair_methods(estimates, truth, compared=compared, reference=reference)
     if not isinstance(sequence, EventSequence):

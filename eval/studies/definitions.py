@@ -8,7 +8,10 @@ from typing import Any
 
 from eventsweep.emvs.errors import InputError
 
-METHODS = ("Alg1/H", "Alg1/min", "Alg1/A", "Alg2/AtHc@4", "EMVS/cam0")
+METHODS = (
+    "Alg1/H", "Alg1/min", "Alg1/A", "Alg2/AtHc@4", "EMVS/cam0", "Focus/H", "Learned/H",
+)  # fmt: skip
+"""What is compared by default, as far as there is a method of the name: `default_methods`."""
 CASES = ("boxes", "desk", "planes")
 SEEDS = (0, 1, 2)
 SECONDS = 0.5
@@ -153,6 +156,13 @@ STUDIES: dict[str, Study] = {
         ),
     )
 }  # fmt: skip
+
+
+def default_methods() -> tuple[str, ...]:
+    """`METHODS`, without those of plug-ins that are not here."""
+    from eventsweep.emvs import methods  # with numpy, which help need not wait for
+
+    return tuple(name for name in METHODS if methods.named(name) is not None)
 
 
 def study_named(name: str) -> Study:

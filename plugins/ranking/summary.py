@@ -12,6 +12,7 @@ import numpy as np
 from eventsweep.eval.results.direction import Direction
 from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.scoring.standings import Standing, Table, places, standings
 from eventsweep.eval.suite.definition import Condition
 from eventsweep.plugins.ranking.entries import (
     COVERAGES,
@@ -21,7 +22,6 @@ from eventsweep.plugins.ranking.entries import (
     finite_mean,
     join,
 )
-from eventsweep.plugins.ranking.standings import Standing, Table, places, standings
 
 MAIN = RANKED_BY
 OTHERS = (

@@ -12,7 +12,7 @@ from eventsweep.emvs.utils.outputs import output_folder
 from eventsweep.eval.cli import names
 from eventsweep.eval.cli.app import COMMON, Common, Methods, Poses, Scenes, app
 from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
-from eventsweep.eval.studies.definitions import CASES, METHODS, SECONDS, SEEDS
+from eventsweep.eval.studies.definitions import CASES, METHODS, SECONDS, SEEDS, default_methods
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -45,7 +45,7 @@ def study(
         case: Scene to run instead of boxes, desk and planes, repeatable.
         seeds: Seeds instead of 0,1,2, such as 0-9.
         seconds: Length of every sequence; the window leaves 0.05 s at either end.
-        method: Method to compare, repeatable, instead of a choice of five.
+        method: Method to compare, repeatable, instead of a choice of seven.
         poses: With `track`, poses are also found from events; they, and the maps made with them,
             are scored.
     """
@@ -55,8 +55,11 @@ def study(
 
     chosen = tuple(STUDIES) if name == ("all",) else name
     studies = [study_named(study) for study in chosen]
-    samples = (method or METHODS, case or CASES, seed_numbers(seeds, "--seeds") or SEEDS)
     console, failed = common.console(), 0
+    compared = method or default_methods()
+    for lacking in () if method else [name for name in METHODS if name not in compared]:
+        console.warn(f"{lacking} is left out: no plug-in that is installed has it")
+    samples = (compared, case or CASES, seed_numbers(seeds, "--seeds") or SEEDS)
     files = [name for chosen_study in studies for name in file_names(chosen_study)]
     with output_folder(out, files, force=True):
         for chosen_study in studies:

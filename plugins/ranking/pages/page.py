@@ -29,6 +29,7 @@ from eventsweep.eval.report.html import (
 from eventsweep.eval.report.ranking import column
 from eventsweep.eval.report.suite_pictures import METHODS_NAME
 from eventsweep.eval.results.results import PICTURES_FOLDER
+from eventsweep.eval.scoring.standings import RULE, lead_words
 from eventsweep.plugins.ranking import summary
 from eventsweep.plugins.ranking.entries import (
     DATA_NAME,
@@ -46,13 +47,6 @@ from eventsweep.plugins.ranking.summary import MAIN
 
 HTML_NAME = "index.html"
 _PICTURE_BYTES = 1 << 22
-_MOST_NAMED = 4
-_PLACES = (
-    "In every case and seed, methods are placed (1 is best), and places are averaged; every case "
-    "weighs the same. Equal ranks: the difference between these methods is not significant over "
-    "seeds (95 %, corrected for the number of pairs), so a repetition with other seeds could swap "
-    "them. “Other seeds” gives the ranks in such repetitions. Click a method for its own page."
-)
 _RELATIVE = "relative error is the geometric mean over cases of the mean error over true depth"
 
 
@@ -209,7 +203,7 @@ def ranking_page(
             Pictures(best[:1], columns=1),
             Sentences(tuple(findings)),
             sections.overview(page),
-            Text(f"{_PLACES} Ordered by {column(MAIN).title}; {_RELATIVE}.", "note"),
+            Text(f"{_rule()} Click a method for its own page; {_RELATIVE}.", "note"),
         ),
         sections=(*shown, provenance(sections.made(page))),
         version=base.versions.get("eventsweep", ""),
@@ -218,15 +212,12 @@ def ranking_page(
     )
 
 
+def _rule() -> str:
+    return RULE.format(title=column(MAIN).title)
+
+
 def _findings(page: RankingPage) -> Iterator[str]:
-    first = [standing.method for standing in page.public.standings if standing.rank == 1]
-    if len(page.joined.base.seeds) < 2:
-        yield "One seed says nothing about others: all methods tie, ordered by their places."
-    elif len(first) == 1:
-        yield f"{first[0]} is first."
-    else:
-        who = ", ".join(first) if len(first) <= _MOST_NAMED else f"the first {len(first)} methods"
-        yield f"Over seeds, {who} do not differ significantly: they share the first rank."
+    yield lead_words(page.public.standings, len(page.joined.base.seeds))
     for entry in page.entries:
         for method, where in entry.perfect.items():
             places = f"{', '.join(where)} ({entry.label})"

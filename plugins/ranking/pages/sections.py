@@ -26,6 +26,7 @@ from eventsweep.eval.report.html import (
 from eventsweep.eval.report.ranking import column, definition, named_cell, value_cell
 from eventsweep.eval.results.direction import Direction, best
 from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.scoring.standings import Standing
 from eventsweep.plugins.ranking import summary
 from eventsweep.plugins.ranking.entries import (
     COVERAGES,
@@ -35,7 +36,6 @@ from eventsweep.plugins.ranking.entries import (
     finite_mean,
 )
 from eventsweep.plugins.ranking.figure import cost_figure, coverage_figure, history_figure
-from eventsweep.plugins.ranking.standings import Standing
 from eventsweep.plugins.ranking.summary import CONDITIONS, MAIN, OTHERS, Ranked
 
 _RELATIVE = "× median method"
@@ -65,12 +65,8 @@ class RankingPage:
         return [standing.method for standing in self.public.standings]
 
 
-def _rank(one: Standing | None) -> tuple[GridCell, GridCell]:
-    if one is None:
-        return GridCell("–"), GridCell("–")
-    ends = f"{one.low_rank}–{one.high_rank}" if one.low_rank else "–"
-    ends = str(one.low_rank) if one.low_rank and one.low_rank == one.high_rank else ends
-    return GridCell(str(one.rank), one.rank), GridCell(ends, one.high_rank or math.nan)
+def _rank(one: Standing | None) -> GridCell:
+    return GridCell("–") if one is None else GridCell(str(one.rank), one.rank)
 
 
 def _number(value: float, digits: int = 2, *, is_best: bool = False) -> GridCell:
@@ -87,7 +83,7 @@ def overview(page: RankingPage) -> Grid:
     """Ranks with ties, error, coverage and cost: a line for each method."""
     joined, hidden = page.joined, page.hidden
     heads = [
-        "method", Head("rank"), Head("other seeds"), Head("mean place"),
+        "method", Head("rank"), Head("mean place"),
         Head("relative error", "%", arrow=True), Head("coverage", "%", "higher", arrow=True),
         Head("outliers", "%", arrow=True),
     ]  # fmt: skip
@@ -102,13 +98,13 @@ def overview(page: RankingPage) -> Grid:
         outliers = summary.arithmetic(joined, standing.method, "outlier_share", joined.cases)
         named = replace(named_cell(standing.method), link=page.pages.get(standing.method, ""))
         cells = [
-            named, *_rank(standing), _number(standing.place, 2),
+            named, _rank(standing), _number(standing.place, 2),
             _number(error, is_best=error == best_error), _number(coverage),
             _number(outliers),
         ]  # fmt: skip
         if hidden:
             there = hidden.by_method.get(standing.method)
-            cells += [_rank(there)[0], _number(_hidden_error(hidden, standing.method))]
+            cells += [_rank(there), _number(_hidden_error(hidden, standing.method))]
         lines.append((*cells, *_cost_cells(joined, standing.method), _note(page, standing.method)))
     return grid(heads, lines)
 
@@ -156,7 +152,7 @@ def _note(page: RankingPage, method: str) -> GridCell:
 def _standing_grid(ranked: Ranked, about: str) -> Grid:
     head = column(ranked.metric)
     heads = (
-        "method", Head("rank"), Head("other seeds"), Head("mean place"),
+        "method", Head("rank"), Head("mean place"),
         head.head(f"{head.title}, mean of cases"),
     )  # fmt: skip
     unit = ranked.joined.base.units[ranked.metric][0]
@@ -169,7 +165,7 @@ def _standing_grid(ranked: Ranked, about: str) -> Grid:
     best_mean = best(means.values(), head.direction)
     lines = tuple(
         (
-            named_cell(standing.method), *_rank(standing), _number(standing.place),
+            named_cell(standing.method), _rank(standing), _number(standing.place),
             value_cell(means[standing.method], unit, best_mean),
         )
         for standing in ranked.standings

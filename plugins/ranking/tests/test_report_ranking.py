@@ -141,7 +141,7 @@ def test_the_tables_say_who_is_ahead_at_which_cost_under_which_condition_and_sin
     page = text_of(written)
     first = [cells(page, method, "<main>") for method in ERRORS]
     assert [line[1] for line in first] == ["2", "3", "1", "4"]
-    assert first[2][3] == "1.00"
+    assert first[2][2] == "1.00"
     assert "Focus/H is first." in page
     page = text_of(written)
     assert cells(page, "Given/Guess", "<main>")[-3:] == ["0.5 stated", "120 stated", "by A. Author"]

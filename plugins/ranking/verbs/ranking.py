@@ -39,10 +39,9 @@ def ranking(
 
 def _facts(ranked: Ranked) -> dict[str, Any]:
     standings = [
-        {"method": row.method, "rank": row.rank, "other_seeds": [row.low_rank, row.high_rank],
-         "mean_place": round(row.place, 4)}
+        {"method": row.method, "rank": row.rank, "mean_place": round(row.place, 4)}
         for row in ranked.standings
-    ]  # fmt: skip
+    ]
     refused = dict(ranked.joined.refused)
     return {"standings": standings, "not_ranked": ranked.lacking, "refused": refused}
 

@@ -9,6 +9,7 @@ from eventsweep.emvs.utils.output_manifest import strangers
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.results.results import JobNote, Results, Sample
 from eventsweep.eval.results.table import POOLED, tidy, together
+from eventsweep.eval.scoring.standings import RULE
 from eventsweep.eval.suite import output
 from refusals import command_refused
 from report_data import WellFormed
@@ -62,16 +63,18 @@ def tables(text):
 
 def test_a_suites_page_has_the_best_method_first_links_files_and_escapes_names(folder):
     mean, a, b, _versions = tables(reported(folder))
-    # (20 + 40 + 5 + 7) / 4 cm and so on; a single camera has no rank.
+    # (20 + 40 + 5 + 7) / 4 cm and so on; every method is second on average, so all share a rank.
     assert mean == [
-        ["Alg1/H", "1", "12,345", "18.00"], ["Focus/H", "2", "12,345", "25.00"],
-        ["EMVS/cam0", "", "12,345", "30.50"],
+        ["Alg1/H", "1", "12,345", "18.00"], ["EMVS/cam0", "1", "12,345", "30.50"],
+        ["Focus/H", "1", "12,345", "25.00"],
     ]  # fmt: skip
     spread_cm = f"{20 / math.sqrt(2):.2f}"
-    assert [line[:2] for line in a] == [["EMVS/cam0", ""], ["Focus/H", "1"], ["Alg1/H", "2"]]
-    assert a[2] == ["Alg1/H", "2", "12,345 ± 0", f"30.00 ± {spread_cm}"]
-    assert [line[:2] for line in b] == [["Alg1/H", "1"], ["Focus/H", "2"], ["EMVS/cam0", ""]]
+    assert [line[:2] for line in a] == [["EMVS/cam0", "1"], ["Focus/H", "2"], ["Alg1/H", "3"]]
+    assert a[2] == ["Alg1/H", "3", "12,345 ± 0", f"30.00 ± {spread_cm}"]
+    assert [line[:2] for line in b] == [["Alg1/H", "1"], ["Focus/H", "2"], ["EMVS/cam0", "3"]]
     text = reported(folder)
+    assert "Alg1/H, EMVS/cam0, Focus/H do not differ significantly: they share the first" in text
+    assert RULE.format(title="mean error") in text
     page = WellFormed(text)
     links = [source for source in page.sources if not source.startswith(("#", "data:"))]
     assert links == ["suite.json", "suite.csv"]

@@ -63,9 +63,12 @@ def test_a_curve_is_the_mean_over_cases_of_the_mean_over_seeds_or_nothing():
     assert curve.samples.tolist() == [3, 3]
     # Case b has one seed, which does not say how much seeds differ.
     assert np.isnan([curve.low, curve.high]).all()
-    curve = curve_of({("a", 0): [1], ("a", 1): [3], ("b", 0): [10], ("b", 1): [10]}, ["a", "b"])
-    # Seeds of case a differ by 2: its mean is 2 ± 12.7 (t of one degree), of two cases half of it.
-    np.testing.assert_allclose((curve.low[0], curve.high[0]), (6 - 6.3531, 6 + 6.3531), atol=1e-4)
+    found = {("a", 0): [1, 2], ("a", 1): [3, 6], ("b", 0): [10, 11], ("b", 1): [10, 11]}
+    curve = curve_of(found, ["a", "b"])
+    # Case a grows by 1 and 3: by 2 ± 12.7 (t of one degree); b by 1 with both; of two cases half.
+    ends = 6 + 1.5 - 6.3531, 6 + 1.5 + 6.3531
+    np.testing.assert_allclose((curve.low[1], curve.high[1]), ends, atol=1e-4)
+    assert curve.low[0] == curve.high[0] == 6  # nothing differs from itself, however scenes do
     curve = curve_of({("a", 0): [1, 2], ("b", 0): [1, math.nan]}, ["a", "b"])
     assert np.isnan(curve.mean[1])
     assert np.isnan(curve.low[1])

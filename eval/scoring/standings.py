@@ -18,11 +18,18 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from eventsweep.eval.results.direction import Direction
-from eventsweep.eval.scoring.significance import ALPHA, LEVEL, RESAMPLES, holm, stratified_p
+from eventsweep.eval.scoring.significance import ALPHA, holm, stratified_p
 
 Floats = NDArray[np.float64]
 Table = Mapping[str, Sequence[Sequence[float]]]
 """Per method and case one value for each seed; the seeds of a case are the same for all methods."""
+RULE = (
+    "In every case and seed, methods are placed by their {title} (1 is best), and places are "
+    "averaged; every case weighs the same. Methods share a rank where the difference of their "
+    "places is not significant over seeds (95 %, corrected for the number of pairs)."
+)
+"""Who is ahead on every page, in the same words."""
+_MOST_NAMED = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,16 +40,12 @@ class Standing:
         method: its name.
         rank: 1 plus the number of methods that are significantly better: ties share a rank. None is
             ranked behind a method of a worse mean place.
-        low_rank: with other seeds its place by mean places would be from this one ...
-        high_rank: ... to this one, 95 times of 100; 0 for a single seed.
         place: mean of its places.
         values: (C,) mean over seeds of the metric itself, per case; NaN where one is undefined.
     """
 
     method: str
     rank: int
-    low_rank: int
-    high_rank: int
     place: float
     values: tuple[float, ...]
 
@@ -61,13 +64,10 @@ def standings(table: Table, direction: Direction, *, alpha: float = ALPHA) -> tu
     by_case = places(table, direction)
     mean = np.mean([found.mean(axis=1) for found in by_case], axis=0)
     losses = _losses(by_case, mean, alpha)
-    low, high = _rank_intervals(by_case)
     found = [
         Standing(
             method,
             1 + int(losses[k]),
-            int(low[k]),
-            int(high[k]),
             float(mean[k]),
             tuple(float(np.mean(values)) for values in table[method]),
         )
@@ -107,17 +107,21 @@ def _losses(by_case: Sequence[Floats], mean: Floats, alpha: float) -> NDArray[np
     return losses
 
 
-def _rank_intervals(by_case: Sequence[Floats]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Ends of the interval of each method's rank over resampled seeds; 0 for a single seed."""
-    count = len(by_case[0])
-    if min(found.shape[1] for found in by_case) < 2:
-        return np.zeros(count, np.intp), np.zeros(count, np.intp)
-    rng, total = np.random.default_rng(0), np.zeros((RESAMPLES, count))
-    for found in by_case:
-        seeds = found.shape[1]
-        drawn = rng.integers(seeds, size=(RESAMPLES, seeds))
-        total += found[:, drawn].mean(axis=2).T / len(by_case)
-    ranks = rankdata(np.round(total, 9), method="min", axis=1)
-    tail = (1 - LEVEL) / 2
-    low, high = np.quantile(ranks, [tail, 1 - tail], axis=0)
-    return np.floor(low).astype(np.intp), np.ceil(high).astype(np.intp)
+def lead_words(found: Sequence[Standing], seeds: int) -> str:
+    """Who is first, best mean place first; with one seed, as far as that says anything."""
+    first = [one.method for one in found if one.rank == 1]
+    if seeds < 2:
+        here = [one.method for one in found if one.place == found[0].place]
+        verb = "are" if len(here) > 1 else "is"
+        return (
+            "One seed says nothing about others, so all methods share the first rank; in this one "
+            f"{_several(here)} {verb} placed first."
+        )
+    if len(first) == 1:
+        return f"{first[0]} is first."
+    return f"{_several(first)} do not differ significantly: they share the first rank."
+
+
+def _several(names: Sequence[str]) -> str:
+    few = len(names) <= _MOST_NAMED
+    return ", ".join(names) if few else f"{names[0]} and {len(names) - 1} others"
