@@ -14,8 +14,8 @@ from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.scoring import outlier_causes
-from eventsweep.eval.scoring.method_scores import cause_scores
 from eventsweep.eval.scoring import regions as areas
+from eventsweep.eval.scoring.method_scores import cause_scores
 from eventsweep.eval.scoring.pairing import Truth, bad_pixels
 
 WIDTH, HEIGHT, FOCAL, BASELINE, WALL_M = 64, 48, 100.0, 0.1, 2.0
