@@ -240,7 +240,7 @@ def map_recording(
     `note` takes a line where the depth range had to be guessed; what was found is said.
     """
     from eventsweep.emvs.datasets import open_recording
-    from eventsweep.emvs.first_pass import settled
+    from eventsweep.emvs.maps.first_pass import settled
     from eventsweep.emvs.maps.folder import RecordingInfo, StoredMap
     from eventsweep.emvs.maps.sliding import check_out, map_windows
 

@@ -9,8 +9,8 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets import opened
 from eventsweep.emvs.errors import InputError, check_path
-from eventsweep.emvs.first_pass import settled
 from eventsweep.emvs.maps import sliding
+from eventsweep.emvs.maps.first_pass import settled
 from eventsweep.emvs.maps.folder import RecordingInfo, StoredMap, read_map
 from eventsweep.emvs.methods import overview as methods
 from eventsweep.emvs.methods import register as register_method

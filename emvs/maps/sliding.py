@@ -18,10 +18,10 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.dsi.device import Device, check_device, projector_on
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.first_pass import settled
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels
 from eventsweep.emvs.mapper import check_request, map_window
+from eventsweep.emvs.maps.first_pass import settled
 from eventsweep.emvs.maps.folder import (
     SCHEMA_VERSION,
     HotPixelInfo,
@@ -70,7 +70,7 @@ def map_windows(
         recording: events, poses and calibration.
         out: the map folder: new, or, with sliding windows, of the same run.
         config: `window_s` or `window_events` for sliding windows, and everything else; what it
-            leaves to the recording is settled first (`emvs.first_pass`), and kept in `map.json`.
+            leaves to the recording is settled first (`emvs.maps.first_pass`); `map.json` keeps it.
         about: what `map.json` says of the recording.
         progress: called with `count`, `hot pixels`, then, with sliding windows, `windows` done and
             all, with the stages of `map_window` and `write` in between.

@@ -216,14 +216,16 @@ def outlier_causes(
 ) -> dict[str, tuple[float, dict[str, float]]]:
     """Per method the share of outliers and the share of each cause among them, all in %.
 
-    Of the rows of one case and window; methods without causes are left out.
+    Of the rows of one case and window; methods without causes are left out, as is a cause that was
+    not measured.
     """
     values = {(row.method, row.metric): row.value for row in each(rows)}
     found = {}
     for method in methods:
         share = values.get((method, "outlier_share"), math.nan)
-        causes = {c: values.get((method, CAUSE_PREFIX + c), math.nan) for c in CAUSES}
-        if math.isfinite(share) and all(map(math.isfinite, causes.values())):
+        known = {c: values.get((method, CAUSE_PREFIX + c), math.nan) for c in CAUSES}
+        causes = {c: value for c, value in known.items() if math.isfinite(value)}
+        if math.isfinite(share) and causes:
             found[method] = (share, causes)
     return found
 
@@ -232,17 +234,15 @@ def causes_figure(shares: Mapping[str, tuple[float, dict[str, float]]]) -> Figur
     """Draws what `outlier_causes` found as stacked bars."""
     figure = LaidOutFigure(figsize=(10.5, 1.1 + _BAR_INCHES * len(shares)))
     axes = figure.subplots()
-    order = list(CAUSES)
-    for k, (cause, colour) in enumerate(CAUSE_COLOURS.items()):
-        lengths = [share * causes[cause] / 100 for share, causes in shares.values()]
-        before = [
-            share * sum(causes[name] for name in order[:k]) / 100
-            for share, causes in shares.values()
-        ]
+    before = [0.0] * len(shares)
+    for cause, colour in CAUSE_COLOURS.items():
+        measured = any(cause in causes for _, causes in shares.values())
+        lengths = [share * causes.get(cause, 0.0) / 100 for share, causes in shares.values()]
         axes.barh(
             list(shares), lengths, left=before, height=0.74, color=colour,
-            label=cause.replace("_", " "),
+            label=cause.replace("_", " ") + (not measured) * " (not measured)",
         )  # fmt: skip
+        before = [begin + length for begin, length in zip(before, lengths, strict=True)]
     axes.invert_yaxis()
     axes.set_xlabel("points with an error above 10 % of the true depth, share of all points [%]")
     axes.grid(axis="x", linewidth=0.4, alpha=0.35)

@@ -77,13 +77,16 @@ def context_scores(truth_points: int, baseline_focal_px_m: float) -> tuple[Score
 
 
 def cause_scores(causes: Mapping[str, int] | None) -> Iterator[Score]:
-    """Number of bad pixels and the share of every cause; nothing where causes are not known."""
+    """Number of bad pixels and the share of every cause, NaN of one that was not measured.
+
+    Nothing where causes are not known.
+    """
     if causes is None:
         return
     bad = sum(causes.values())
     yield Score(BAD_POINTS, float(bad), "px", "none", ALL, bad)
     for cause in CAUSES:
-        share = 100 * causes[cause] / bad if bad else float("nan")
+        share = 100 * causes[cause] / bad if bad and cause in causes else float("nan")
         yield Score(CAUSE_PREFIX + cause, share, "%", "none", ALL, bad)
 
 

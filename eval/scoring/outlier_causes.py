@@ -68,8 +68,14 @@ class OutlierClassifier:
     contrast: float = 0.1
 
     def count(self, estimate_m: NDArray[np.floating], bad: Flags) -> dict[str, int]:
-        """Counts one method's bad pixels by cause; arguments as of `causes`."""
-        return counts_by_cause(self.causes(estimate_m, bad))
+        """Counts one method's bad pixels by cause; arguments as of `causes`.
+
+        Without `moving` where no segmentation says what moves: it is not measured.
+        """
+        counts = counts_by_cause(self.causes(estimate_m, bad))
+        return {
+            cause: n for cause, n in counts.items() if cause != "moving" or "moving" in self.masks
+        }
 
     def causes(self, estimate_m: NDArray[np.floating], bad: Flags) -> Causes:
         """The cause of each of one method's bad pixels.
@@ -204,11 +210,12 @@ def counts_by_cause(causes: Causes) -> dict[str, int]:
 
 
 def pooled_causes(parts: Sequence[Mapping[str, int] | None]) -> dict[str, int] | None:
-    """Adds counts of several windows; None where any has none."""
+    """Adds counts of several windows, of the causes that all know; None where any has none."""
     known = [part for part in parts if part is not None]
     if not known or len(known) < len(parts):
         return None
-    return {cause: sum(part[cause] for part in known) for cause in CAUSES}
+    shared = (cause for cause in CAUSES if all(cause in part for part in known))
+    return {cause: sum(part[cause] for part in known) for cause in shared}
 
 
 @dataclass(frozen=True, eq=False)

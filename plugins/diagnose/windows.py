@@ -16,7 +16,7 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.occupied import Span, length_of, occupied_spans, spread, steps
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.first_pass import settled
+from eventsweep.emvs.maps.first_pass import settled
 from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.plugins.diagnose.sharpness import WindowEvents
 

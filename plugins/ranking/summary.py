@@ -136,9 +136,12 @@ def _known(values: Iterable[float]) -> list[float]:
 
 
 def causes(joined: Merged, method: str) -> tuple[float, dict[str, float]] | None:
-    """Share of outliers among all points, and of each cause among them, %; pooled over cases."""
+    """Share of outliers among all points, and of each cause among them, %; pooled over cases.
+
+    A cause counts where it was measured; its share is NaN where it never was.
+    """
     points = outliers = 0.0
-    shares = dict.fromkeys(CAUSES, 0.0)
+    found = {cause: np.zeros(2) for cause in CAUSES}  # of this cause, and of any
     for case in joined.cases:
         for unit in joined.units(case):
             entry = joined.owner[method]
@@ -148,11 +151,13 @@ def causes(joined: Merged, method: str) -> tuple[float, dict[str, float]] | None
                 points += 0.0 if math.isnan(count) else count
                 continue
             points, outliers = points + count, outliers + bad
-            for cause in CAUSES:
-                shares[cause] += bad * entry.value(method, CAUSE_PREFIX + cause, unit) / 100
-    if not points or not outliers or not all(map(math.isfinite, shares.values())):
+            for cause, counts in found.items():
+                share = entry.value(method, CAUSE_PREFIX + cause, unit) / 100
+                counts += (bad * share, bad) if math.isfinite(share) else (0, 0)
+    shares = {name: 100 * own / of if of else math.nan for name, (own, of) in found.items()}
+    if not points or not outliers or not any(map(math.isfinite, shares.values())):
         return None
-    return 100 * outliers / points, {name: 100 * n / outliers for name, n in shares.items()}
+    return 100 * outliers / points, shares
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from zlib import crc32
@@ -150,8 +151,9 @@ def _causes(page: RankingPage, method: str) -> Iterator[Section]:
     share, parts = found
     heads = ("cause", Head("of its outliers", "%"), "meaning")
     lines = tuple(
-        (name.replace("_", " "), value_cell(parts[name], "%", float("nan")), CAUSES[name])
-        for name in CAUSES
+        (name.replace("_", " "), value_cell(parts[name], "%", float("nan")),
+         meaning if math.isfinite(parts[name]) else f"not measured: {meaning}")
+        for name, meaning in CAUSES.items()
     )  # fmt: skip
     text = f"{share:.2f} % of its points are off by more than a tenth of the true depth."
     yield Section("causes", "Why points are wrong", (Text(text), grid(heads, lines)))

@@ -15,6 +15,7 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.scoring import outlier_causes
 from eventsweep.eval.scoring import regions as areas
+from eventsweep.eval.scoring.method_scores import cause_scores
 from eventsweep.eval.scoring.pairing import Truth, bad_pixels
 
 WIDTH, HEIGHT, FOCAL, BASELINE, WALL_M = 64, 48, 100.0, 0.1, 2.0
@@ -109,8 +110,10 @@ def test_a_point_that_another_camera_does_not_see_is_occluded_and_no_pixel_has_n
     hidden[:, 20:30] = 1.0  # in front of where the right camera would see column 30
     assert causes(15, both_counts(9, 9), world((wall, hidden))) == "occlusion"
     ones = np.ones((HEIGHT, WIDTH))
-    classifier = outlier_causes.OutlierClassifier(world(), 500, both_counts(1, 1), ones, (1, 2))
-    assert classifier.count(ones, ones == 0) == dict.fromkeys(outlier_causes.CAUSES, 0)
+    about = world(), 500, both_counts(1, 1), ones, (1, 2)
+    known = outlier_causes.OutlierClassifier(*about, {"moving": ones == 0})
+    assert known.count(ones, ones == 0) == dict.fromkeys(outlier_causes.CAUSES, 0)
+    assert "moving" not in outlier_causes.OutlierClassifier(*about).count(ones, ones == 0)
 
 
 flag_arrays = hnp.arrays(bool, 7)
@@ -132,6 +135,11 @@ def test_bad_pixels_are_those_of_the_outlier_share_and_pooled_causes_add_up():
         cause: 2 * k for k, cause in enumerate(outlier_causes.CAUSES)
     }
     assert outlier_causes.pooled_causes([one, None]) is None
+    without = {cause: n for cause, n in two.items() if cause != "moving"}
+    assert "moving" not in outlier_causes.pooled_causes([one, without])
+    shares = {score.metric: score.value for score in cause_scores(without)}
+    assert np.isnan(shares["cause_moving"])
+    assert shares["cause_noise"] > 0
     assert outlier_causes.pooled_causes([]) is None
     truth = Truth(np.full((1, 5), 2.0), np.array([[1, 1, 1, 1, 0]], bool), 100.0, 0.1)
     depth_m = np.array([[2.0, 2.3, 1.7, 2.1, 9.0]])

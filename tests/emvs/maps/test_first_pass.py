@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.first_pass import MOST_PLANES, settled
 from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.maps.first_pass import MOST_PLANES, settled
 from eventsweep.emvs.reference_view import depth_range_m
 from point_world import Recorded, fronto_parallel, pinhole, stereo_rig
 
