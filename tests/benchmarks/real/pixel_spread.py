@@ -142,6 +142,11 @@ def sensors() -> dict[str, dict[str, Any]]:
         noise = {"preset": "davis346", "threshold_sigma": sigma}
         found[f"C as `davis346`, σ {sigma:g}"] = {"sensor": noise}
         found[f"C 0.60 and 0.43, σ {sigma:g}"] = {"sensor": noise, **AS_MANY}
+    few = {
+        "preset": "davis346", "threshold_sigma": 0.05, "hot_pixel_fraction": 0,
+        "leak_rate_hz": 0.03, "shot_rate_dark_hz": 0.12, "shot_rate_bright_hz": 0.03,
+    }  # fmt: skip
+    found["C 0.60 and 0.43, σ 0.05, 0.3 of the noise"] = {"sensor": few, **AS_MANY}
     spread = {"preset": "davis346", "noise_spread_decades": 0.6}
     found["C as `davis346`, σ 0.03, noise spread by 0.6 decades"] = {"sensor": spread}
     return dict(sorted(found.items()))

@@ -1,7 +1,7 @@
 """Sets the twin of MVSEC's flights beside the published table of its original.
 
 `python tests/benchmarks reproduction --out DIR --page docs/studies.md` runs the suite
-`mvsec-table-v2` and writes the tables between the page's marks.
+`mvsec-table-v2`, or another one with `--suite`, and writes the tables between the page's marks.
 """
 
 from __future__ import annotations
@@ -39,8 +39,14 @@ SETTINGS = (
     ("imperfect", "", "", "noise, imperfect geometry"),
     ("imperfect", " mcemvs", " mcemvs", "the same, `mcemvs`"),
     ("mvsec-flying", " project", " project", "this project's thresholds"),
+    ("exact", "", "", "exact geometry, ideal sensor"),
+    ("sensor", "", "", "a real sensor's pixels"),
+    ("imperfect", " cap-78", " cap-78", "the same, 78 votes as full confidence"),
+    ("imperfect", " cap-79", " cap-79", "the same, 78.8 votes"),
 )
 """Case, ending of the names of H and of the single camera, and what the table calls both."""
+EXACT = ("mvsec-flying", "exact")
+"""Cases without errors, of which a suite has one."""
 
 Scores = Mapping[Key, Series]
 
@@ -50,6 +56,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, help="folder for suite.json and suite.csv")
     parser.add_argument("--page", type=Path, help="page to write the tables into")
+    parser.add_argument("--suite", default=SUITE, help="which twins")
     parser.add_argument("--case", action="append", default=[], help="some of the suite's cases")
     parser.add_argument("--seeds", help="seeds instead of the suite's own, such as 0-9")
     parser.add_argument("--workers", type=int, help="worker processes")
@@ -63,7 +70,7 @@ def main() -> int:
 
 
 def _run(asked: argparse.Namespace) -> Results:
-    suite, subset = load(SUITE)
+    suite, subset = load(asked.suite)
     seeds = job_flags.seed_numbers(asked.seeds, "--seeds")
     progress = Console(quiet=False, as_json=False).progress
     flags = job_flags.JobFlags(workers=asked.workers)
@@ -92,9 +99,9 @@ def report(result: Results) -> str:
             "brackets the least and the greatest of a single flight.\n",
             *_ratio_lines(scores),
             "",
-            *_order_lines(_case(scores, "mvsec-flying")),
+            *(line for case in EXACT for line in _order_lines(_case(scores, case))),
             "",
-            "With noise and imperfect geometry (`mvsec`):\n",
+            "With noise and imperfect geometry:\n",
             *_order_lines(_case(scores, "imperfect")),
             "",
         ]
@@ -173,7 +180,11 @@ def _order(scores: Scores, known: Sequence[Published], metric: str) -> str:
         if (a.value(metric) < b.value(metric))
         != (_mean(scores, a, metric) < _mean(scores, b, metric))
     ]
-    same = f"{len(pairs) - len(turned)} of {len(pairs)} pairs of methods in the published order"
+    tau = 1 - 2 * len(turned) / len(pairs)
+    same = (
+        f"{len(pairs) - len(turned)} of {len(pairs)} pairs of methods in the published order "
+        f"(Kendall's τ {tau:.1f})"
+    )
     end = f"; the other way round: {', '.join(turned)}" if turned else ""
     return f"- By {RATIOS[metric]}: {same}{end}."
 
