@@ -86,9 +86,7 @@ class Evidence:
     def _mapped(self, case: str, method: str, mapper: str) -> str:
         if method == EVENTS:
             return method
-        name, _, poses = method.partition(" ")
-        named = mapper_method(name, mapper or self.views.suite.cases[case].mappers[0])
-        return f"{named} {poses}".rstrip()
+        return mapper_method(method, mapper or self.views.suite.cases[case].mappers[0])
 
     def per_seed(
         self, case: str, method: str, metric: str, *, window: str = POOLED, mapper: str = ""

@@ -64,4 +64,6 @@ def finding(evidence: Evidence) -> Finding:
     return Finding(
         f"Median relative error of H; {'; '.join(told)}",
         Verdict.of(all(right), all(better)),
+        "Where a frame is exposed its matcher fills whole surfaces, which are easier than edges; "
+        "where it is white, depth is that of its surroundings.",
     )

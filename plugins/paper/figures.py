@@ -57,7 +57,7 @@ def _of_twin(exact: View, noisy: View, scale: Scale) -> dict[str, IndexedImage]:
     return {
         "depth": ours.depth_image(scale),
         "confidence": confidence_image(ours.confidence, confidence_scale(most)),
-        "depth, poses as of odometry": shaken.depth_image(scale),
+        "depth, odometry": shaken.depth_image(scale),
         "true depth": depth_image(exact.truth.depth_m, exact.truth.scored, scale),
     }
 
@@ -131,7 +131,8 @@ def focus(evidence: Evidence) -> bytes:
         below.plot(middles, [ring.error for ring in found], marker="o", label=case)
     where = "distance from the focus of expansion [widths of the image]"
     above.set(xlabel=where, ylabel="points per edge pixel", title="what H reports")
-    below.set(xlabel=where, ylabel="median relative error [%]", title="how far off it is")
+    below.set(xlabel=where, ylabel="median relative error [%]", yscale="log")
+    below.set_title("how far off it is")
     above.legend()
     return _saved(figure)
 

@@ -69,7 +69,7 @@ def functions(evidence: Evidence) -> Finding:
     parts, verdicts = [], []
     for cases, light in ((SCENES, "ideal sensor"), (NOISY, "a DAVIS346's noise")):
         shares = {f: evidence.number(cases, f"Alg1/{f}", _BAD) for f in FUNCTIONS}
-        parts.append(f"{light}: " + ", ".join(f"{f} {100 * v.mean:.1f}" for f, v in shares.items()))
+        parts.append(f"{light}: " + ", ".join(f"{f} {v.mean:.1f}" for f, v in shares.items()))
         strict, lenient = (
             [shares[f].mean for f in names] for names in (FUNCTIONS[:3], FUNCTIONS[3:])
         )

@@ -64,7 +64,8 @@ def maps_on_own_poses(stored: StoredMap, window: StoredWindow) -> dict[str, Dept
 
     They lie where the window's own maps do: the two worlds differ, the view is the same.
     """
-    own = {one.info.t_ref_us: one for one in stored.windows}.get(window.info.t_ref_us)
+    # By name, too: shorter and longer windows may have one reference time.
+    own = {_view_of(one): one for one in stored.windows}.get(_view_of(window))
     if own is None:
         return {}
     place = window.depth_map(window.info.methods[0]).T_world_rv
@@ -73,6 +74,10 @@ def maps_on_own_poses(stored: StoredMap, window: StoredWindow) -> dict[str, Dept
         name: replace(one, method=method_on_own_poses(name), T_world_rv=place)
         for name, one in maps.items()
     }
+
+
+def _view_of(window: StoredWindow) -> tuple[str, int]:
+    return window.info.name, window.info.t_ref_us
 
 
 def own_estimates(

@@ -69,6 +69,24 @@ def test_on_the_true_poses_maps_are_the_same_bits(mapped, tmp_path):
             np.testing.assert_array_equal(true.depth_m, mine.depth_m)
 
 
+def test_windows_of_one_reference_time_keep_their_own_maps(mapped, tmp_path):
+    """A short window inside a long one, about the same view."""
+    recording, stored, windows, about = mapped
+    whole = windows["w001"]
+    middle_us = (whole.t1_us - whole.t0_us) // 4
+    short = replace(whole, t0_us=whole.t0_us + middle_us, t1_us=whole.t1_us - middle_us)
+    map_on_poses(
+        recording, recording.trajectory, {"w000": short, "w001": whole}, CONFIG, tmp_path / "own", about
+    )  # fmt: skip
+    own = read_map(tmp_path / "own")
+    found = list(own_estimates(own, own.windows))
+    for window, estimates in zip(own.windows, found, strict=True):
+        mine = estimates[method_on_own_poses("Alg1/H")]
+        np.testing.assert_array_equal(mine.depth_m, window.depth_map("Alg1/H").depth_m)
+    first, second = (np.asarray(one[method_on_own_poses("Alg1/H")].confidence) for one in found)
+    assert not np.array_equal(first, second)
+
+
 def test_another_world_changes_no_depth(mapped, tmp_path):
     """Found poses begin at the origin: views, and depths in them, do not depend on that."""
     recording, stored, *_ = mapped
