@@ -80,7 +80,7 @@ def by_heading(evidence: Evidence) -> Finding:
         f"around the focus of expansion has a point for every {1 / lost[0].found:,.0f} and "
         f"{1 / lost[1].found:,.0f} edge pixels, {near} % off",
         Verdict.of(all(better for better, _ in best), all(more for _, more in best)),
-        "What parallax does not reach is not reported: errors of all points hide it, and the number "
+        "What parallax does not reach is not reported, which errors of all points hide; the number "
         "of points depends on a map's own greatest confidence, by which C is scaled.",
     )
 

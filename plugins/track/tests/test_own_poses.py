@@ -71,13 +71,12 @@ def test_on_the_true_poses_maps_are_the_same_bits(mapped, tmp_path):
 
 def test_windows_of_one_reference_time_keep_their_own_maps(mapped, tmp_path):
     """A short window inside a long one, about the same view."""
-    recording, stored, windows, about = mapped
+    recording, _, windows, about = mapped
     whole = windows["w001"]
     middle_us = (whole.t1_us - whole.t0_us) // 4
     short = replace(whole, t0_us=whole.t0_us + middle_us, t1_us=whole.t1_us - middle_us)
-    map_on_poses(
-        recording, recording.trajectory, {"w000": short, "w001": whole}, CONFIG, tmp_path / "own", about
-    )  # fmt: skip
+    both = {"w000": short, "w001": whole}
+    map_on_poses(recording, recording.trajectory, both, CONFIG, tmp_path / "own", about)
     own = read_map(tmp_path / "own")
     found = list(own_estimates(own, own.windows))
     for window, estimates in zip(own.windows, found, strict=True):
