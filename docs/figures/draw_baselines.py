@@ -5,7 +5,6 @@ Each folder is what `eventsweep run --out FOLDER` wrote.
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
 
@@ -17,10 +16,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 from PIL import Image
 
+# What writes into pages lies beside the other tools, not in a package.
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "benchmarks" / "tables"))
+
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.maps.folder import read_map
 from eventsweep.eval.figures.colormaps import depth_scale
 from eventsweep.eval.results.results import read_results
+from markdown_blocks import into_page
+from table_code import Code, of_methods, of_scenes
 
 DOCS = Path(__file__).parents[1]
 # metric -> title, factor from its unit to the title's, digits
@@ -133,6 +137,14 @@ def picture(folder, case):
     return path
 
 
+def code():
+    """What the numbers depend on: what `eventsweep run` does, and the tables."""
+    stages = tuple(f"eventsweep.eval.stages.{name}" for name in ("simulate", "map", "score"))
+    made = Code(("draw_baselines:table", "draw_baselines:saturation"), stages)
+    of_cases = of_scenes(["desk", "hdr-window", "mvsec-flying"])
+    return {"docs/baselines.md#baselines": made + of_cases + of_methods(["baselines"])}
+
+
 def main(folders):
     """Draws every case and replaces the page's generated part."""
     parts = []
@@ -144,11 +156,7 @@ def main(folders):
                          f"(images/{path.name})\n\n{table(results, case)}")  # fmt: skip
             if white := saturation(folder, case):
                 parts.append(white)
-    page = DOCS / "baselines.md"
-    begin, end = "<!-- baselines: begin -->", "<!-- baselines: end -->"
-    text = page.read_text(encoding="utf-8")
-    body = "\n\n".join([begin, *parts, end])
-    page.write_text(re.sub(f"{begin}.*{end}", lambda _: body, text, flags=re.S), encoding="utf-8")
+    into_page(DOCS / "baselines.md", "baselines", "\n\n".join(parts) + "\n", code)
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.mapper import map_window
 from eventsweep.eval.figures.colormaps import depth_scale
 from markdown_blocks import into_page
+from table_code import Code, of_methods, of_scenes
 
 DOCS = Path(__file__).parents[1]
 NAMES = ("Alg1/H", "ESVO/own-rate", "ESVO/window", "GTS/events")
@@ -69,6 +70,16 @@ def picture(sequence, found, truth_m, path):
     plt.close(figure)
 
 
+def code():
+    """What the numbers depend on."""
+    simulated = of_scenes(["mvsec-flying"]) + Code(modules=("eventsweep.eval.stages.simulate",))
+    return {
+        "docs/baselines.md#esvo": Code(("draw_baselines_esvo:maps_of",))
+        + simulated
+        + of_methods(NAMES)
+    }
+
+
 def main(folder):
     """Draws, and replaces the page's generated part."""
     sequence = Sequence.open(folder)
@@ -80,7 +91,7 @@ def main(folder):
         f"![mvsec-flying: true depth and maps](images/{path.name})\n\n"
         f"Processor time for this second: {cost}.\n"
     )
-    into_page(DOCS / "baselines.md", "esvo", text)
+    into_page(DOCS / "baselines.md", "esvo", text, code)
 
 
 if __name__ == "__main__":

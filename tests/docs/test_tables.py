@@ -7,10 +7,12 @@ import pytest
 
 import readme_table
 import settings_table
+import stale_tables
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.eval.config import EvalConfig, TrajectoryConfig
 from eventsweep.eval.gate.baseline import read_baseline
 from markdown_blocks import with_block
+from measured import entries
 from places import ROOT, needs_plugins
 from readme_table import REAL, real_block, results_block
 from refusals import line_of
@@ -78,3 +80,15 @@ def test_only_what_stands_between_the_marks_changes_and_without_marks_nothing(tm
     assert "results: begin" in line_of(with_block, "nothing", "results", "x")
     assert settings_table.main([str(tmp_path)]) == 2
     assert "no such file" in capsys.readouterr().err
+
+
+@needs_plugins
+def test_the_page_lists_the_tables_that_are_older_than_their_code(capsys):
+    assert stale_tables.main(["--check"]) == 0, capsys.readouterr().err
+
+
+@needs_plugins
+def test_every_generated_block_has_its_code_and_its_line_in_the_list():
+    blocks = sorted(stale_tables.blocks())
+    assert blocks == sorted(stale_tables.declared())
+    assert blocks == sorted(entries(ROOT))

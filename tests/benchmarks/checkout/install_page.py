@@ -24,6 +24,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.release import install
 from eventsweep.eval.cli.exit_codes import exit_code
 from markdown_blocks import into_page
+from table_code import Code
 
 ROOT = Path(__file__).resolve().parents[3]
 SIZE = Path(__file__).with_name("install_size.py")
@@ -139,6 +140,17 @@ def key_of(row: str) -> tuple[str, str, int]:
     return system, extra.strip("`–"), int(python.split(".")[1])
 
 
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {
+        "docs/install.md#commands": Code(),
+        "docs/install.md#sizes": Code(
+            ("install_page:read_size", "install_page:size_block", "install_size:main"),
+            files=("pyproject.toml#project",),
+        ),
+    }
+
+
 def main() -> int:
     """Tries the interpreters and writes the page; 2 where one of them fails."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -146,12 +158,13 @@ def main() -> int:
     parser.add_argument("--python", action="append", help="interpreter; by default this one's")
     parser.add_argument("--commands-only", action="store_true", help="install nothing")
     asked = parser.parse_args()
-    with exit_code() as code:
-        into_page(asked.page, "commands", install_block())
+    with exit_code() as ended:
+        into_page(asked.page, "commands", install_block(), code)
         if not asked.commands_only:
             for trial in trials(asked.python or [sys.executable]):
-                into_page(asked.page, "sizes", size_block(trial, asked.page.read_text("utf-8")))
-    return code.value
+                block = size_block(trial, asked.page.read_text("utf-8"))
+                into_page(asked.page, "sizes", block, code)
+    return ended.value
 
 
 def trials(pythons: list[str]) -> Iterator[Trial]:

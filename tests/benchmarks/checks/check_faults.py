@@ -36,6 +36,7 @@ from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.plugins.diagnose.check.recording import check
 from markdown_blocks import show
 from planting import UNKNOWN, Planter
+from table_code import Code, of_scenes
 
 _METHOD, _STARTS_S, _WINDOW_S = "Alg1/H", (0.05, 0.2, 0.35), 0.2
 _HARMLESS = 0.1
@@ -157,7 +158,7 @@ def _spoilt(case: Case, path: Path) -> Recording:
     return spoilt
 
 
-def code_version() -> str:
+def checks_version() -> str:
     """A hash of the code whose verdicts these are."""
     folder = Path(str(eventsweep.plugins.diagnose.check.__file__)).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py"))]
@@ -251,20 +252,30 @@ def _line(kind: str, rows: pd.DataFrame) -> str:
     return f"| {kind} | {len(rows)} | {cells} | {words} |"
 
 
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {
+        "plugins/diagnose/check.md#check-faults": Code(
+            ("check_faults:verdict", "check_faults:table", "check_faults:cases"),
+        )
+        + of_scenes(base.scene for base in NEW)
+    }
+
+
 def main() -> None:
     """Checks every recording, and writes the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for what is kept")
     parser.add_argument("--page", type=Path, help="page whose table is rewritten")
     flags = parser.parse_args()
-    code, answers, chosen = code_version(), [], cases()
+    version, answers, chosen = checks_version(), [], cases()
     for k, case in enumerate(chosen, 1):
-        answers.append(answer := verdict(case, flags.out, code))
+        answers.append(answer := verdict(case, flags.out, version))
         sys.stderr.write(
             f"{k}/{len(chosen)} {outcome(answer)}: {case.kind} | {case.base.name} | "
             f"{answer['suspects']} {answer['doubtful']} {answer['cpu_s']:.1f} s\n"
         )
-    show(table(answers), flags.page, "check-faults")
+    show(table(answers), flags.page, "check-faults", code)
 
 
 if __name__ == "__main__":

@@ -43,6 +43,7 @@ from eventsweep.sim.sensor_presets import SensorConfig
 from eventsweep.sim.simulate import simulate
 from markdown_blocks import into_page, show
 from study_samples import SETS, SampleSpec, chosen_samples
+from table_code import Code, of_methods, of_scenes
 
 METHODS = (
     *(f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")),
@@ -209,6 +210,25 @@ def _reached(name: str, points: Scored, wanted: float) -> str:
     return f"| `{name}` | {100 * wanted:.0f} | {100 * right:.1f} | {int(kept.sum())} |"
 
 
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    unscored = Code(without=("eventsweep.eval.scoring.metrics",))  # only the truth is asked for
+    return {
+        "plugins/learned/learned.md#left-out": Code(
+            ("calibrate_confidence:left_out", "calibrate_confidence:spread")
+        )
+        + of_methods((*METHODS, *LEARNED))
+        + unscored
+        + of_scenes(one.scene for one in sequences("calibration")),
+        "plugins/learned/learned.md#confidence": Code(
+            ("calibrate_confidence:held_out", "calibrate_confidence:report")
+        )
+        + of_methods(ASKED)
+        + unscored
+        + of_scenes(one.case for one in chosen_samples(["held-out"], None)),
+    }
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Calibrates, or reports; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(
@@ -229,13 +249,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--cache", type=Path, default=Path("out/study"))
     parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
     chosen = parser.parse_args(arguments)
-    with exit_code() as code:
+    with exit_code() as ended:
         if chosen.left_out:
             if chosen.sequences is None:
                 raise InputError("--left-out needs --sequences, the folder of the sequences")
             held = left_out(chosen.sequences, chosen.scenes, chosen.methods)
-            show(spread(held), chosen.page, "left-out")
-            return code.value
+            show(spread(held), chosen.page, "left-out", code)
+            return ended.value
         if chosen.sequences is not None:
             write_tables(calibrate(chosen.sequences, chosen.scenes, chosen.methods))
         if chosen.page is not None:
@@ -243,8 +263,8 @@ def main(arguments: list[str] | None = None) -> int:
             asked = [name for name in ASKED if name in chosen.methods]
             text = report(held_out(chosen.cache, specs, asked))
             sys.stdout.write(text)
-            into_page(chosen.page, "confidence", text)
-    return code.value
+            into_page(chosen.page, "confidence", text, code)
+    return ended.value
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ runs `quick` with its first seed and the strict gate, the cheap cases first, unt
 all of them leave green meets the unit tests of the folder that belongs to the changed file. What
 passes those as well was missed, unless `mutation_reasons.json` says why nothing could see it. Each
 verdict is a line of `mutation_verdicts.jsonl`: a run that was stopped goes on where it was.
-`--page docs/gate.md` writes the table.
+`--table` prints them by area.
 """
 
 import argparse
@@ -19,7 +19,6 @@ from collections import Counter
 from pathlib import Path
 
 import fault_runs
-from markdown_blocks import into_page
 from mutations import AREAS, SEED, drawn
 from planted_faults import ROOT, broken_copy
 
@@ -38,15 +37,15 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--work", type=Path, help="folder for copies and the cache; kept")
     parser.add_argument("--limit-s", type=float, default=900, help="for one run, s")
-    parser.add_argument("--page", type=Path, help="write the table there, and run nothing")
+    parser.add_argument("--table", action="store_true", help="print the table, and run nothing")
     asked = parser.parse_args()
-    if asked.page is not None:
+    if asked.table:
         verdicts, names = read(VERDICTS), {one.digest for _, one in drawn()}
         of_today = {name: one for name, one in verdicts.items() if name in names}
-        into_page(asked.page, "mutations", table(of_today, json.loads(REASONS.read_text())))
+        sys.stdout.write(table(of_today, json.loads(REASONS.read_text())))
         return
     if asked.work is None:
-        parser.error("needs --work or --page")
+        parser.error("needs --work or --table")
     fault_runs.LIMIT_S = asked.limit_s
     judge_all(drawn(), Judge(asked.work, asked.work / "cache"))
 

@@ -43,6 +43,7 @@ from panel_cases import CASES as RAY_CASES
 from panel_cases import PanelCase, panel_case
 from panel_scene import panel_rig, panel_scene, simulated_events
 from ray_events import PixelEvents, ray_events
+from table_code import FOREIGN, Code, of_scenes
 
 # Okabe and Ito's colours, distinguishable to everybody; line styles differ as well.
 _STYLES = (("#777777", ":"), ("#E69F00", "--"), ("#0072B2", "-"), ("#009E73", "-."))
@@ -124,6 +125,10 @@ RAY_WAYS: dict[str, dict[str, Any]] = {
     "frames 1 px apart": {"max_displacement_px": 1, **CLOSE},
 }
 DRAWN_WAYS: dict[str, dict[str, Any]] = {"accurate": {}}
+PANELS = (
+    "fidelity:simulated_panels", "fidelity:RAY_CASES", "fidelity:panel_case", "fidelity:ray_events",
+    "fidelity:table",
+)  # fmt: skip
 
 
 def view_of(clip: Clip) -> tuple[Scene, Rig]:
@@ -250,6 +255,18 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     return given
 
 
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {
+        "docs/simulator.md#fidelity": Code(
+            ("fidelity:simulated", "fidelity:finest", "fidelity:table", "fidelity:WAYS")
+        )
+        + of_scenes(clip.scene for clip in CLIPS.values()),
+        "docs/simulator.md#fidelity-rays": Code((*PANELS, "fidelity:RAY_WAYS"), without=FOREIGN),
+        "docs/simulator.md#fidelity-drawn": Code((*PANELS, "fidelity:DRAWN_WAYS"), without=FOREIGN),
+    }
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compares all ways to simulate with the truth and prints, writes or draws what came out."""
     given = parsed(arguments)
@@ -270,7 +287,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     drawn = given.drawn is not None
     mark = _MARK + "-drawn" * drawn + "-rays" * (given.rays and not drawn)
-    show(table(results, against), given.page, mark)
+    show(table(results, against), given.page, mark, code)
     if given.picture:
         draw(curves, given.picture)
     return 0

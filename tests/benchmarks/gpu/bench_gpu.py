@@ -24,7 +24,7 @@ import numpy as np
 
 from cost_stream import WINDOW_US, MovingEdges
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.dsi.device import choose_device
+from eventsweep.emvs.dsi.device import choose_device, code_of_device
 from eventsweep.emvs.dsi.fusion import MEANS
 from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.errors import InputError
@@ -37,6 +37,7 @@ from eventsweep.emvs.window_result import WindowResult
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.sim.graphics import choice
 from markdown_blocks import into_page
+from table_code import Code, of_scenes
 
 PAPER = (*(f"Alg1/{name}" for name in MEANS), "EMVS/cam0", "EMVS/cam1")
 VOLUMES = ("Alg1/H", "EMVS/cam0", "EMVS/cam1")
@@ -305,6 +306,16 @@ def read(path: Path) -> Part:
     return report
 
 
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {
+        "plugins/cuda/cuda.md#gpu": Code(
+            ("bench_gpu:PARTS", "bench_gpu:text", "gpu_draw:main"), code_of_device("cuda")[0]
+        )
+        + of_scenes(["desk"])
+    }
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measures or reads, prints the tables, and fills the page where one is named."""
     parser = argparse.ArgumentParser(prog="python tests/benchmarks bench_gpu", description=__doc__)
@@ -314,9 +325,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="tiny sizes: only that it runs")
     parser.add_argument("--device", choices=["cuda", "cpu"], default="cuda", help="cpu: a trial")
     parser.add_argument("--force", action="store_true", help="replace FILE.json")
-    with exit_code() as code:
-        code.value = _run(parser.parse_args(arguments))
-    return code.value
+    with exit_code() as ended:
+        ended.value = _run(parser.parse_args(arguments))
+    return ended.value
 
 
 def _run(asked: argparse.Namespace) -> int:
@@ -327,7 +338,7 @@ def _run(asked: argparse.Namespace) -> int:
     if asked.page is not None:
         if is_trial(report):
             raise InputError("a trial is no measurement: its figures stay off the page")
-        into_page(asked.page, "gpu", text(report))
+        into_page(asked.page, "gpu", text(report), code)
     for sentence in report["wrong"]:
         sys.stderr.write(f"wrong: {sentence}\n")
     return _WRONG if report["wrong"] else 0

@@ -33,6 +33,7 @@ from eventsweep.plugins.learned.methods.learned import at_reference_px
 from frame_depth import FrameDepth, depth_from_frames, undistorted
 from markdown_blocks import show
 from slid_pair import SlidPair, straight_way
+from table_code import Code, of_methods
 
 _COLOURS = 255
 _DEPTH_M, _ERROR_PERCENT = (0.4, 2.0), (0, 3)
@@ -286,6 +287,14 @@ def _range(values: Sequence[float], digits: str) -> str:
     return f"{min(known):{digits}}–{max(known):{digits}}" if known else "none stated"
 
 
+TABLE = "plugins/learned/learned.md#real"
+
+
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {TABLE: Code(("real_check:samples", "real_check:report")) + of_methods(STEREO + SINGLE)}
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Maps, scores and prints; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(prog="python tests/benchmarks real_check", description=__doc__)
@@ -300,17 +309,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--mark", default="real", help="name of that part")
     parser.add_argument("--picture", type=Path, help="draws the last view and window")
     chosen = parser.parse_args(arguments)
-    with exit_code() as code:
+    with exit_code() as ended:
         recording = open_recording(chosen.slider)
         if not isinstance(recording, EventCameraDataset):
             raise InputError(f"{chosen.slider}: needs slider_depth of the Event Camera Dataset")
         found = list(samples(recording, chosen.views, chosen.windows, chosen.planes))
         text = report([one for one, _, _ in found])
-        show(text, chosen.page, chosen.mark)
+        show(text, chosen.page, chosen.mark, code)
         if chosen.picture is not None:
             _, truth, maps = found[-1]
             draw(truth, [maps[name] for name in STEREO[:3]], BASELINE_M, chosen.picture)
-    return code.value
+    return ended.value
 
 
 if __name__ == "__main__":

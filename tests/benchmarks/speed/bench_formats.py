@@ -18,6 +18,7 @@ import pytest
 from event_files import ALL, WRITTEN, moving_edges, stream_of, write_any
 from eventsweep.emvs.formats import FORMATS, open_events, write_events
 from markdown_blocks import into_page
+from table_code import Code
 
 COUNT = 1 << 22
 SIZE_PX = (1280, 720)
@@ -41,6 +42,29 @@ def size_of(path):
     return sum(file.stat().st_size for file in files)
 
 
+def speeds():
+    """The table of what was measured."""
+    lines = [
+        "| Format | Read, Mev/s | Promised | Write, Mev/s | Bytes per event |",
+        "|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| `{name}` | {row['read']} | {LEAST_MEV_S.get(name, '–')} | {row.get('write', '–')} "
+        f"| {row['bytes']} |"
+        for name, row in MEASURED.items()
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def code():
+    """What the numbers depend on."""
+    return {
+        "docs/formats.md#speeds": Code(
+            ("bench_formats:test_read", "bench_formats:test_write", "bench_formats:speeds")
+        )
+    }
+
+
 @pytest.fixture(scope="module", autouse=True)
 def page():
     """Writes the table, where a page is named and every number was measured."""
@@ -51,16 +75,7 @@ def page():
     whole = all("read" in row for row in MEASURED.values())
     if not target or not whole or not all("write" in MEASURED[name] for name in WRITTEN):
         return
-    lines = [
-        "| Format | Read, Mev/s | Promised | Write, Mev/s | Bytes per event |",
-        "|---|---|---|---|---|",
-    ]
-    lines += [
-        f"| `{name}` | {row['read']} | {LEAST_MEV_S.get(name, '–')} | {row.get('write', '–')} "
-        f"| {row['bytes']} |"
-        for name, row in MEASURED.items()
-    ]
-    into_page(Path(target), "speeds", "\n".join(lines) + "\n")
+    into_page(Path(target), "speeds", speeds(), code)
 
 
 @pytest.mark.benchmark(timer=time.process_time)

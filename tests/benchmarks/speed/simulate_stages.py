@@ -41,6 +41,7 @@ from eventsweep.sim.rigs import rig
 from eventsweep.sim.scene import Scene
 from eventsweep.sim.sensor import compensated_kernels
 from markdown_blocks import show
+from table_code import Code, of_scenes
 
 REST = "everything else"
 # Owner, function, stage; the time of a stage inside another counts for the inner one.
@@ -221,6 +222,14 @@ def stage_table(cases: list[Case]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {
+        "docs/performance.md#simulate-stages": Code(("simulate_stages:stage_table",))
+        + of_scenes(one.name.partition(",")[0] for one in stage_cases())
+    }
+
+
 def main() -> None:
     """Measures, and writes the tables into a page where there is one."""
     parser = argparse.ArgumentParser(
@@ -230,7 +239,7 @@ def main() -> None:
     asked = parser.parse_args()
     about = machine()
     measured(case("desk", "davis346", 0.05))  # compiles the kernels
-    show(f"{about}\n\n{stage_table(stage_cases())}", asked.page, "simulate-stages")
+    show(f"{about}\n\n{stage_table(stage_cases())}", asked.page, "simulate-stages", code)
 
 
 def machine() -> str:

@@ -24,6 +24,7 @@ from eventsweep.eval.suite import output
 from eventsweep.eval.suite.definition import load
 from markdown_blocks import show
 from published_table import MONO, RATIOS, TABLE, H, Published
+from table_code import Code, of_suite
 
 SUITE, MARK = "mvsec-table-v2", "reproduction"
 
@@ -51,6 +52,11 @@ EXACT = ("mvsec-flying", "exact")
 Scores = Mapping[Key, Series]
 
 
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {"docs/studies.md#reproduction": Code(("reproduction:report",)) + of_suite(SUITE)}
+
+
 def main() -> int:
     """Runs the suite, prints and writes the tables; exit code 2 on bad input, 1 on failed jobs."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -61,12 +67,12 @@ def main() -> int:
     parser.add_argument("--seeds", help="seeds instead of the suite's own, such as 0-9")
     parser.add_argument("--workers", type=int, help="worker processes")
     asked = parser.parse_args()
-    with exit_code() as code:
+    with exit_code() as ended:
         result = _run(asked)
         text = report(result)
-        show(text, asked.page, MARK)
-        code.value = 1 if result.failures else 0
-    return code.value
+        show(text, asked.page, MARK, code)
+        ended.value = 1 if result.failures else 0
+    return ended.value
 
 
 def _run(asked: argparse.Namespace) -> Results:

@@ -19,14 +19,31 @@ from PIL import Image
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.jobs.job import Job
 from eventsweep.eval.studies.curves import METRICS, sample_words
 from eventsweep.eval.studies.definitions import STUDIES
-from eventsweep.eval.studies.run import StudyResult
+from eventsweep.eval.studies.run import StudyResult, study_suite
 from eventsweep.eval.studies.stored import find_studies, read_study
+from eventsweep.eval.suite.plan import suite_jobs
 from markdown_blocks import into_page
+from table_code import Code, of_jobs
 
 MARK = "studies"
 _COLOURS = 128
+
+
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {
+        "docs/studies.md#studies": Code(("study_pages:section", "study_pages:overview"))
+        + of_jobs(job for name in STUDIES for job in _jobs(name))
+    }
+
+
+def _jobs(name: str) -> list[Job]:
+    """Of a study on the page's scenes."""
+    suite = study_suite(STUDIES[name], ("Alg1/H", "EMVS/cam0"), ("boxes", "planes"), (0,))
+    return suite_jobs(suite, tuple(suite.cases), suite.seeds)
 
 
 def main() -> int:
@@ -35,9 +52,9 @@ def main() -> int:
     parser.add_argument("folder", type=Path, help="what `eventsweep study --out` wrote")
     parser.add_argument("page", type=Path, help="docs/studies.md")
     asked = parser.parse_args()
-    with exit_code() as code:
+    with exit_code() as ended:
         write(asked.folder, asked.page)
-    return code.value
+    return ended.value
 
 
 def write(folder: Path, page: Path) -> None:
@@ -63,7 +80,7 @@ def write(folder: Path, page: Path) -> None:
         with atomic_path(images / f"study_{path.stem}.png") as partial:
             shrink(path.with_suffix(".png"), partial)
     text = overview(studies, costs) + "".join(f"\n{section(study)}" for study in studies)
-    into_page(page, MARK, text)
+    into_page(page, MARK, text, code)
 
 
 def overview(studies: Sequence[StudyResult], costs: Sequence[float]) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from eventsweep.emvs.formats import FORMATS, Format
 from eventsweep.eval.cli.exit_codes import exit_code
 from markdown_blocks import into_page
+from table_code import Code
 
 
 def table() -> str:
@@ -42,14 +43,19 @@ def _power(value: int) -> str:
     return f"2^{bits}" if value + 1 - (1 << bits) <= 1 else f"{value:.2g}"
 
 
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {"docs/formats.md#formats": Code()}
+
+
 def main(arguments: list[str]) -> int:
     """Rewrites the page that is named."""
     if len(arguments) != 1:
         sys.stderr.write("usage: python tests/benchmarks format_table PAGE\n")
         return 2
-    with exit_code() as code:
-        into_page(Path(arguments[0]), "formats", table())
-    return code.value
+    with exit_code() as ended:
+        into_page(Path(arguments[0]), "formats", table(), code)
+    return ended.value
 
 
 if __name__ == "__main__":

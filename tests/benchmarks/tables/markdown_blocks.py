@@ -1,14 +1,22 @@
-"""What commands write into pages: the text between two marks is theirs, the rest is not."""
+"""What commands write into pages: the text between two marks is theirs, the rest is not.
+
+With the text goes a line in `docs/measured.toml`, of the code that the tool declares (`measured`).
+"""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.files import atomic_path
+from measured import record
+from table_code import Code
 
 _STALE = 1
+Tables = Callable[[], Mapping[str, Code]]
+"""A tool's `code`: page and mark -> what its numbers depend on."""
 
 
 def with_block(page: str, mark: str, block: str, where: str = "the page") -> str:
@@ -25,29 +33,31 @@ def with_block(page: str, mark: str, block: str, where: str = "the page") -> str
     return f"{before}{begin}\n\n{block}\n{end}{after}"
 
 
-def into_page(page: Path, mark: str, block: str) -> None:
-    """Puts a text between the page's two marks of that name.
+def into_page(page: Path, mark: str, block: str, code: Tables) -> None:
+    """Puts a text between the page's two marks of that name, and notes its code.
 
     Raises:
-        InputError: no such page, or one without the marks.
+        InputError: no such page, one without the marks, or one that `code` does not declare.
     """
     _write(page, with_block(_read(page), mark, block, f"{page}:"))
+    record(page, mark, code)
 
 
-def show(text: str, page: Path | None, mark: str) -> None:
+def show(text: str, page: Path | None, mark: str, code: Tables) -> None:
     """Prints a text and, where a page is given, puts it between the page's marks."""
     sys.stdout.write(text)
     if page is not None:
-        into_page(page, mark, text)
+        into_page(page, mark, text, code)
 
 
-def refresh(page: Path, mark: str, block: str, *, check: bool, command: str) -> int:
+def refresh(page: Path, mark: str, block: str, code: Tables, *, check: bool, command: str) -> int:
     """Brings a page's block up to date; with `check` only says whether it is.
 
     Args:
         page: the page.
         mark: name of its marks.
         block: what should stand between them.
+        code: the tool's declarations.
         check: whether to write nothing.
         command: what writes it, for the message.
 
@@ -59,12 +69,12 @@ def refresh(page: Path, mark: str, block: str, *, check: bool, command: str) -> 
     """
     before = _read(page)
     after = with_block(before, mark, block)
-    if before == after:
-        return 0
-    if check:
+    if check and before != after:
         sys.stderr.write(f"{page}: its table is stale; run `{command}`\n")
         return _STALE
-    _write(page, after)
+    if not check:
+        _write(page, after)
+        record(page, mark, code)
     return 0
 
 

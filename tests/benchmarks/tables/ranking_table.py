@@ -13,9 +13,10 @@ from pathlib import Path
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.report.html import Grid, plural
 from eventsweep.plugins.ranking import summary
-from eventsweep.plugins.ranking.entries import read_data
+from eventsweep.plugins.ranking.entries import DATA_NAME, read_data
 from eventsweep.plugins.ranking.pages.sections import RankingPage, data, overview
 from markdown_blocks import refresh
+from table_code import Code, of_suite
 
 DATA = Path("docs/standings")
 MARK = "ranking"
@@ -55,6 +56,14 @@ def _sentence(page: RankingPage) -> str:
     )
 
 
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {
+        "plugins/ranking/ranking.md#ranking": of_suite("suite-v3")
+        + Code(data=(DATA / DATA_NAME).as_posix())
+    }
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Writes or checks the table; 1 where a check finds it stale, 2 on bad input."""
     parser = argparse.ArgumentParser(
@@ -64,11 +73,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--check", action="store_true", help="write nothing")
     asked = parser.parse_args(arguments)
-    with exit_code() as code:
+    with exit_code() as ended:
         command = "python tests/benchmarks ranking_table"
         block = ranking_block(asked.data)
-        code.value = refresh(asked.page, MARK, block, check=asked.check, command=command)
-    return code.value
+        ended.value = refresh(asked.page, MARK, block, code, check=asked.check, command=command)
+    return ended.value
 
 
 if __name__ == "__main__":

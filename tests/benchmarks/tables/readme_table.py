@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 
 from eventsweep.emvs.errors import InputError
@@ -21,6 +22,8 @@ from eventsweep.eval.report.tables import as_markdown, ranking_table
 from eventsweep.eval.results.series import means_over_seeds
 from eventsweep.eval.suite.definition import load
 from markdown_blocks import refresh
+from real_check import TABLE as REAL_TABLE
+from table_code import Code, of_suite
 
 REAL = ("Alg1/H", "Focus/H", "Learned/H")
 METRICS = ("points", "mean_error", "median_error", "abs_rel", "bad_published", "delta_1")
@@ -90,6 +93,14 @@ def real_block(page: str) -> str:
     )
 
 
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {
+        "README.md#results": of_suite("suite-v4") + Code(data="reports/baseline.json"),
+        "README.md#real": Code(data=REAL_TABLE),
+    }
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Writes or checks the table; 1 where a check finds it stale, 2 on bad input."""
     parser = argparse.ArgumentParser(
@@ -100,13 +111,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--real", type=Path, default=Path("plugins/learned/learned.md"))
     parser.add_argument("--check", action="store_true", help="write nothing")
     asked = parser.parse_args(arguments)
-    with exit_code() as code:
+    with exit_code() as ended:
         block = results_block(read_baseline(asked.baseline))
         command = "python tests/benchmarks readme_table"
-        code.value = refresh(asked.page, "results", block, check=asked.check, command=command)
+        brought = partial(refresh, asked.page, code=code, check=asked.check, command=command)
+        ended.value = brought("results", block)
         real = real_block(asked.real.read_text(encoding="utf-8"))
-        code.value |= refresh(asked.page, "real", real, check=asked.check, command=command)
-    return code.value
+        ended.value |= brought("real", real)
+    return ended.value
 
 
 if __name__ == "__main__":

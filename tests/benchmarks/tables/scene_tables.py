@@ -27,6 +27,7 @@ from eventsweep.sim.config import SimConfig
 from eventsweep.sim.rigs import rig
 from eventsweep.sim.simulate import simulate
 from markdown_blocks import into_page
+from table_code import Code, of_scenes
 from warped_depth import warped
 
 PAGES = {
@@ -136,6 +137,14 @@ def rows(names: tuple[str, ...], seconds: float) -> str:
     return "".join(lines)
 
 
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {
+        f"docs/{page}#figures": Code(("scene_tables:rows", "scene_tables:HEAD")) + of_scenes(cases)
+        for page, cases in PAGES.items()
+    }
+
+
 def main() -> None:
     """Measures what the command line names."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -148,7 +157,7 @@ def main() -> None:
     for page in asked.pages:
         if page.name not in PAGES:
             parser.error(f"{page}: known pages are {', '.join(PAGES)}")
-        into_page(page, "figures", HEAD + rows(PAGES[page.name], asked.seconds))
+        into_page(page, "figures", HEAD + rows(PAGES[page.name], asked.seconds), code)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from eventsweep.emvs.config import FocusParameters, LearnedParameters, MapperCon
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig, TrajectoryConfig
 from markdown_blocks import refresh
+from table_code import Code
 
 TABLES: dict[str, type[BaseModel]] = {
     "docs/mapper.md": MapperConfig, "docs/extraction.md": FocusParameters,
@@ -83,6 +84,11 @@ def _values(field: Mapping[str, Any]) -> str:
     return ", ".join([words.get(kind.get("type", ""), "group"), *bounds])
 
 
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {f"{page}#settings": Code() for page in TABLES}
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Writes or checks the tables; 1 where a check finds one stale, 2 on bad input."""
     parser = argparse.ArgumentParser(
@@ -91,19 +97,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path, nargs="?", default=Path())
     parser.add_argument("--check", action="store_true", help="write nothing")
     asked = parser.parse_args(arguments)
-    with exit_code() as code:
-        code.value = max(
+    with exit_code() as ended:
+        ended.value = max(
             refresh(
                 asked.folder / name,
                 "settings",
                 settings_block(model),
+                code,
                 check=asked.check,
                 command="python tests/benchmarks settings_table",
             )
             for name, model in TABLES.items()
             if is_there(asked.folder / name)
         )
-    return code.value
+    return ended.value
 
 
 if __name__ == "__main__":

@@ -38,6 +38,7 @@ from eventsweep.eval.scoring.score import score_windows
 from eventsweep.eval.scoring.trajectories.own_poses import own_estimates
 from eventsweep.plugins.track.odometry.pose import Status
 from markdown_blocks import show
+from table_code import Code, of_scenes
 
 MARK = "track-scores"
 TWINS = {
@@ -290,6 +291,24 @@ def twins_of(scenes: Sequence[str], seeds: str) -> Iterator[Twin]:
             yield Twin(scene, TWINS[scene][0], seed, TWINS[scene][1])
 
 
+_VERBS = (
+    "eventsweep.plugins.track.odometry.recorded", "eventsweep.eval.stages.simulate",
+    "eventsweep.eval.scoring.trajectories.score",
+)  # fmt: skip
+"""What the verbs `simulate` and `track` run, and what scores poses."""
+
+
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    return {
+        f"plugins/track/odometry.md#{MARK}": Code(
+            ("track_scores:table", "track_scores:_depth_ratio", "track_scores:TWINS"),
+            _VERBS,
+        )
+        + of_scenes(TWINS)
+    }
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the table, or writes it into a page; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition(":")[0])
@@ -298,10 +317,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--scene", action="append", default=[], help="SCENE or SCENE=SEEDS")
     parser.add_argument("--seeds", default="4", help="seeds, such as 0,2-4")
     asked = parser.parse_args(arguments)
-    with exit_code() as code:
+    with exit_code() as ended:
         twins = list(twins_of(asked.scene or list(TWINS), asked.seeds))
-        show(table(measured(twins, asked.out)), asked.page, MARK)
-    return code.value
+        show(table(measured(twins, asked.out)), asked.page, MARK, code)
+    return ended.value
 
 
 if __name__ == "__main__":
