@@ -27,6 +27,8 @@ from scipy.spatial.transform import Rotation
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets.ecd import EventCameraDataset
+from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.perturbations import Perturbation, perturbed_trajectory
@@ -43,7 +45,7 @@ _QUARTILES = 1.349  # of a normal distribution, in standard deviations
 _STEP_PX, _SPEED_PX_S, _SMOOTH_PX = 0.5, 96.0, 0.7
 _ROUGH_HZ, _RATE_HZ, _DRAWS, _ENDS = 10.0, 100.0, 8, 20
 # What `fit` finds for thresholds that make as many events as the recording has.
-AS_MANY = {"contrast_threshold_pos": 0.60, "contrast_threshold_neg": 0.43}
+AS_MANY: dict[str, Any] = {"contrast_threshold_pos": 0.60, "contrast_threshold_neg": 0.43}
 SIGMAS = (0.0, 0.03, 0.05, 0.08)
 
 
@@ -159,7 +161,10 @@ def table(folder: Path) -> str:
     camera = recording.rig.cameras[0]
     shape = camera.height_px, camera.width_px
     events, seconds = recording.events(0, first_us, last_us + 1), (last_us - first_us) / 1e6
-    picture = (recording.frame(0, int(recording.frame_times_us(0)[0])) / 255).astype(np.float32)
+    if not isinstance(recording, EventCameraDataset):
+        raise InputError(f"{folder} has no frames of the Event Camera Dataset: give slider_depth")
+    first = recording.frame(0, int(recording.frame_times_us(0)[0]))
+    picture = np.asarray(first, np.float32) / np.float32(255)
     lines = [
         "| sensor | events, Hz | quiet, Hz | own rate, σ ln | warm pixels, % | their events, % |",
         "|---|--:|--:|--:|--:|--:|",

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
@@ -24,7 +25,7 @@ from eventsweep.emvs.depth.depth_map import (
     masked_median,
     without_border,
 )
-from eventsweep.emvs.depth.point_cloud import back_project_map, without_outliers
+from eventsweep.emvs.depth.point_cloud import back_project_map
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.cache import Cache, key_of
 from eventsweep.eval.cli.job_flags import JobFlags
@@ -150,15 +151,15 @@ class Bench:
         maps = [self._maps(trial, draw, methods) for draw in chosen]
         truths = [self._truth(trial, draw) for draw in chosen]
         top = float(np.mean([one[H.ours].confidence.max() for one in maps]))
-        found = {}
+        found: dict[str, Numbers] = {}
         for name in methods:
             parts = []
             for draw, one, truth in zip(chosen, maps, truths, strict=True):
                 config = config_of(trial.extraction, name, draw.flight, top)
                 parts.append(pairs_of(one[name], truth, config, trial.extraction))
             pooled = joined(parts)
-            found[name] = {metric: float(ALL_METRICS[metric](pooled)) for metric in METRICS}
-            found[name] |= {"points": pooled.count / len(parts), "top": top}
+            scores = {metric: float(ALL_METRICS[metric](pooled)) for metric in METRICS}
+            found[name] = {**scores, "points": pooled.count / len(parts), "top": top}
         return found
 
     def _maps(self, trial: Trial, draw: Draw, methods: Sequence[str]) -> dict[str, DepthMap]:
@@ -198,9 +199,10 @@ def extracted(raw: DepthMap, config: MapperConfig, radius_m: float = 0) -> Depth
 
 def without_lone(depth_map: DepthMap, radius_m: float, neighbours: int = 3) -> DepthMap:
     """The map without points that have fewer neighbours within a radius."""
-    cloud = back_project_map(depth_map)
-    number = np.arange(len(cloud))[:, None].repeat(3, 1)
-    kept = without_outliers(replace(cloud, colours=number), radius_m, neighbours).colours[:, 0]
+    points = back_project_map(depth_map).points_world
+    nearest = [neighbours + 1]  # the nearest is the point itself
+    distance_m, _ = cKDTree(points).query(points, nearest, distance_upper_bound=radius_m)
+    kept = np.isfinite(distance_m[:, 0])
     mask = np.zeros(depth_map.mask.size, bool)
     mask[np.flatnonzero(depth_map.mask)[kept]] = True
     return replace(depth_map, mask=mask.reshape(depth_map.mask.shape))
