@@ -20,8 +20,8 @@ def _motion(evidence: Evidence) -> Finding:
     share = float(np.mean([_middle_half(sequence) for sequence in sequences]))
     poor, rich = (evidence.number(case, EVENTS, "events") for case in ("low-texture", "desk"))
     return Finding(
-        f"The middle half of a straight way gives {100 * share:.0f} % of its events; the almost empty "
-        f"room {100 * poor.mean / rich.mean:.0f} % of the desk's",
+        f"The middle half of a straight way gives {100 * share:.0f} % of its events; the almost "
+        f"empty room {100 * poor.mean / rich.mean:.0f} % of the desk's",
         Verdict.of(0.4 < share < 0.6 and poor.mean < rich.mean),
     )
 
