@@ -13,10 +13,22 @@ from pathlib import Path
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.results.results import PICTURES_FOLDER
-from eventsweep.plugins.paper.verb import PAGE
+from eventsweep.eval.suite.definition import load
+from eventsweep.eval.suite.plan import suite_jobs
+from eventsweep.plugins.paper.verb import PAGE, SUITE
 from markdown_blocks import into_page
+from table_code import Code, of_jobs
 
 MARK = "paper"
+
+
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    suite, _ = load(str(SUITE))
+    page = Code(
+        ("paper_page:write",), ("eventsweep.plugins.paper.page",), ("plugins/paper/paper-v1.toml",)
+    )
+    return {f"docs/paper.md#{MARK}": page + of_jobs(suite_jobs(suite, tuple(suite.cases), (0,)))}
 
 
 def main() -> int:
@@ -25,9 +37,9 @@ def main() -> int:
     parser.add_argument("folder", type=Path, help="what `eventsweep paper --out` wrote")
     parser.add_argument("page", type=Path, help="docs/paper.md")
     asked = parser.parse_args()
-    with exit_code() as code:
+    with exit_code() as ended:
         write(asked.folder, asked.page)
-    return code.value
+    return ended.value
 
 
 def write(folder: Path, page: Path) -> None:
@@ -39,7 +51,7 @@ def write(folder: Path, page: Path) -> None:
     if not (folder / PAGE).is_file():
         raise InputError(f"{folder}: no {PAGE}; `eventsweep paper --out {folder}` writes it")
     text = (folder / PAGE).read_text("utf-8").replace(f"]({PICTURES_FOLDER}/", "](images/")
-    into_page(page, MARK, text)
+    into_page(page, MARK, text, code)
     for picture in sorted((folder / PICTURES_FOLDER).glob("*.webp")):
         shutil.copyfile(picture, page.parent / "images" / picture.name)
 
