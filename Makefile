@@ -3,7 +3,8 @@ BIN := .venv/bin
 SEED ?= 0
 
 .PHONY: demo test tools slow lint gate core bench site notebooks setup clean
-.PHONY: pictures pictures-code pictures-scenes pictures-simulator pictures-methods tables measurements studies
+.PHONY: pictures pictures-code pictures-scenes pictures-simulator pictures-methods pictures-baselines tables
+.PHONY: measurements faults studies
 .DEFAULT_GOAL := demo
 
 demo: .venv/demo
@@ -83,7 +84,7 @@ pictures-simulator: setup
 	$(BIN)/python docs/figures/draw_video.py # docs/images/video.png
 	$(BIN)/python docs/figures/draw_model.py # docs/images/howto_model.png docs/images/howto_robot.png
 
-pictures-methods: pictures-scenes
+pictures-baselines: setup
 	$(BIN)/eventsweep run desk --seconds 0.5 --sim.frames.rate-hz 20 --method Alg1/H \
 		--method EMVS/cam0 --method Late/union --method baselines --method Frames/sgm \
 		--out out/baselines/desk --force --quiet
@@ -96,6 +97,8 @@ pictures-methods: pictures-scenes
 		out/baselines/mvsec # docs/images/baselines-*.png
 	$(BIN)/python docs/figures/draw_baselines_esvo.py out/baselines/mvsec \
 		mvsec-flying # docs/images/baselines_esvo-mvsec-flying.png
+
+pictures-methods: pictures-scenes pictures-baselines
 	$(BIN)/eventsweep map out/desk/desk/sequence --out out/windows --map.window-s 0.2 \
 		--map.stride-s 0.02 --method Alg1/H --force --quiet
 	$(BIN)/eventsweep fuse out/windows --mesh --min-windows 2
@@ -120,18 +123,15 @@ tables: setup
 	$(BIN)/python tests/benchmarks readme_table
 	$(BIN)/python tests/benchmarks ranking_table
 	$(BIN)/python tests/benchmarks format_table docs/formats.md
+	$(BIN)/python tests/benchmarks stale_tables
 
-measurements: setup studies
-	$(BIN)/python tests/benchmarks install_page --page docs/install.md
-	$(BIN)/python tests/benchmarks scene_tables docs/scenes.md docs/twins.md
-	$(BIN)/eventsweep train --out out/trained
-	$(BIN)/python tests/benchmarks calibrate_confidence --sequences out/trained/sequences \
-		--page plugins/learned/learned.md
-	$(BIN)/python tests/benchmarks check_faults --out out/checks --page plugins/diagnose/check.md
-	$(BIN)/python tests/benchmarks fidelity --truth out/fidelity --page docs/simulator.md \
-		--picture docs/images/fidelity.png
-	$(BIN)/python tests/benchmarks fidelity --rays --truth out/fidelity --page docs/simulator.md
-	$(BIN)/python tests/benchmarks simulate_stages --page docs/performance.md
+# What is older than its code, one part after the other; PLAN=--plan only prints them.
+measurements: setup
+	$(BIN)/python tests/benchmarks measurements $(PLAN) # docs/images/fidelity.png
+	$(BIN)/python tests/benchmarks stale_tables
+
+# Whether the gate's recipe, and `quick` with the unit tests, find planted faults.
+faults: setup
 	$(BIN)/python tests/benchmarks recipe_runs --work out/recipe
 	$(BIN)/python tests/benchmarks mutation_runs --work out/mutations
 
@@ -149,7 +149,6 @@ studies: setup
 		$(STUDY) --case planes --seconds 0.3 || exit; \
 	done
 	$(BIN)/python tests/benchmarks study_pages out/studies docs/studies.md # docs/images/study_*.png
-	$(BIN)/python tests/benchmarks reproduction --out out/mvsec-table --page docs/studies.md
 
 setup: .venv/installed
 

@@ -85,7 +85,7 @@ def write(root: Path, known: dict[str, Entry]) -> None:
 def commit(root: Path) -> str:
     """The checked-out commit, with a `+` where code is changed beside it; unknown without git."""
     head = git(root, "rev-parse", "--short=8", "HEAD").strip()
-    changed = git(root, "status", "--porcelain", "--untracked-files=no", "--", ":!*.md", ":!docs")
+    changed = git(root, "status", "--porcelain", "--", "*.py", "*.xml", "pyproject.toml")
     return f"{head}{'+' if changed.strip() else ''}" if head else UNKNOWN
 
 

@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 
+import measurements
 import stale_tables
 from import_graph import import_graph, reachable, read_modules
 from measured import entries, record
@@ -175,3 +176,25 @@ def test_a_table_of_another_table_is_as_old_as_that(tmp_path):
     record(page, "again", lambda: {"docs/page.md#again": Code(data="docs/page.md#figures")})
     one, other = entries(tmp_path).values()
     assert one == other
+
+
+def test_every_measured_table_has_its_part_but_for_data_real_recordings_and_gpus():
+    parts = [table for part in measurements.PARTS for table in part.tables]
+    others = REAL | SUITES | {"plugins/cuda/cuda.md#gpu"}
+    made = {key for key, one in stale_tables.declared().items() if one.digest() != EXACT}
+    assert sorted([*parts, *others]) == sorted(made | {"README.md#real"})
+
+
+def test_what_is_of_todays_code_is_not_measured_and_a_failure_ends_the_row(monkeypatch, capsys):
+    first, second = measurements.PARTS[:2]
+    old = {first.tables[0]: "x", second.tables[0]: "x"}
+    monkeypatch.setattr(measurements, "stale", lambda: old)
+    assert list(measurements.due()) == [first, second]
+    assert measurements.main(["--plan"]) == 0
+    assert capsys.readouterr().out.count("\n") == 2
+    failing = measurements.Part(first.tables, "exit 3")
+    monkeypatch.setattr(measurements, "PARTS", (failing, second))
+    assert measurements.main([]) == 2
+    said = capsys.readouterr()
+    assert "exit code 3" in said.err
+    assert second.tables[0] not in said.out

@@ -1,0 +1,144 @@
+"""Measures the tables anew that are older than their code: `python tests/benchmarks measurements`.
+
+A part whose tables are of today's code is skipped, so the same command goes on after an
+interruption; what an unfinished part had done is in its folder below `out`, which belongs to one
+state of the code, or in the cache of jobs. `--plan` prints what would run.
+
+Not among them are what needs a decision, a recording or a GPU: `eventsweep gate --update`, the
+ranking's data, `make pictures SLIDER=FOLDER`, `bench_gpu`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.exit_codes import exit_code
+from stale_tables import digest_of, stale
+from table_code import ROOT
+
+_TOOL = "python tests/benchmarks"
+_FIDELITY = f"{_TOOL} fidelity --truth OUT --page docs/simulator.md"
+_LEARNED, _PAGE = f"{_TOOL} calibrate_confidence", "--page plugins/learned/learned.md"
+_HELD_OUT = "boxes-2 planes-2 rpg-reader rpg-bin tumvie-1d"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A command that writes tables; `OUT` in it is a folder for this state of their code.
+
+    Attributes:
+        tables: `PAGE#MARK` of each.
+        command: a line of the shell.
+        cpu_min: processor time when it was last noted, min; None where it never was.
+    """
+
+    tables: tuple[str, ...]
+    command: str
+    cpu_min: float | None = None
+
+    @property
+    def line(self) -> str:
+        """The command with its folder."""
+        state = digest_of(self.tables[0])
+        return self.command.replace("OUT", f"out/measured/{self.tables[0].split('#')[1]}-{state}")
+
+
+PARTS = (
+    Part(("docs/scenes.md#figures",), f"{_TOOL} scene_tables docs/scenes.md", 0.4),
+    Part(("docs/twins.md#figures",), f"{_TOOL} scene_tables docs/twins.md"),
+    Part(("docs/install.md#sizes",), f"{_TOOL} install_page --page docs/install.md"),
+    Part(
+        ("docs/formats.md#speeds",),
+        "EVENT_FORMATS_PAGE=docs/formats.md python -m pytest -p no:xdist --benchmark-only "
+        "tests/benchmarks/speed/bench_formats.py",
+    ),
+    Part(
+        ("docs/performance.md#simulate-stages",),
+        f"{_TOOL} simulate_stages --page docs/performance.md",
+    ),
+    Part(("docs/simulator.md#fidelity-rays",), f"{_FIDELITY} --rays"),
+    Part(("docs/simulator.md#fidelity-drawn",), f"{_FIDELITY} --drawn 2028"),
+    Part(("docs/studies.md#studies",), "make studies", 19.4),
+    Part(
+        ("docs/studies.md#reproduction",),
+        f"{_TOOL} reproduction --out OUT --page docs/studies.md",
+    ),
+    Part(
+        ("docs/baselines.md#baselines", "docs/baselines.md#esvo"),
+        "make pictures-baselines",
+    ),
+    Part(
+        ("plugins/diagnose/check.md#check-faults",),
+        f"{_TOOL} check_faults --out OUT --page plugins/diagnose/check.md",
+    ),
+    Part(
+        ("plugins/track/odometry.md#track-scores",),
+        f"{_TOOL} track_scores --out OUT --page plugins/track/odometry.md",
+    ),
+    Part(
+        ("plugins/learned/learned.md#confidence",),
+        f"{_LEARNED} --cache OUT {_PAGE} --cases {_HELD_OUT}",
+    ),
+    Part(
+        ("plugins/learned/learned.md#left-out",),
+        f"{_LEARNED} --left-out --sequences OUT {_PAGE}",
+    ),
+    Part(("docs/simulator.md#fidelity",), f"{_FIDELITY} --picture docs/images/fidelity.png"),
+)
+"""In this order: cheap ones first."""
+
+
+def due() -> Iterator[Part]:
+    """The parts with a stale table."""
+    old = stale()
+    yield from (part for part in PARTS if not old.keys().isdisjoint(part.tables))
+
+
+def run(part: Part) -> float:
+    """Runs a part's command in the checkout; returns the processor time that it took, min.
+
+    Raises:
+        InputError: it failed.
+    """
+    before = _spent_s()
+    programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        part.line, shell=True, cwd=ROOT, env=os.environ | {"PATH": programs}, check=False
+    )
+    if done.returncode:
+        raise InputError(
+            f"exit code {done.returncode} of `{part.line}`; the same command goes on from here"
+        )
+    return (_spent_s() - before) / 60
+
+
+def _spent_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measures, or plans; 2 where a command fails."""
+    parser = argparse.ArgumentParser(prog=f"{_TOOL} measurements", description=__doc__)
+    parser.add_argument("--plan", action="store_true", help="print what would run, and run nothing")
+    asked = parser.parse_args(arguments)
+    with exit_code() as ended:
+        for part in due():
+            known = "not known" if part.cpu_min is None else f"{part.cpu_min:g}"
+            sys.stdout.write(f"{', '.join(part.tables)}: CPU min {known}: {part.line}\n")
+            sys.stdout.flush()
+            if not asked.plan:
+                sys.stdout.write(f"  took {run(part):.1f} CPU min\n")
+    return ended.value
+
+
+if __name__ == "__main__":
+    sys.exit(main())
