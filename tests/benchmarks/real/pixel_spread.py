@@ -36,9 +36,7 @@ from eventsweep.plugins.diagnose.sensing.pixel_events import PixelEvents
 from eventsweep.sim.config import PixelConfig
 from eventsweep.sim.motion.replay import smoothed
 from eventsweep.sim.sensor.sensor import Sensor
-from markdown_blocks import show
 
-MARK = "pixel-spread"
 Counts = NDArray[np.int64]
 _ROW_PX, _FEW, _WARM, _SIGMAS = 13, 10, 3.0, 5.0
 _QUARTILES = 1.349  # of a normal distribution, in standard deviations
@@ -211,17 +209,16 @@ def walk_line(poses: Path) -> str:
 
 
 def main() -> int:
-    """Prints and writes the table; exit code 2 on bad input."""
+    """Prints the table; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--slider", type=Path, required=True, help="the recording's folder")
     parser.add_argument("--poses", type=Path, help="a flight's poses, TUM format")
-    parser.add_argument("--page", type=Path, help="page to write the table into")
     asked = parser.parse_args()
     with exit_code() as code:
         text = table(asked.slider)
         if asked.poses is not None:
             text += "\n" + walk_line(asked.poses)
-        show(text, asked.page, MARK)
+        sys.stdout.write(text)
     return code.value
 
 

@@ -13,7 +13,6 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,11 +22,9 @@ from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.cli.job_flags import JobFlags
 from eventsweep.eval.perturbations import PRESETS
 from imperfection_trials import CAPS, METRICS, Bench, Extraction, Numbers, Trial
-from markdown_blocks import show
 from published_table import MONO, H
 from twin_factors import DAVIS346, HALF, HALF_NOISY, head, line
 
-MARK, HELD_OUT_MARK = "imperfection-v3", "imperfection-v3-held-out"
 FLIGHTS, HELD_OUT, TIMES = (0, 1), (4, 5), 2
 SENSORS: Mapping[str, Mapping[str, Any]] = {
     "`davis346`": DAVIS346, "C .30, 0.3 of the noise": HALF, "C .30": HALF_NOISY,
@@ -100,16 +97,14 @@ def _table(found: Mapping[str, Mapping[str, Numbers]], flights: Sequence[int]) -
 
 
 def main() -> int:
-    """Prints and writes a table; exit code 2 on bad input."""
+    """Prints a table; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--held-out", action="store_true", help="the choice, on other flights")
     parser.add_argument("--workers", type=int, help="worker processes")
-    parser.add_argument("--page", type=Path, help="page to write the table into")
     asked = parser.parse_args()
     with exit_code() as code:
         bench = Bench(JobFlags(workers=asked.workers), Console(quiet=False, as_json=False).progress)
-        make, mark = (held_out, HELD_OUT_MARK) if asked.held_out else (fitted, MARK)
-        show(make(bench), asked.page, mark)
+        sys.stdout.write((held_out if asked.held_out else fitted)(bench))
     return code.value
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from eventsweep.eval.cli import job_flags
@@ -19,10 +18,8 @@ from eventsweep.eval.cli.console import Console
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.perturbations import PRESETS
 from imperfection_trials import CAPS, METRICS, Bench, Extraction, Numbers, Trial
-from markdown_blocks import show
 from published_table import MONO, H
 
-MARK = "twin-factors"
 DAVIS346: dict[str, Any] = {"sensor": {"preset": "davis346"}}
 _UNEQUAL = {"sensor": {"preset": "davis346", "threshold_sigma": 0.05}}
 _NOISE = {
@@ -103,16 +100,15 @@ def head() -> list[str]:
 
 
 def main() -> int:
-    """Prints and writes the table; exit code 2 on bad input."""
+    """Prints the table; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--flights", default="0,1", help="seeds of the twin's motion")
     parser.add_argument("--times", type=int, default=2, help="how often random errors are drawn")
     parser.add_argument("--only", default="", help="factors whose name holds this")
     parser.add_argument("--workers", type=int, help="worker processes")
-    parser.add_argument("--page", type=Path, help="page to write the table into")
     asked = parser.parse_args()
     with exit_code() as code:
-        show(table(asked), asked.page, MARK)
+        sys.stdout.write(table(asked))
     return code.value
 
 
