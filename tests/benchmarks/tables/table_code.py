@@ -200,6 +200,7 @@ def _reached(package: Path, roots: Iterable[str], without: Iterable[str]) -> dic
     return found
 
 
+@cache
 def _file(package: Path, name: str) -> Path | None:
     at = package.joinpath(*name.split(".")[1:])
     return next(filter(Path.is_file, (at / "__init__.py", at.with_suffix(".py"))), None)

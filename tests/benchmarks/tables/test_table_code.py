@@ -122,6 +122,7 @@ def outside(name, without):
     return f"eventsweep.{name}.".startswith(without)
 
 
+@pytest.mark.slow
 def test_edits_drawn_by_a_seed_make_stale_what_reaches_them(copy):
     modules = read_modules(ROOT)
     graph, rng = import_graph(modules), random.Random(SEED)
