@@ -64,18 +64,21 @@ class Geometry(NamedTuple):
     body_b: NDArray[np.uint16]
 
 
-@intrinsic
-def fused(_typing: Any, _one: Any, _other: Any, _total: Any) -> Any:
-    """One x other + total, rounded once: on a processor that cannot, by the system's library."""
-    kind = types.float32 if {_one, _other, _total} == {types.float32} else types.float64
+def _fused(_typing: Any, one: Any, other: Any, total: Any) -> Any:
+    kind = types.float32 if {one, other, total} == {types.float32} else types.float64
 
     def codegen(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         bits = ir.FloatType() if kind == types.float32 else ir.DoubleType()
         name = f"llvm.fma.f{kind.bitwidth}"
         whole = ir.FunctionType(bits, [bits] * 3)
-        return builder.call(cgutils.get_or_insert_function(builder.module, whole, name), args)
+        function = cgutils.get_or_insert_function(builder.module, whole, name)  # type: ignore[no-untyped-call]
+        return builder.call(function, args)
 
     return kind(kind, kind, kind), codegen
+
+
+fused: Any = intrinsic(_fused)
+"""One x other + total, rounded once: on a processor that cannot, by the system's library."""
 
 
 @numba.njit(cache=True, nogil=True, inline="always")

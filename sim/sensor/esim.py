@@ -194,8 +194,9 @@ def log_intensity(
     """
     check_intensity(intensity, shape)
     # Rounded from doubles: of float32, processors have logarithms of their own.
-    log = np.log((intensity.astype(np.float32, copy=False) + np.float32(log_eps)).astype(float))
-    return log.ravel().astype(np.float32)
+    light = intensity.astype(np.float32, copy=False) + np.float32(log_eps)
+    log: NDArray[np.float32] = np.log(light.ravel(), dtype=float).astype(np.float32)
+    return log
 
 
 def check_intensity(intensity: NDArray[np.float32], shape: tuple[int, int]) -> None:

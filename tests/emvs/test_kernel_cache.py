@@ -2,7 +2,6 @@
 
 import ast
 import os
-import re
 import select
 import shutil
 import signal
@@ -20,6 +19,7 @@ from tiers import often
 
 PACKAGES = ("emvs", "sim", "eval", "plugins") if HAS_PLUGINS else ("emvs", "sim", "eval")
 
+FLAGS = {"nnan", "ninf", "nsz", "arcp", "contract", "afn", "reassoc", "fast"}  # LLVM's
 FOLD = """
 import numpy as np
 from eventsweep.emvs.dsi.maxima import FocusPeak
@@ -449,56 +449,16 @@ def test_who_dies_while_it_compiles_stands_in_nobodys_way(tmp_path, loading):
     assert second.stdout.readline() == "None\n"
 
 
-def reordering(file):
-    """Names of compiled functions whose sums may be reordered, and that need not be inlined."""
-    constants = [node for node in tree(file).body if isinstance(node, ast.Assign)]
-    fast = [node.targets[0].id for node in constants if "reassoc" in ast.unparse(node.value)]
-    for function in compiled(file):
-        marks = " ".join(ast.unparse(mark) for mark in function.decorator_list)
-        if any(word in marks for word in ("reassoc", "FAST", *fast)) and "inline" not in marks:
-            yield function.name
+def test_no_simulation_rounds_as_it_was_compiled():
+    """Where sums may be reordered or joined with products, each processor has other events.
 
-
-def calls(function):
-    """Names of the functions that one calls."""
-    nodes = [node for node in ast.walk(function) if isinstance(node, ast.Call)]
-    return {node.func.id for node in nodes if isinstance(node.func, ast.Name)}
-
-
-def test_what_is_called_where_sums_may_be_reordered_says_whether_its_own_may():
-    """Numba hands `fastmath` down to what it compiles for a caller, and keeps the outcome.
-
-    A machine whose first simulation drew pictures had other events, in all later ones, than one
-    whose first followed pixels.
+    So had a process that compiled and one that loaded from the cache.
     """
-    files = [file for file in kernel_files() if "cuda" not in file.parts]
-    known = {function.name: function for file in files for function in compiled(file)}
-    marks = {name: ast.unparse(known[name].decorator_list[0]) for name in known}
-    silent = {name for name in known if "fastmath" not in marks[name]}
-    # What is inlined before it is compiled has no flags of its own.
-    silent -= {name for name in silent if "inline='always'" in marks[name]}
-    reached = [name for name in known if re.search("fastmath=.*(FAST|reassoc)", marks[name])]
-    assert reached
-    for name in reached:
-        assert not calls(known[name]) & silent, name
-        inlined = calls(known[name]) & {n for n in known if "inline='always'" in marks[n]}
-        reached += [n for n in inlined if n not in reached]
-
-
-def test_a_first_run_rounds_like_all_later_ones():
-    """What a kernel calls must be part of it where sums may be reordered.
-
-    Otherwise there are two copies that round differently: a process that compiles has the function
-    by itself in memory and calls that one, a process that loads from the cache has only the
-    kernel's own copy. Desk had two events more in its first run.
-    """
-    files = kernel_files()
-    loose = {name for file in files for name in reordering(file)}
-    calls = {
-        (node.func.id, f"{file.name}: {function.name}")
-        for file in files if "cuda" not in file.parts
-        for function in compiled(file) for node in ast.walk(function)
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+    files = [file for file in kernel_files() if "sim" in file.parts]
+    flags = {
+        flag
+        for file in files for node in ast.walk(tree(file))
+        if isinstance(node, ast.Constant) and (flag := node.value) in FLAGS
     }  # fmt: skip
-    assert len(loose) > 3
-    assert sorted(call for call in calls if call[0] in loose) == []
+    assert flags == {"nnan", "nsz"}
+    assert not [file for file in files if "fastmath=True" in file.read_text("utf-8")]

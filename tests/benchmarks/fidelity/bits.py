@@ -23,12 +23,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from programs import NARROW
-
 _NO_512 = "X86_V4 AVX512_ICL AVX512_SPR"
 WAYS: dict[str, dict[str, str]] = {
     "as it is": {},
-    **{f"kernels, {name}": told for name, told in NARROW.items()},
+    "kernels, 256 bits": {
+        "NUMBA_CPU_NAME": "haswell",
+        "NUMBA_CPU_FEATURES": "+avx,+avx2,+fma,+bmi,+bmi2",
+    },
+    "kernels, nothing special": {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""},
     "numpy, 256 bits": {"NPY_DISABLE_CPU_FEATURES": _NO_512},
     "numpy, 128 bits": {"NPY_DISABLE_CPU_FEATURES": f"{_NO_512} X86_V3"},
     "libm without FMA": {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX2_Usable,-FMA_Usable"},
@@ -117,7 +119,7 @@ def difference(one: NDArray[Any], other: NDArray[Any]) -> str:
     return f"{np.count_nonzero(apart)} of {apart.size} values, by {most:.2g} at most"
 
 
-def told(first: Path, other: Path, everything: bool) -> Iterator[str]:
+def told(first: Path, other: Path, *, everything: bool) -> Iterator[str]:
     """One line for the first stage that differs, and for each camera's first events that do."""
     shown: set[str] = set()
     for (stage, one), (name, another) in zip(read(first), read(other), strict=True):
@@ -148,8 +150,8 @@ def main() -> None:
             command = [sys.executable, *sys.orig_argv[1:], "--out", folder, "--child", name]
             subprocess.run(command, env=os.environ | WAYS[name], check=True)
             for part in ("drawn", "given"):
-                paths = (Path(folder, f"{which}.{part}") for which in (names[0], name))
-                lines = list(told(*paths, args.all)) or ["the same bytes"]
+                first, other = (Path(folder, f"{which}.{part}") for which in (names[0], name))
+                lines = list(told(first, other, everything=args.all)) or ["the same bytes"]
                 sys.stdout.write(f"{name}, pictures {part}: {'; '.join(lines)}\n")
                 sys.stdout.flush()
 
