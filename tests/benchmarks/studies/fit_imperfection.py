@@ -1,6 +1,6 @@
 """Which imperfections bring the published table of MVSEC's flights out of its twin.
 
-`python tests/benchmarks fit_imperfection [--page FILE]` tries errors of the twin's poses and
+`python tests/benchmarks fit_imperfection` tries errors of the twin's poses and
 calibration within what real recordings bound (`pixel_spread`), for a few sensors, on flights 0 and
 1, and prints those that come nearest to the published ratios of Alg1/H to one camera and to their
 mean errors. `--held-out` shows the chosen one on flights 4 and 5, on which nothing was chosen.

@@ -1,6 +1,6 @@
 """What makes fusion gain less on the twin of MVSEC's flights than on the flights, one by one.
 
-`python tests/benchmarks twin_factors [--flights 0,1] [--only WORD] [--page FILE]` changes the
+`python tests/benchmarks twin_factors [--flights 0,1] [--only WORD]` changes the
 twin's sensor, way, textures, geometry, extraction and scores, one at a time and together, and sets
 Alg1/H over one camera beside the published table. Sequences and sweeps are jobs that the cache
 keeps: a second run goes on where the first one stopped.
