@@ -105,7 +105,7 @@ def lengths(evidence: Evidence) -> bytes:
             ratios = [_lost(evidence, place, name, window) for window in LENGTHS]
             axis.plot(list(LENGTHS.values()), ratios, marker="o", label=f"errors × {times}")
         axis.axhline(1, color="grey", linewidth=0.8)
-        axis.set(title=place, xscale="log", xlabel="window [s]", ylabel="relative error, times")
+        axis.set(title=place, xscale="log", xlabel="window [s]", ylabel="median error, times")
         axis.set_xticks(list(LENGTHS.values()), labels=[f"{s:g}" for s in LENGTHS.values()])
         axis.minorticks_off()
         axis.legend()
@@ -114,7 +114,7 @@ def lengths(evidence: Evidence) -> bytes:
 
 def _lost(evidence: Evidence, place: str, drift: str, window: str) -> float:
     return evidence.ratio(
-        place, "abs_rel", _METHOD, _METHOD, window=window, of=lambda case: case + drift
+        place, "median_error", _METHOD, _METHOD, window=window, of=lambda case: case + drift
     ).mean
 
 

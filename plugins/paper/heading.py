@@ -77,8 +77,8 @@ def by_heading(evidence: Evidence) -> Finding:
     near = ", ".join(f"{ring.error:.0f}" for ring in lost)
     return Finding(
         f"At 0°, 45° and 90° from sideways, {'; '.join(told)}. Straight ahead the innermost ring "
-        f"around the focus of expansion has a point for every {1 / lost[0].found:,.0f} and "
-        f"{1 / lost[1].found:,.0f} edge pixels, {near} % off",
+        f"around the focus of expansion has {1000 * lost[0].found:.1f} and "
+        f"{1000 * lost[1].found:.1f} points per 1000 edge pixels, {near} % off",
         Verdict.of(all(better for better, _ in best), all(more for _, more in best)),
         "What parallax does not reach is not reported, which errors of all points hide; the number "
         "of points depends on a map's own greatest confidence, by which C is scaled.",

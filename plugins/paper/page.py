@@ -32,7 +32,7 @@ _SHOWN = {
     ),
     "paper-windows": (
         "Windows and odometry",
-        "Relative error of H with an odometry's poses over that with exact ones.",
+        "Median error of H with an odometry's poses over that with exact ones.",
     ),
     "paper-focus": (
         "Forward motion",
@@ -80,9 +80,11 @@ def _head(results: Results, verdicts: Mapping[Verdict, int]) -> Iterator[str]:
     counts = "; ".join(f"{verdicts[v]} {v.value}" for v in Verdict if verdicts[v])
     yield f"Of {sum(verdicts.values())} statements: {counts}."
     yield ""
+    many = len(results.seeds)
+    seeds = f"up to {many} seeds" if many > 1 else "one seed"
     yield (
-        f"Suite `{results.suite}`, {len(results.case_names)} cases, up to {len(results.seeds)} "
-        f"seeds; ± is half a 95 % interval (Student's t over seeds). Its jobs cost "
+        f"Suite `{results.suite}`, {len(results.case_names)} cases, {seeds}; "
+        f"± is half a 95 % interval (Student's t over seeds). Its jobs cost "
         f"{cpu_min:.0f} CPU minutes."
     )
     yield ""
