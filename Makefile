@@ -4,7 +4,7 @@ SEED ?= 0
 
 .PHONY: demo test tools slow lint gate core bench site notebooks setup clean
 .PHONY: pictures pictures-code pictures-scenes pictures-simulator pictures-methods pictures-baselines tables
-.PHONY: measurements faults studies
+.PHONY: measurements faults studies paper
 .DEFAULT_GOAL := demo
 
 demo: .venv/demo
@@ -137,6 +137,11 @@ faults: setup
 
 # The figures and tables of docs/studies.md: see there what they cost. Jobs are kept in the cache.
 STUDY = $(BIN)/eventsweep study $$name --out out/studies --seeds 0,1 --quiet
+# The paper's page: 41 CPU minutes for one seed.
+paper: setup
+	$(BIN)/eventsweep paper --out out/paper --force
+	$(BIN)/python tests/benchmarks paper_page out/paper docs/paper.md # docs/images/paper-*.webp
+
 studies: setup
 	for name in pose-drift pose-walk window-length; do \
 		$(STUDY) --case boxes --case planes || exit; \

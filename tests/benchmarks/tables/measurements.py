@@ -67,6 +67,7 @@ PARTS = (
     Part(("docs/simulator.md#fidelity-rays",), f"{_FIDELITY} --rays"),
     Part(("docs/simulator.md#fidelity-drawn",), f"{_FIDELITY} --drawn 2028"),
     Part(("docs/studies.md#studies",), "make studies", 19.4),
+    Part(("docs/paper.md#paper",), "make paper"),
     Part(
         ("docs/studies.md#reproduction",),
         f"{_TOOL} reproduction --out OUT --page docs/studies.md",
