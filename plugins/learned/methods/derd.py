@@ -37,7 +37,7 @@ class Derd(Extraction):
         """Refuses planes that the network cannot read, and weights that are none."""
         if config.planes not in (None, PLANES) or config.spacing != "inverse":
             raise InputError(
-                f"DERD/H with {config.planes} planes of {config.spacing} spacing: the network "
+                f"DERD/H with {config.planes or PLANES} planes of {config.spacing} spacing: the network "
                 f"reads {PLANES} planes of inverse spacing; set planes {PLANES} and spacing inverse"
             )
         derd_net(config.derd.weights)

@@ -95,16 +95,26 @@ def test_ratios_are_of_means_over_flights_and_turned_pairs_are_named():
     assert "`ESVO/own-rate` and `EMVS/cam0`" in line
 
 
-def test_the_suite_has_what_the_tables_show_and_the_ratios_are_those_quoted():
-    suite, _ = load(reproduction.SUITE)
+def test_the_suites_have_what_the_tables_show_and_the_ratios_are_those_quoted():
+    suites = [load(name)[0] for name in (reproduction.SUITE, "mvsec-table-v3")]
+    shown = {case for case, *_ in reproduction.SETTINGS}
+    assert shown == {case for suite in suites for case in suite.cases}
+    for suite in suites:
+        has_what_is_shown(suite)
+    ratios = [round(H.value(metric) / MONO.value(metric), 2) for metric in RATIOS]
+    assert ratios == [0.59, 0.66, 0.35]
+
+
+def has_what_is_shown(suite):
     assert set(RATIOS) < set(suite.metrics) <= {metric.name for metric in KNOWN}
     methods = suite.mappers["default"]["methods"]
     assert {line.ours for line in TABLE} <= set(methods)
-    assert {case for case, *_ in reproduction.SETTINGS} == set(suite.cases)
     for case, of_h, of_mono, _ in reproduction.SETTINGS:
+        if case not in suite.cases:
+            continue
         for ending, method in ((of_h, "Alg1/H"), (of_mono, "EMVS/cam0")):
             mapper = ending.strip() or "default"
+            if mapper not in suite.mappers:
+                continue  # of the other suite's case of that name
             assert mapper in suite.cases[case].mappers
             assert method in suite.mappers[mapper]["methods"]
-    ratios = [round(H.value(metric) / MONO.value(metric), 2) for metric in RATIOS]
-    assert ratios == [0.59, 0.66, 0.35]
