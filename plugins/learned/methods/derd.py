@@ -37,8 +37,9 @@ class Derd(Extraction):
         """Refuses planes that the network cannot read, and weights that are none."""
         if config.planes not in (None, PLANES) or config.spacing != "inverse":
             raise InputError(
-                f"DERD/H with {config.planes or PLANES} planes of {config.spacing} spacing: the network "
-                f"reads {PLANES} planes of inverse spacing; set planes {PLANES} and spacing inverse"
+                f"DERD/H with {config.planes or PLANES} planes of {config.spacing} spacing: the "
+                f"network reads {PLANES} planes of inverse spacing; set planes {PLANES} and "
+                "spacing inverse"
             )
         derd_net(config.derd.weights)
 
