@@ -57,6 +57,7 @@ def study(
     studies = [study_named(study) for study in chosen]
     console, failed = common.console(), 0
     compared = method or default_methods()
+    job_flags.check()
     for lacking in () if method else [name for name in METHODS if name not in compared]:
         console.warn(f"{lacking} is left out: no plug-in that is installed has it")
     samples = (compared, case or CASES, seed_numbers(seeds, "--seeds") or SEEDS)
