@@ -25,9 +25,7 @@ MARK = "paper"
 def code() -> dict[str, Code]:
     """What the numbers depend on."""
     suite, _ = load(str(SUITE))
-    page = Code(
-        ("paper_page:write",), ("eventsweep.plugins.paper.page",), ("plugins/paper/paper-v1.toml",)
-    )
+    page = Code(modules=("eventsweep.plugins.paper.page",), files=("plugins/paper/paper-v1.toml",))
     return {f"docs/paper.md#{MARK}": page + of_jobs(suite_jobs(suite, tuple(suite.cases), (0,)))}
 
 

@@ -20,7 +20,8 @@ LEARNED = {"plugins/learned/learned.md#confidence", "plugins/learned/learned.md#
 REAL = {"README.md#real", "plugins/learned/learned.md#real"}
 SUITES = {"README.md#results", "plugins/ranking/ranking.md#ranking"}
 SCORED = SUITES | {
-    "docs/studies.md#reproduction", "docs/studies.md#studies", "docs/baselines.md#baselines",
+    "docs/paper.md#paper", "docs/studies.md#reproduction", "docs/studies.md#studies",
+    "docs/baselines.md#baselines",
     "plugins/diagnose/check.md#check-faults", "plugins/track/odometry.md#track-scores",
 }  # fmt: skip
 MAPPED = SCORED | LEARNED | {"docs/baselines.md#esvo", "plugins/cuda/cuda.md#gpu"}
@@ -29,15 +30,20 @@ SIMULATED = MAPPED | {
     "docs/simulator.md#fidelity", "docs/simulator.md#fidelity-rays",
     "docs/simulator.md#fidelity-drawn",
 }  # fmt: skip
+PLANES = SUITES | LEARNED | {
+    "docs/paper.md#paper", "docs/scenes.md#figures", "docs/studies.md#studies",
+}  # fmt: skip
 EDITS = {
     "emvs/dsi/fusion_kernels.py": MAPPED | REAL,
     "sim/rendering/renderer.py": SIMULATED,
     "eval/scoring/metrics.py": SCORED,
     "emvs/formats/prophesee_kernels.py": {"docs/formats.md#speeds"},
-    "scenes/planes.py": SUITES | LEARNED | {"docs/scenes.md#figures", "docs/studies.md#studies"},
-    "scenes/planes.xml": SUITES | LEARNED | {"docs/scenes.md#figures", "docs/studies.md#studies"},
+    "scenes/planes.py": PLANES,
+    "scenes/planes.xml": PLANES,
     "plugins/learned/networks/weights/learned.npz": SUITES | LEARNED | REAL,
-    "plugins/track/odometry/tracker.py": {"plugins/track/odometry.md#track-scores"},
+    "plugins/track/odometry/tracker.py": {
+        "docs/paper.md#paper", "plugins/track/odometry.md#track-scores",
+    },
     "plugins/cuda/voting_kernels.py": {"plugins/cuda/cuda.md#gpu"},
     "plugins/video/film.py": set(),
     "eval/report/run_page.py": set(),
