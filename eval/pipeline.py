@@ -237,7 +237,8 @@ def map_recording(
     `map_windows`, called when the bars of the mapping have ended, so that it may show its own.
     `warn` is called, when mapping begins, with a line on each thing that looks doubtful or wrong to
     the checks of plug-ins; without it nothing is checked. What is refused is refused before that.
-    `note` takes a line where the depth range had to be guessed; what was found is said.
+    `note` is called with a line if the depth range is a guess; a range that was found is shown
+    with the progress.
     """
     from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.maps.first_pass import settled

@@ -175,7 +175,7 @@ def _ends_m(
                 return ()
             ends_m = np.quantile(found.depth_m[found.mask].astype(np.float64), _ENDS)
             near_m = max(near_m, _CLOSER * ends_m[0])
-    except InputError:  # what is wrong with the window is said when it is mapped
+    except InputError:  # the mapping itself will report what is wrong with this window
         return ()
     return (ends_m,) if near_m > nearest_m else ()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -52,8 +52,7 @@ class Value(NamedTuple):
 class View(NamedTuple):
     """One window of a sequence as it was seen and mapped.
 
-    `maps` are by method, without the mapper's name; `forward` (3,) is the way that camera 0 went
-    during the window, in its own frame at the reference time, m.
+    `maps` are by method, without the mapper's name.
     """
 
     window: WindowData
@@ -150,6 +149,14 @@ class Evidence:
         Raises:
             Missing: it was not mapped, or the cache does not hold it.
         """
+        return self._recent(case, mapper)
+
+    @cached_property
+    def _recent(self) -> Callable[[str, str], View]:
+        """Several statements in a row look at one case; a view of 1 Mpx is some 100 MB."""
+        return lru_cache(maxsize=4)(self._opened)
+
+    def _opened(self, case: str, mapper: str) -> View:
         samples = [sample for sample in self.results.samples if sample.case == case]
         if not samples:
             raise Missing(f"{case} was not run")

@@ -47,14 +47,14 @@ def part_of(view: View, method: str, where: NDArray[np.bool_]) -> Part:
 
 def finding(evidence: Evidence) -> Finding:
     """Whether the harmonic mean is right in every part, and better there than frames."""
-    told, right, better = [], [], []
+    texts, right, better = [], [], []
     for case in CASES:
         view = evidence.view(case)
         for name, where in parts(view).items():
             ours, _, frames = (part_of(view, method, where) for method in METHODS)
             if not np.count_nonzero(where & view.truth.scored):
                 continue
-            told.append(
+            texts.append(
                 f"{case}, {name}: {ours.error:.1f} % at {ours.points:,} points, frames "
                 f"{frames.error:.1f} % at {frames.points:,}"
             )
@@ -62,7 +62,7 @@ def finding(evidence: Evidence) -> Finding:
             if name != "well exposed":
                 better.append(ours.error < frames.error)
     return Finding(
-        f"Median relative error of H; {'; '.join(told)}",
+        f"Median relative error of H; {'; '.join(texts)}",
         Verdict.of(all(right), all(better)),
         "Where a frame is exposed its matcher fills whole surfaces, which are easier than edges; "
         "where it is white, depth is that of its surroundings.",

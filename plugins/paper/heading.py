@@ -58,7 +58,7 @@ def pooled_surest(evidence: Evidence, cases: Sequence[str], method: str, mapper:
 
 def by_heading(evidence: Evidence) -> Finding:
     """Whether sideways motion is best, by each of the three comparisons."""
-    told, best, lost = [], [], []
+    texts, best, lost = [], [], []
     for scene in SCENES:
         found = [surest(evidence.view(f"{scene}-{angle}")) for angle in HEADINGS_DEG]
         fewest = min(len(one.errors) for one in found)
@@ -67,7 +67,7 @@ def by_heading(evidence: Evidence) -> Finding:
         equal = [one.of(fewest) for one in found]
         recall = [one.of(round(share * one.edges)) for one in found]
         points = [len(one.errors) for one in found]
-        told.append(
+        texts.append(
             f"{scene}: points {_list(points, ',.0f')}; median relative error {_list(every)} %, at "
             f"equal points {_list(equal)} %, at an equal share of the edges {_list(recall)} %"
         )
@@ -76,7 +76,7 @@ def by_heading(evidence: Evidence) -> Finding:
         lost.append(next(rings(evidence.view(f"{scene}-90"))))
     near = ", ".join(f"{ring.error:.0f}" for ring in lost)
     return Finding(
-        f"At 0°, 45° and 90° from sideways, {'; '.join(told)}. Straight ahead the innermost ring "
+        f"At 0°, 45° and 90° from sideways, {'; '.join(texts)}. Straight ahead the innermost ring "
         f"around the focus of expansion has {1000 * lost[0].found:.1f} and "
         f"{1000 * lost[1].found:.1f} points per 1000 edge pixels, {near} % off",
         Verdict.of(all(better for better, _ in best), all(more for _, more in best)),

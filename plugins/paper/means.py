@@ -66,20 +66,20 @@ def order(evidence: Evidence) -> Finding:
 
 def functions(evidence: Evidence) -> Finding:
     """Which functions let fewest outliers through."""
-    parts, verdicts = [], []
+    parts, margins = [], []
     for cases, light in ((SCENES, "ideal sensor"), (NOISY, "a DAVIS346's noise")):
         shares = {f: evidence.number(cases, f"Alg1/{f}", _BAD) for f in FUNCTIONS}
         parts.append(f"{light}: " + ", ".join(f"{f} {v.mean:.1f}" for f, v in shares.items()))
         strict, lenient = (
             [shares[f].mean for f in names] for names in (FUNCTIONS[:3], FUNCTIONS[3:])
         )
-        verdicts.append(max(strict) / min(lenient))
-    told = "; ".join(f"{case}: {_scene_order(evidence, case)}" for case in SCENES)
+        margins.append(max(strict) / min(lenient))
+    texts = "; ".join(f"{case}: {_scene_order(evidence, case)}" for case in SCENES)
     beside = [edges.outliers_of(evidence, "desk", f"Alg1/{f}")[1] for f in ("H", "G", "A")]
     return Finding(
         f"Outliers, %: {'; '.join(parts)}",
-        Verdict.of(max(verdicts) < 1, max(verdicts) < 0.9),
-        f"From fewest to most outliers, {told}. Near the top contours decide: on desk, "
+        Verdict.of(max(margins) < 1, max(margins) < 0.9),
+        f"From fewest to most outliers, {texts}. Near the top contours decide: on desk, "
         "outliers that no pixel beside them explains are "
         f"{beside[0]:.1f}, {beside[1]:.1f} and {beside[2]:.1f} % for H, G and A. RMS and "
         "max, and one camera alone, lie well behind.",

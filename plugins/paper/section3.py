@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from eventsweep.eval.results.table import EVENTS
 from eventsweep.plugins.paper import edges, exposure, heading
 from eventsweep.plugins.paper.evidence import Evidence
@@ -35,9 +33,9 @@ def _rig(evidence: Evidence) -> Finding:
 
 def _count(evidence: Evidence) -> Finding:
     counts = {case: evidence.number(case, EVENTS, "events").mean / 1e6 for case in FIGURE_2}
-    told = ", ".join(f"{case} {count:.1f}" for case, count in counts.items())
+    texts = ", ".join(f"{case} {count:.1f}" for case, count in counts.items())
     return Finding(
-        f"Millions of events of both cameras: {told}",
+        f"Millions of events of both cameras: {texts}",
         Verdict.of(
             all(1 < c < 100 for c in counts.values()), all(3 < c < 30 for c in counts.values())
         ),
@@ -45,19 +43,19 @@ def _count(evidence: Evidence) -> Finding:
 
 
 def _clean(evidence: Evidence) -> Finding:
-    told, shares = [], []
+    texts, shares = [], []
     for case in INDOORS:
         every, left = edges.outliers_of(evidence, case, "Alg1/H")
         _, alone = edges.outliers_of(evidence, case, "EMVS/cam0")
         other = edges.outliers_of(evidence, case, "EMVS/cam1")[1]
-        told.append(
+        texts.append(
             f"{case} {every:.1f} %, of which all but {left:.1f} % are right for a pixel beside "
             f"them (one camera {alone:.1f} and {other:.1f} %)"
         )
         shares.append(left)
     median = evidence.number(INDOORS, "Alg1/H", "median_error")
     return Finding(
-        f"Points off by more than a tenth: {'; '.join(told)}; median error {median}",
+        f"Points off by more than a tenth: {'; '.join(texts)}; median error {median}",
         Verdict.of(max(shares) < 5, max(shares) < 2),
         "Exact truth counts a point half a pixel beside an occluding contour as an outlier, for "
         "every method alike; of real recordings nobody can tell.",
@@ -65,7 +63,7 @@ def _clean(evidence: Evidence) -> Finding:
 
 
 def _planes(evidence: Evidence) -> Finding:
-    told, ahead, medians = [], [], []
+    texts, ahead, medians = [], [], []
     for mapper, words in (("mocap", "100 planes"), ("fine", "246")):
         ours, alone = (
             heading.pooled_surest(evidence, INDOORS, method, mapper)
@@ -73,18 +71,14 @@ def _planes(evidence: Evidence) -> Finding:
         )
         ratio = ours / alone
         median = evidence.number(INDOORS, "Alg1/H", "median_error", mapper=mapper)
-        told.append(f"{words}: median error {median}, {ratio:.2f} times one camera's mean error")
+        texts.append(f"{words}: median error {median}, {ratio:.2f} times one camera's mean error")
         ahead.append(round(ratio, 2))
         medians.append(median.mean)
     return Finding(
-        f"At equal points, {'; '.join(told)}",
+        f"At equal points, {'; '.join(texts)}",
         Verdict.of(ahead[0] <= 1, medians[0] < 1.2 * medians[1]),
         "Between 0.45 and 4 m disparity spans 245 px, so 100 planes are 2.5 px apart and 246 one.",
     )
-
-
-def _sideways(evidence: Evidence) -> Finding:
-    return heading.by_heading(evidence)
 
 
 def _forward_events(evidence: Evidence) -> Finding:
@@ -152,14 +146,14 @@ def _vio(evidence: Evidence) -> Finding:
 
 
 def _lengths(evidence: Evidence) -> Finding:
-    told, short = [], []
+    texts, short = [], []
     for place in ("room", "corridor"):
         ratios = {s: _worse(evidence, place, "-vio", w) for w, s in LENGTHS.items()}
-        told.append(f"{place}: " + ", ".join(f"{r:.2f} ({s:g} s)" for s, r in ratios.items()))
+        texts.append(f"{place}: " + ", ".join(f"{r:.2f} ({s:g} s)" for s, r in ratios.items()))
         short += [ratio for s, ratio in ratios.items() if s <= 0.5]
     tracked = _tracked(evidence)
     return Finding(
-        f"Median error with an odometry's poses over that with exact ones; {'; '.join(told)}"
+        f"Median error with an odometry's poses over that with exact ones; {'; '.join(texts)}"
         f"{tracked}",
         Verdict.of(max(short) < 2, max(short) < _NOTICEABLE),
     )
@@ -178,19 +172,15 @@ def _tracked(evidence: Evidence) -> str:
 
 
 def _robust(evidence: Evidence) -> Finding:
-    told, firsts = [], []
+    texts, firsts = [], []
     for place in ("room", "corridor"):
         ratios = {n: _worse(evidence, place, name, "w002") for name, n in DRIFTS.items() if n}
-        told.append(f"{place}: " + ", ".join(f"{r:.2f} (× {n})" for n, r in ratios.items()))
+        texts.append(f"{place}: " + ", ".join(f"{r:.2f} (× {n})" for n, r in ratios.items()))
         firsts.append(ratios)
     return Finding(
-        f"Poses 1, 3 and 10 times as wrong; the median error grows, {'; '.join(told)}",
+        f"Poses 1, 3 and 10 times as wrong; the median error grows, {'; '.join(texts)}",
         Verdict.of(all(r[1] < 2 for r in firsts), all(r[3] < 1.5 for r in firsts)),
     )
-
-
-def _hdr(evidence: Evidence) -> Finding:
-    return exposure.finding(evidence)
 
 
 def _mvsec(evidence: Evidence) -> Finding:
@@ -210,12 +200,6 @@ def _mvsec(evidence: Evidence) -> Finding:
     )
 
 
-def parallax(evidence: Evidence, case: str) -> float:
-    """The way of camera 0 across its optical axis over the whole way."""
-    way = evidence.view(case).forward
-    return float(np.hypot(*way[:2]) / np.linalg.norm(way))
-
-
 CHAPTER = Chapter(
     "Section 3: experiments",
     (
@@ -228,7 +212,7 @@ CHAPTER = Chapter(
             _clean,
         ),
         Statement("Sec. 3, Fig. 2", "100 planes suffice at 1 Mpx", _planes, "100 planes"),
-        Statement("Sec. 3, Fig. 2", "Sideways motion is best", _sideways),
+        Statement("Sec. 3, Fig. 2", "Sideways motion is best", heading.by_heading),
         Statement("Sec. 3", "Forward motion produces fewer events", _forward_events),
         Statement(
             "Sec. 3, Fig. 2",
@@ -254,7 +238,7 @@ CHAPTER = Chapter(
         Statement(
             "Sec. 3, Fig. 3",
             "Depth is right in all parts of an HDR scene, also where a frame is black or white",
-            _hdr,
+            exposure.finding,
         ),
         Statement(
             "Journal paper, MVSEC",
