@@ -27,7 +27,7 @@ _FORMAT = 1
 _ENTRY, _DATA = "entry.json", "data"
 
 Fill = Callable[[Path], None]
-"""Writes an entry's files into the empty folder that it is given."""
+"""Writes an entry's files, at least one, into the empty folder that it is given."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +137,8 @@ class Cache:
             data.mkdir()
             fill(data)
             files = _files(data)
+            if not files:
+                raise FileNotFoundError(f"{data}: what was written there is gone")
             # Beside the clock's time, that of processors: others at work hardly change it.
             took = {
                 "seconds": round(time.monotonic() - started_s, 3),

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from functools import cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from eventsweep.scenes.textures.noise import Image
 
 _PACKAGE = Path(__file__).parents[1]
+_FILE = "textures.npz"
 # The textures of all scenes take 0.3 GB.
 _KEEP_BYTES = 1_000_000_000
 Draw = Callable[[], Mapping[str, "Image"]]
@@ -48,16 +50,21 @@ def kept(draw: Draw) -> Draw:
 
         def fill(folder: Path) -> None:
             drawn.update(draw())
-            for name, pixels in drawn.items():
-                np.save(folder / f"{name}.npy", pixels)
+            # One file, for of several some could be deleted before the entry lists them.
+            np.savez(folder / _FILE, **drawn)
 
         try:
             entry = _entry({"of": f"{draw.__module__}.{draw.__qualname__}", **_makers()}, fill)
-            return drawn or {Path(name).stem: np.load(entry.path / name) for name in entry.files}
-        except (OSError, ValueError, InputError):
+            return drawn or _loaded(entry.path / _FILE)
+        except (OSError, ValueError, InputError, BadZipFile):
             return drawn or draw()
 
     return textures
+
+
+def _loaded(path: Path) -> Mapping[str, Image]:
+    with np.load(path) as stored:
+        return dict(stored)
 
 
 def _entry(facts: Any, fill: Callable[[Path], None]) -> CacheEntry:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from eventsweep import scenes
+from eventsweep.emvs.utils import cache as cache_module
 from eventsweep.emvs.utils.cache import Cache
 from eventsweep.scenes.parts import texture_cache
 from eventsweep.scenes.parts.texture_cache import kept
@@ -138,7 +139,7 @@ def flip(file):
     flip, Path.unlink, lambda file: file.write_bytes(b""),
     lambda file: os.truncate(file, file.stat().st_size - 1),
 ], ids=["flip", "unlink", "empty", "truncate"])  # fmt: skip
-@pytest.mark.parametrize("name", ["data/wall.npy", "entry.json"])
+@pytest.mark.parametrize("name", ["data/textures.npz", "entry.json"])
 def test_what_is_damaged_is_drawn_anew(textures, drawings, folder, damage, name):
     first = textures()
     (entry,) = entries(folder)
@@ -169,14 +170,14 @@ def test_what_is_kept_in_a_read_only_folder_is_used(textures, drawings, monkeypa
 
 
 def test_a_full_disk_costs_only_the_keeping(textures, drawings, folder, monkeypatch):
-    def full(*_):
+    def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(np, "save", full)
+    monkeypatch.setattr(np, "savez", full)
     assert set(textures()) == set(SHAPES)
     assert drawings == [0]
     assert entries(folder) == []
-    assert list(folder.rglob("*.npy")) == []
+    assert list(folder.rglob("*.npz")) == []
 
 
 def test_what_drawing_raises_passes_through():
@@ -226,6 +227,25 @@ def test_processes_at_once_draw_once(tmp_path):
         process.join()
     assert [process.exitcode for process in team] == [0] * 4
     assert len(list(marks.iterdir())) == 1
+
+
+def test_files_deleted_before_they_are_listed_are_no_entry(textures, folder, monkeypatch):
+    """No texture may be missing from what is read later because it was gone when it was listed."""
+    listed = cache_module._files
+
+    def deleting(data):
+        files = sorted(data.iterdir())
+        files[0].unlink()
+        return listed(data)
+
+    monkeypatch.setattr(cache_module, "_files", deleting)
+    first = textures()
+    assert set(first) == set(SHAPES)
+    monkeypatch.undo()
+    monkeypatch.setenv("EVENTSWEEP_CACHE", str(folder.parent))
+    assert entries(folder) == []
+    same(textures(), first)
+    assert len(entries(folder)) == 1
 
 
 def test_the_folder_may_be_deleted_at_any_time(textures, folder):
