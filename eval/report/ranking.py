@@ -93,7 +93,7 @@ class RankingTable:
         lines = tuple(
             (
                 named_cell(line.method),
-                *([GridCell(str(line.rank or "–"), line.rank or math.nan)] if ranked else []),
+                *([rank_cell(line)] if ranked else []),
                 *(
                     with_spread(cell, (spreads or {}).get((line.method, name), "–"))
                     for name, cell in zip(names, line.cells, strict=True)
@@ -117,6 +117,11 @@ class RankingTable:
             for k, head in enumerate(self.columns)
         )
         return grid(("metric", "unit", *(Head(line.method) for line in self.lines)), lines)
+
+
+def rank_cell(line: RankingLine) -> GridCell:
+    """A method's rank, "–" where it has none."""
+    return GridCell(str(line.rank or "–"), line.rank or math.nan)
 
 
 def named_cell(method: str) -> GridCell:

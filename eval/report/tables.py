@@ -22,7 +22,13 @@ from eventsweep.eval.figures.plots import (
     slice_figure,
 )
 from eventsweep.eval.report.html import Grid, GridCell, Head
-from eventsweep.eval.report.ranking import RankingTable, column, mean_over_cases, table
+from eventsweep.eval.report.ranking import (
+    RankingTable,
+    column,
+    mean_over_cases,
+    rank_cell,
+    table,
+)
 from eventsweep.eval.report.run_data import CaseData, RunData, load_run
 from eventsweep.eval.report.run_page import curves_of, with_predictions
 from eventsweep.eval.results.table import POOLED, together
@@ -45,8 +51,13 @@ _FILE_STYLE = {**STYLE, "savefig.facecolor": "white", "pdf.fonttype": 42}
 
 def ranking_table(ranking: RankingTable, caption: str) -> Grid:
     """A ranking as a table of a file: units and directions in the headings, the best bold."""
-    lines = ((GridCell(line.method), *line.cells) for line in ranking.lines)
-    return Grid((Head("method", text=True), *ranking.heads()), tuple(lines), caption)
+    ranked = any(line.rank for line in ranking.lines)
+    lines = (
+        (GridCell(line.method), *([rank_cell(line)] if ranked else []), *line.cells)
+        for line in ranking.lines
+    )
+    heads = (Head("method", text=True), *([Head("rank")] if ranked else []), *ranking.heads())
+    return Grid(heads, tuple(lines), caption)
 
 
 def in_unit(value: float, unit: str) -> float:

@@ -90,11 +90,21 @@ class Series(FrozenModel):
 
 def means_over_seeds(series: Iterable[Series]) -> pd.DataFrame:
     """A table with the mean of each series as the number of all windows."""
-    names = ("case", "method", "metric", "unit", "direction")
+    return tidy(_about(numbers) | {"value": numbers.mean} for numbers in series)
+
+
+def rows_of_seeds(series: Iterable[Series]) -> pd.DataFrame:
+    """A table with each seed's value of each series as the number of all windows."""
     return tidy(
-        {name: getattr(numbers, name) for name in names} | {"window": POOLED, "value": numbers.mean}
+        _about(numbers) | {"seed": seed, "value": value}
         for numbers in series
+        for seed, value in numbers.values.items()
     )
+
+
+def _about(numbers: Series) -> dict[str, Any]:
+    names = ("case", "method", "metric", "unit", "direction")
+    return {name: getattr(numbers, name) for name in names} | {"window": POOLED}
 
 
 @dataclass(frozen=True)

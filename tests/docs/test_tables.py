@@ -64,6 +64,10 @@ def test_numbers_are_means_of_cases_and_seeds_and_of_the_real_recording():
     means = [sum(s.values.values()) / len(s.values) for s in chosen]
     line = next(x for x in results_block(baseline).splitlines() if x.startswith("| Alg1/H |"))
     assert f"{100 * sum(means) / len(means):.2f}" in line
+    lines = results_block(baseline).splitlines()
+    ranks = [int(line.split(" | ")[1]) for line in lines if re.match(r"\| \w+/", line)]
+    assert ranks == sorted(ranks)
+    assert {1, 2} <= set(ranks)
     table = "\n".join(f"| `{m}` | 0.{k}1 | 1 | {k}.5 | x | y |" for k, m in enumerate(REAL))
     other = table.replace("0.", "7.")
     text = real_block(f"{other}\n<!-- real: begin -->\n{table}\n<!-- real: end -->\n{other}\n")

@@ -17,15 +17,17 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.gate.baseline import Baseline, read_baseline
 from eventsweep.eval.report.html import plural
-from eventsweep.eval.report.ranking import mean_over_cases, table
+from eventsweep.eval.report.ranking import column, mean_over_cases, standings_of, table
 from eventsweep.eval.report.tables import as_markdown, ranking_table
-from eventsweep.eval.results.series import means_over_seeds
+from eventsweep.eval.results.series import means_over_seeds, rows_of_seeds
+from eventsweep.eval.scoring.standings import RULE
 from eventsweep.eval.suite.definition import load
 from markdown_blocks import refresh
 from table_code import Code, of_suite
 
 REAL_TABLE = "plugins/learned/learned.md#real"
 REAL = ("Alg1/H", "Focus/H", "Learned/H")
+RANKED_BY = "mean_error"
 METRICS = ("points", "mean_error", "median_error", "abs_rel", "bad_published", "delta_1")
 
 
@@ -42,7 +44,8 @@ def results_block(baseline: Baseline) -> str:
     ]
     if not chosen:
         raise InputError("the baseline holds no method's scores; `eventsweep gate --update` does")
-    ranked = table(mean_over_cases(means_over_seeds(chosen), "mean"), "mean_error", METRICS)
+    means = mean_over_cases(means_over_seeds(chosen), "mean")
+    ranked = table(means, RANKED_BY, METRICS, standings_of(rows_of_seeds(chosen), RANKED_BY))
     cases = {series.case for series in chosen}
     return as_markdown(ranking_table(ranked, "")) + "\n" + _sentence(baseline, cases)
 
@@ -53,7 +56,7 @@ def _sentence(baseline: Baseline, cases: Iterable[str]) -> str:
         f"Mean over scenes of `{baseline.name}` ({_scenes(baseline, cases)}) and "
         f"{plural(len(baseline.seeds), 'seed')}, eventsweep {version}, from "
         "[`reports/baseline.json`](reports/baseline.json); bold is best of its column, "
-        "[definitions](docs/scores.md).\n"
+        f"[definitions](docs/scores.md). {RULE.format(title=column(RANKED_BY).title)}\n"
     )
 
 
