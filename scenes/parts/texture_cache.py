@@ -51,7 +51,7 @@ def kept(draw: Draw) -> Draw:
         def fill(folder: Path) -> None:
             drawn.update(draw())
             # One file, for of several some could be deleted before the entry lists them.
-            np.savez(folder / _FILE, **drawn)
+            np.savez(folder / _FILE, **drawn)  # type: ignore[arg-type]  # of names, not options
 
         try:
             entry = _entry({"of": f"{draw.__module__}.{draw.__qualname__}", **_makers()}, fill)
