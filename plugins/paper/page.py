@@ -77,8 +77,8 @@ def _drawn(evidence: Evidence) -> tuple[dict[str, bytes], dict[str, str]]:
 
 def _head(results: Results, verdicts: Mapping[Verdict, int]) -> Iterator[str]:
     cpu_min = sum(job.cpu_seconds for job in results.jobs) / 60
-    counts = "; ".join(f"{verdicts[v]} {v.value}" for v in Verdict if verdicts[v])
-    yield f"Of {sum(verdicts.values())} statements: {counts}."
+    counts = "; ".join(f"*{v.value}*: {verdicts[v]}" for v in Verdict if verdicts[v])
+    yield f"{sum(verdicts.values())} statements. {counts}."
     yield ""
     many = len(results.seeds)
     seeds = f"up to {many} seeds" if many > 1 else "one seed"

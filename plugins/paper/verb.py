@@ -56,7 +56,7 @@ def paper(
         with files_together(folder, (PAGE,)) as staged:
             (staged / PAGE).write_text(made.text, encoding="utf-8")
     facts = {verdict.value: count for verdict, count in made.verdicts.items()}
-    words = (f"{count} {verdict}" for verdict, count in facts.items())
-    console.result({"verdicts": facts}, [f"statements: {', '.join(words)}"])
+    words = (f"{verdict}: {count}" for verdict, count in facts.items() if count)
+    console.result({"verdicts": facts}, [f"statements: {'; '.join(words)}"])
     console.wrote(folder / PAGE)
     return _FAILED if result.failures else 0
