@@ -46,6 +46,7 @@ from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.reference_view import ReferenceView
+from eventsweep.emvs.utils.runtime import in_threads
 from eventsweep.emvs.windows import Window
 
 Image = NDArray[np.float32]
@@ -91,9 +92,9 @@ def refine(left: Image, right: Image, lines: Lines, rho: Float64s, settings: Ref
     out = np.full((len(rho), 3), np.nan)
     camera = (lines.focal_px, lines.centre_px[0], lines.centre_px[1], lines.baseline_m)
     half = settings.width_px // 2, settings.height_px // 2
-    refine_all(
-        left, right, lines.a, lines.b, camera, np.asarray(rho, np.float64), half[0], half[1],
-        settings.steps, settings.dof, settings.scale, out,
+    in_threads(
+        refine_all, len(rho), left, right, lines.a, lines.b, camera, np.asarray(rho, np.float64),
+        half[0], half[1], settings.steps, settings.dof, settings.scale, out,
     )  # fmt: skip
     return Refined(out[:, 0], out[:, 1], out[:, 2])
 
@@ -277,9 +278,10 @@ def match_blocks(
     score = np.empty(len(pixels), np.float32)
     low, high = max(range_px[0] - 1, 0), range_px[1] + 1
     half = settings.width_px // 2, settings.height_px // 2
-    search(
-        left, right, pixels, low, high, half[0], half[1], settings.coarse_px, disparity_px, score
-    )
+    in_threads(
+        search, len(pixels), left, right, pixels, low, high, half[0], half[1], settings.coarse_px,
+        disparity_px, score,
+    )  # fmt: skip
     with np.errstate(invalid="ignore"):
         good = (score >= settings.least_zncc) & (disparity_px > low) & (disparity_px < high)
     return np.where(good, disparity_px, np.float32(np.nan)), score
@@ -364,5 +366,6 @@ def regularised(
     if not settings.radius_px:
         return rho
     out = np.empty(rho.shape)
-    smooth(rho, deviation, settings.radius_px, settings.least_neighbours, out)
+    radius_px, least = settings.radius_px, settings.least_neighbours
+    in_threads(smooth, len(rho), rho, deviation, radius_px, least, out)
     return out

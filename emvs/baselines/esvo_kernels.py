@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
@@ -40,11 +40,14 @@ def _zncc(left, right, u, v, d, half_x, half_y):
     return (ab - a * b / n) / np.sqrt(aa * bb)
 
 
-@njit(cache=True, parallel=True)
-def search(left, right, pixels, low, high, half_x, half_y, coarse, out_px, out_zncc):
-    """Fills the best disparity and its ZNCC per pixel: every `coarse`, then around the best."""
+@njit(cache=True, nogil=True)
+def search(start, stop, left, right, pixels, low, high, half_x, half_y, coarse, out_px, out_zncc):
+    """Fills the best disparity and its ZNCC of pixels `start` to `stop` of the list.
+
+    It looks at every `coarse` disparity, then around the best.
+    """
     height, width = left.shape
-    for k in prange(len(pixels)):
+    for k in range(start, stop):
         u, v = pixels[k, 0], pixels[k, 1]
         out_px[k], out_zncc[k] = np.nan, -2.0
         if u < half_x or v < half_y or u >= width - half_x or v >= height - half_y:
@@ -140,13 +143,15 @@ def _information(residual, slope, dof, spread):
     return total
 
 
-@njit(cache=True, parallel=True)
-def refine_all(left, right, a, b, camera, start, half_x, half_y, steps, dof, scale, out):
-    """Fills rho, its scale and the spread; a thread owns the rows of its events."""
+@njit(cache=True, nogil=True)
+def refine_all(
+    start, stop, left, right, a, b, camera, rho_start, half_x, half_y, steps, dof, scale, out
+):  # fmt: skip
+    """Fills rho, its scale and the spread of events `start` to `stop`."""
     n = (2 * half_x + 1) * (2 * half_y + 1)
-    for k in prange(len(start)):
-        here, there = np.empty((2, n)), np.empty((2, n))
-        rho, damping = start[k], 1e-3
+    here, there = np.empty((2, n)), np.empty((2, n))
+    for k in range(start, stop):
+        rho, damping = rho_start[k], 1e-3
         if not _differences(left, right, a[k], b[k], camera, rho, half_x, half_y, here[0], here[1]):
             continue
         cost, jr, jwj = _sums(here[0], here[1], dof, scale)
@@ -175,11 +180,11 @@ def refine_all(left, right, a, b, camera, start, half_x, half_y, steps, dof, sca
             out[k, 0], out[k, 1], out[k, 2] = rho, scale / np.sqrt(information), spread
 
 
-@njit(cache=True, parallel=True)
-def smooth(rho, deviation, radius, least, out):
-    """Fills the mean over compatible neighbours; a thread owns its rows."""
+@njit(cache=True, nogil=True)
+def smooth(start, stop, rho, deviation, radius, least, out):
+    """Fills rows `start` to `stop` with the mean over compatible neighbours."""
     height, width = rho.shape
-    for v in prange(height):
+    for v in range(start, stop):
         for u in range(width):
             out[v, u] = np.nan
             if np.isnan(rho[v, u]):

@@ -26,6 +26,7 @@ from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.reference_view import ReferenceView
+from eventsweep.emvs.utils.runtime import in_threads
 from eventsweep.emvs.windows import Window
 
 Float64s = NDArray[np.float64]
@@ -131,8 +132,8 @@ def _best(
     out, energy = np.empty(len(stream.t_us), np.int64), np.empty(len(stream.t_us))
     order, start = _by_row(other.uv_px)
     widths = settings.row_px, settings.time_us, settings.motion, settings.most_energy
-    search(
-        stream.uv_px, stream.t_us, stream.p, stream.slope,
+    in_threads(
+        search, len(stream.t_us), stream.uv_px, stream.t_us, stream.p, stream.slope,
         other.uv_px, other.t_us, other.p, other.slope, order, start, low, high, widths, out, energy,
     )  # fmt: skip
     return out, energy

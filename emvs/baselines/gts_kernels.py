@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
@@ -35,14 +35,18 @@ def _not_before(t_us, order, low, high, first_us):
     return low
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def search(
-    uv, t_us, p, slope, o_uv, o_t_us, o_p, o_slope, order, start, low, high, widths, out, energy
-):
-    """Fills the best partner, -1 for none, and its energy; of equals the earlier row and event."""
+    first, last, uv, t_us, p, slope, o_uv, o_t_us, o_p, o_slope, order, start, low, high, widths,
+    out, energy,
+):  # fmt: skip
+    """Fills the best partner, -1 for none, and its energy, of events `first` to `last`.
+
+    Of equals it takes the earlier row and event.
+    """
     row_px, time_us, _, most = widths
     reach = int(np.ceil(2 * row_px)) + 1
-    for k in prange(len(t_us)):
+    for k in range(first, last):
         out[k], energy[k] = -1, most
         if np.isnan(slope[k, 0]) or np.isnan(uv[k, 0]):
             continue

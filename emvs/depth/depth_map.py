@@ -15,6 +15,7 @@ from eventsweep.emvs.depth import neighbours_kernels
 from eventsweep.emvs.dsi.maxima import Maximum
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.reference_view import ReferenceView, inverse_depth_at
+from eventsweep.emvs.utils.runtime import in_threads
 
 Float32s = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -144,7 +145,9 @@ def masked_median(values: Float32s, mask: Mask, kernel_px: int) -> Float32s:
     """
     out = values.copy()
     patch = np.empty((len(values), kernel_px * kernel_px + 1), np.float32)
-    neighbours_kernels.masked_median(values, mask, kernel_px // 2, patch, out)
+    in_threads(
+        neighbours_kernels.masked_median, len(values), values, mask, kernel_px // 2, patch, out
+    )
     return out
 
 

@@ -16,6 +16,7 @@ from eventsweep.emvs.depth.depth_map import above_mean, eight_bits, without_bord
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.maxima import InFocus, Maximum
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.runtime import in_threads
 from eventsweep.emvs.windows import Window
 
 Float32s = NDArray[np.float32]
@@ -116,13 +117,16 @@ def judge_at(
     surroundings_px = np.zeros_like(confidence)
     surroundings_px[at] = own_px
     support = np.zeros_like(confidence)
-    neighbours_kernels.support(surroundings_px, candidate, _SUPPORT_RADIUS_PX, _SUPPORT_PX, support)
+    listed = neighbours_kernels.listed(surroundings_px, candidate)
+    in_threads(
+        neighbours_kernels.support, len(support), *listed, _SUPPORT_RADIUS_PX, _SUPPORT_PX, support
+    )
     # Votes as a share of themselves and those of the median candidate
     usual = np.float32(np.median(confidence[candidate])) if candidate.any() else np.float32(1)
     factors = (
         np.exp(-disagreement_px / allowed_px),
         support[at],
-        _inside(at, confidence, surroundings_px, candidate),
+        _inside(at, confidence, listed),
         np.exp(-ray_px / np.float32(_RAY_PX)),
         confidence[at] / (confidence[at] + usual),
     )
@@ -156,14 +160,17 @@ def between_the_ends(maximum: Maximum) -> Mask:
     return (maximum.plane > 0) & (maximum.plane < maximum.planes - 1)
 
 
-def _inside(at: Pixels, confidence: Float32s, own_px: Float32s, candidate: Mask) -> Float32s:
+def _inside(at: Pixels, confidence: Float32s, listed: tuple[NDArray[np.generic], ...]) -> Float32s:
     """Near 0 where the votes rise steeply towards the pixel's own surface: it lies beyond an edge.
 
     The ridge of votes along a silhouette is a few pixels wide, and its outer half shows what is
-    behind. Where the own surface lies is seen from the candidates around.
+    behind. Where the own surface lies is seen from the candidates around, which are `listed`.
     """
     towards = np.zeros((2, *confidence.shape), np.float32)
-    neighbours_kernels.own_surface(own_px, candidate, _INSIDE_RADIUS_PX, _SUPPORT_PX, towards)
+    in_threads(
+        neighbours_kernels.own_surface, len(confidence), *listed, _INSIDE_RADIUS_PX, _SUPPORT_PX,
+        towards,
+    )  # fmt: skip
     smooth = focus_measures.blurred(confidence, _SLOPE_SIGMA_PX)
     slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)[at]
     slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)[at]
@@ -198,7 +205,10 @@ def surface_disparity(own_px: Float32s, candidate: Mask) -> Float32s:
     """
     weight = focus_measures.half_window(_SURFACE_SIGMA_PX)[: _SURFACE_REACH_PX + 1]
     fitted_px = np.zeros_like(own_px)
-    neighbours_kernels.fit_surface(own_px, candidate, weight, _SURFACE_PX, _RIDGE_PX2, fitted_px)
+    in_threads(
+        neighbours_kernels.fit_surface, len(own_px), *neighbours_kernels.listed(own_px, candidate),
+        weight, _SURFACE_PX, _RIDGE_PX2, fitted_px,
+    )  # fmt: skip
     return fitted_px
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.depth import kept_votes_kernels
+from eventsweep.emvs.utils.runtime import in_threads
 
 LANES = kept_votes_kernels.LANES
 """Pixels side by side in patches."""
@@ -47,7 +48,8 @@ class KeptVotes:
         for camera, codes in enumerate(self.codes):
             whole = parts[:, camera].reshape(-1, *images.shape[1:])
             votes = whole[0] if len(whole) == 1 else whole.sum(axis=0)
-            kept_votes_kernels.encode(votes, codes[first : first + len(votes)])
+            out = codes[first : first + len(votes)]
+            in_threads(kept_votes_kernels.encode, votes.shape[1], votes, out)
 
     def patches(
         self, rows: Indices, columns: Indices, centres: Indices, strides: Indices,
@@ -70,7 +72,8 @@ class KeptVotes:
         blocks = -(-len(rows) // LANES)
         shape = (len(self.codes), blocks, depth, side_px, side_px, LANES)
         out = np.empty(shape, np.float32)
-        kept_votes_kernels.patches(
-            self._all, self.codes.shape[1:], rows, columns, centres, strides, out
-        )
+        in_threads(
+            kept_votes_kernels.patches, blocks, self._all, self.codes.shape[1:], rows, columns,
+            centres, strides, out,
+        )  # fmt: skip
         return out

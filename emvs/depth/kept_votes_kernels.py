@@ -5,7 +5,7 @@
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, prange, types
+from numba import njit, types
 from numba.extending import intrinsic
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
@@ -22,18 +22,19 @@ SPARE = 64
 """Codes behind the last one: three may be read, four at a time; a cache line is easier to skip."""
 
 
-@njit(parallel=True, cache=True)
-def encode(votes, codes):
+@njit(cache=True, nogil=True)
+def encode(start, stop, votes, codes):
     """Fills `codes` with the votes of one camera as `emvs.depth.kept_votes` codes them.
 
     Arrays:
+        start, stop: the rows to encode here, of H.
         votes: (P, H, W) float32, 0 or more, each row contiguous.
         codes: (P, H, W) uint8, filled.
     """
-    planes, height, width = votes.shape
-    for y in prange(height):
-        more = np.empty(width, np.float32)
-        bits = more.view(np.int32)
+    planes, _, width = votes.shape
+    more = np.empty(width, np.float32)
+    bits = more.view(np.int32)
+    for y in range(start, stop):
         for p in range(planes):
             row, out = votes[p, y], codes[p, y]
             for x in range(len(out)):
@@ -109,11 +110,12 @@ def _decode(words, out):
                 _votes(codes, at + k, x % 4, votes, to + k)
 
 
-@njit(parallel=True, cache=True)
-def patches(codes, size, rows, columns, centres, strides, out):
+@njit(cache=True, nogil=True)
+def patches(start, stop, codes, size, rows, columns, centres, strides, out):
     """Fills `out` with the votes around pixels, many pixels side by side.
 
     Arrays:
+        start, stop: the blocks to fill here, of B.
         codes: (C, ...) uint8, of each camera N x H x W in order, and `SPARE` that nobody asks for.
         size: N, H, W.
         rows, columns: (M,) int64, the pixels; all their neighbours must be in the image.
@@ -123,7 +125,7 @@ def patches(codes, size, rows, columns, centres, strides, out):
             are not have no votes.
     """
     depth, side, _, lanes = out.shape[2:]
-    for b in prange(out.shape[1]):
+    for b in range(start, stop):
         first = b * lanes
         words = np.zeros((depth, side, -(-side // 4), lanes), np.uint32)
         for c in range(len(codes)):

@@ -4,19 +4,21 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg"
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 _ZERO = np.float32(0)
 
 
-@njit(cache=True)
-def _listed(disparity, candidate):
+@njit(cache=True, nogil=True)
+def listed(disparity, candidate):
     """The candidates row by row: how many come before each pixel, their columns and disparities.
 
     Those in columns a to b, exclusive, of row y are numbers `before[y, a]` to `before[y, b]`: a
     window is walked without a look at pixels that are none, which are most.
+
+    disparity (H, W) float32; candidate (H, W) bool.
     """
     height, width = candidate.shape
     before = np.empty((height, width + 1), np.int64)
@@ -35,16 +37,15 @@ def _listed(disparity, candidate):
     return before, column, value
 
 
-@njit(parallel=True, cache=True, nogil=True)
-def support(disparity, candidate, radius, tolerance, out):
+@njit(cache=True, nogil=True)
+def support(start, stop, before, column, value, radius, tolerance, out):
     """Fills `out`, at candidates, with the share of those around that have the same disparity.
 
-    disparity (H, W) float32; candidate (H, W) bool; the same is less than `tolerance` apart. The
-    middle itself does not count; alone it has support 0.
+    start, stop: the rows to fill here; before, column, value: as `listed` gives them; the same is
+    less than `tolerance` apart. The middle itself does not count; alone it has support 0.
     """
-    height, width = disparity.shape
-    before, column, value = _listed(disparity, candidate)
-    for y in prange(height):
+    height, width = out.shape
+    for y in range(start, stop):
         for m in range(before[y, 0], before[y, width]):
             x, own = column[m], value[m]
             lo, hi = max(x - radius, 0), min(x + radius + 1, width)
@@ -56,16 +57,15 @@ def support(disparity, candidate, radius, tolerance, out):
             out[y, x] = np.float32((agree - 1) / (there - 1)) if there > 1 else _ZERO
 
 
-@njit(parallel=True, cache=True, nogil=True)
-def own_surface(disparity, candidate, radius, tolerance, towards):
+@njit(cache=True, nogil=True)
+def own_surface(start, stop, before, column, value, radius, tolerance, towards):
     """Fills `towards` (2, H, W), at candidates, with where their own surface lies: x and y, px.
 
     It is the mean, over the candidates around, of the way to those of the same disparity less the
     way to those that are farther: what is nearer says nothing. Arrays as in `support`.
     """
-    height, width = disparity.shape
-    before, column, value = _listed(disparity, candidate)
-    for y in prange(height):
+    height, width = towards.shape[1:]
+    for y in range(start, stop):
         for m in range(before[y, 0], before[y, width]):
             x = column[m]
             lo, hi = max(x - radius, 0), min(x + radius + 1, width)
@@ -83,20 +83,19 @@ def own_surface(disparity, candidate, radius, tolerance, towards):
             towards[1, y, x] = np.float32(down / there)
 
 
-@njit(parallel=True, cache=True, nogil=True)
-def fit_surface(disparity, candidate, weight, tolerance, ridge, out):
+@njit(cache=True, nogil=True)
+def fit_surface(start, stop, before, column, value, weight, tolerance, ridge, out):
     """Fills `out`, at candidates, with the plane through the disparities around, at the middle.
 
     Least squares over the candidates in a square whose disparity is less than `tolerance` from
     that of the middle. Slopes that they do not determine, such as across a line, are 0.
 
-    disparity, out (H, W) float32; candidate (H, W) bool; weight (r + 1,) float32, half a symmetric
-    window, the middle first; ridge: pixels squared, added to the spread of the pixels in x and y.
+    out (H, W) float32; weight (r + 1,) float32, half a symmetric window, the middle first; ridge:
+    pixels squared, added to the spread of the pixels in x and y. Other arrays as in `support`.
     """
-    height, width = disparity.shape
+    height, width = out.shape
     radius = len(weight) - 1
-    before, column, value = _listed(disparity, candidate)
-    for y in prange(height):
+    for y in range(start, stop):
         for m in range(before[y, 0], before[y, width]):
             x, own = column[m], float(value[m])
             lo, hi = max(x - radius, 0), min(x + radius + 1, width)
@@ -123,7 +122,7 @@ def fit_surface(disparity, candidate, weight, tolerance, ridge, out):
             xd, yd = sxd / total - mx * md, syd / total - my * md
             det = xx * yy - xy * xy
             slope_x, slope_y = (xd * yy - yd * xy) / det, (yd * xx - xd * xy) / det
-            out[y, x] = disparity[y, x] + np.float32(md - slope_x * mx - slope_y * my)
+            out[y, x] = value[m] + np.float32(md - slope_x * mx - slope_y * my)
 
 
 @njit(cache=True)
@@ -150,11 +149,14 @@ def _lower_median(values, count):
     return values[want]
 
 
-@njit(parallel=True, cache=True)
-def masked_median(values, mask, radius, patch, out):
-    """Fills `out` at mask pixels; row y uses `patch[y]`, (2 radius + 1)² + 1 values, as scratch."""
+@njit(cache=True, nogil=True)
+def masked_median(start, stop, values, mask, radius, patch, out):
+    """Fills rows `start` to `stop` of `out`, at mask pixels.
+
+    Row y uses `patch[y]`, (2 radius + 1)² + 1 values, as scratch.
+    """
     height, width = values.shape
-    for y in prange(height):
+    for y in range(start, stop):
         row, top, bottom = patch[y], max(y - radius, 0), min(y + radius + 1, height)
         for x in range(width):
             if not mask[y, x]:

@@ -4,7 +4,7 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg, var-annotated"
 
 import numpy as np
-from numba import get_thread_id, njit, prange  # type: ignore[attr-defined]
+from numba import njit  # type: ignore[attr-defined]
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from eventsweep.emvs.dsi.fusion_kernels import fold_row
@@ -87,9 +87,9 @@ def _across(means, squares, at, weight, out, to):
     store(out, to + WIDTH, larger(square_next - mean_next * mean_next, nothing))
 
 
-@njit(parallel=True, cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def fold_variance(
-    votes, step, planes, first,
+    start, stop, votes, step, planes, first,
     weight, row_of, column_of, taken, sums, rows, best, index, left, right, previous,
 ):  # fmt: skip
     """Folds the weighted local variance of planes into their first maximum and both neighbours.
@@ -98,32 +98,37 @@ def fold_variance(
     state stays in a core's cache for all planes of a batch.
 
     Arrays:
+        start, stop: the strips of blocks to fold here, of S.
         votes: (N,) float32; a plane of H x W votes begins every `step` of them.
         planes: how many there are.
         first: number of the first of them.
         weight: (r + 1,) float32, half a symmetric window, the middle first.
         row_of, column_of: (H + 2 r,), (W + 2 r,) int64, indices of the image mirrored at its rim.
-        taken: (T, BLOCK + 2 r, C) float32 scratch of T threads; C a multiple of `PAIR`, at least W.
-        sums: (T, 2, BLOCK, C + 2 r) float32 scratch.
-        rows: (T, C) float32 scratch.
+        taken: (S, BLOCK + 2 r, C) float32 scratch of S strips; C a multiple of `PAIR`, at least W.
+        sums: (S, 2, BLOCK, C + 2 r) float32 scratch.
+        rows: (S, C) float32 scratch.
         best, index, left, right, previous: (H, W), as in `emvs.dsi.fusion_kernels.fold`.
     """
     height, width = best.shape
     radius, columns = len(weight) - 1, rows.shape[1]
-    for b in prange(-(-height // BLOCK)):
-        thread, top = get_thread_id(), b * BLOCK
-        scratch, block, out = sums[thread], taken[thread], rows[thread]
+    blocks, strips = -(-height // BLOCK), len(rows)
+    for s in range(start, stop):
+        scratch, block, out = sums[s], taken[s], rows[s]
         means, squares = scratch[0].reshape(scratch[0].size), scratch[1].reshape(scratch[1].size)
-        count = min(BLOCK, height - top)
-        for k in range(planes):
-            plane = votes[k * step : k * step + height * width].reshape(height, width)
-            _take(plane, top, row_of, count + 2 * radius, block)
-            _rows_down(block.reshape(block.size), columns, count, weight, means, squares)
-            for y in range(count):
-                _mirror(scratch[0, y], column_of, radius, width)
-                _mirror(scratch[1, y], column_of, radius, width)
-                for x in range(0, columns, PAIR):
-                    at = y * (columns + 2 * radius) + radius + x
-                    _across(means, squares, at, weight, out, x)
-                r = top + y
-                fold_row(first + k, out[:width], best[r], index[r], left[r], right[r], previous[r])
+        for b in range(s * blocks // strips, (s + 1) * blocks // strips):
+            top = b * BLOCK
+            count = min(BLOCK, height - top)
+            for k in range(planes):
+                plane = votes[k * step : k * step + height * width].reshape(height, width)
+                _take(plane, top, row_of, count + 2 * radius, block)
+                _rows_down(block.reshape(block.size), columns, count, weight, means, squares)
+                for y in range(count):
+                    _mirror(scratch[0, y], column_of, radius, width)
+                    _mirror(scratch[1, y], column_of, radius, width)
+                    for x in range(0, columns, PAIR):
+                        at = y * (columns + 2 * radius) + radius + x
+                        _across(means, squares, at, weight, out, x)
+                    r = top + y
+                    fold_row(
+                        first + k, out[:width], best[r], index[r], left[r], right[r], previous[r],
+                    )  # fmt: skip

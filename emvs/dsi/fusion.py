@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.dsi import fusion_kernels
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.runtime import in_threads
 
 Volume = NDArray[np.float32]
 # A fusion of a user's own: votes (C, intervals, N, H, W) to (N, H, W)
@@ -197,7 +198,7 @@ def fuse(fusion: Fusion, volumes: Volume, polarities: int = 1, out: Volume | Non
     tables = FusionTables.of((fusion,), count, polarities)
     out = np.empty((planes, height, width), np.float32) if out is None else out
     level, spare, _ = tables.scratch(height, width)
-    fusion_kernels.fuse(*tables.arrays, votes, level, spare, out)  # type: ignore[call-arg]
+    in_threads(fusion_kernels.fuse, len(level), *tables.arrays, votes, level, spare, out)
     return out
 
 

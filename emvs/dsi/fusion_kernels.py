@@ -4,7 +4,7 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
@@ -175,11 +175,12 @@ def _fuse_levels(method, codes, sizes, which, every, votes, p, lo, level, spare,
                 out[x] += row[x]
 
 
-@njit(parallel=True, cache=True, nogil=True)
-def fuse(codes, sizes, which, every, votes, level, spare, out):
+@njit(cache=True, nogil=True)
+def fuse(start, stop, codes, sizes, which, every, votes, level, spare, out):
     """Fuses planes by one method, the first of the tables; a thread owns a strip of rows.
 
     Arrays:
+        start, stop: the strips to fuse here, of S.
         codes, sizes, which, every: as in `fold`.
         votes: (V, P, cells) float32.
         level: (S, G, 1, W) float32 scratch.
@@ -188,7 +189,7 @@ def fuse(codes, sizes, which, every, votes, level, spare, out):
     """
     planes, height, width = out.shape
     strips = len(level)
-    for s in prange(strips):
+    for s in range(start, stop):
         for y in range(s * height // strips, (s + 1) * height // strips):
             for p in range(planes):
                 _fuse_levels(
@@ -212,9 +213,9 @@ def fold_row(plane, fused, best, index, left, right, previous):
         previous[x] = value
 
 
-@njit(parallel=True, cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def fold(
-    codes, sizes, which, every, votes, first, planes, level, spare, fused, replaces,
+    start, stop, codes, sizes, which, every, votes, first, planes, level, spare, fused, replaces,
     best, index, left, right, previous,
 ):  # fmt: skip
     """Folds a batch of planes into every method's running maximum; a thread owns a strip of rows.
@@ -222,6 +223,7 @@ def fold(
     The fused row lives in L1 only, and the state of a row is read once per batch.
 
     Arrays:
+        start, stop: the strips to fold here, of S.
         codes: (M, 2) int64, per method the fusion within a group, and that of the groups.
         sizes: (M, 2) int64, per method how many groups, and how many volumes in each.
         which: (M, L, G, K) int64, the volumes of each group; L fused parts are summed.
@@ -237,7 +239,7 @@ def fold(
     """
     height, width = best.shape[1:]
     strips = len(level)
-    for s in prange(strips):
+    for s in range(start, stop):
         for y in range(s * height // strips, (s + 1) * height // strips):
             for m in range(len(codes)):
                 for p in range(planes):

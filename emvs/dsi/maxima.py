@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.dsi import focus_kernels, focus_measures, fusion_kernels
 from eventsweep.emvs.dsi.fusion import Fusion, FusionTables, Target, fuse
+from eventsweep.emvs.utils.runtime import in_threads
 from eventsweep.emvs.utils.vectors_kernels import aligned
 
 Float32s = NDArray[np.float32]
@@ -157,9 +158,10 @@ class RunningMaxima:
         replaces: bool = False,
     ) -> None:  # fmt: skip
         long = [_in_long_rows(array[rows]) for array in self.arrays]
-        fusion_kernels.fold(  # type: ignore[call-arg]
-            *tables.arrays, votes, self.planes, planes, *tables.scratch(*long[0].shape[1:]),
-            replaces, *long,
+        scratch = tables.scratch(*long[0].shape[1:])
+        in_threads(
+            fusion_kernels.fold, len(scratch[0]), *tables.arrays, votes, self.planes, planes,
+            *scratch, replaces, *long,
         )  # fmt: skip
 
     def of(self, k: int) -> Maximum:
@@ -284,9 +286,10 @@ class FocusPeak:
                 self._maxima.update(self._measure(plane, self._sigma_px).reshape(1, 1, -1), 1)
             return
         state = (array[0] for array in self._maxima.arrays)
-        focus_kernels.fold_variance(
-            *_in_one_row(planes), len(planes), self._maxima.planes, *self._window, *state
-        )
+        in_threads(
+            focus_kernels.fold_variance, len(self._window[-1]), *_in_one_row(planes), len(planes),
+            self._maxima.planes, *self._window, *state,
+        )  # fmt: skip
         self._maxima.planes += len(planes)
 
     def maximum(self) -> Maximum:
@@ -307,16 +310,16 @@ def _in_one_row(planes: Float32s) -> tuple[Float32s, int]:
 def _window(height_px: int, width_px: int, sigma_px: float) -> tuple[NDArray[Any], ...]:
     """What the compiled variance needs beside the votes: weights, mirrored indices, scratch."""
     weight = focus_measures.half_window(sigma_px)
-    radius, threads = len(weight) - 1, numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    radius, strips = len(weight) - 1, numba.get_num_threads()
     columns = -(-width_px // focus_kernels.PAIR) * focus_kernels.PAIR
-    taken = threads, focus_kernels.BLOCK + 2 * radius, columns
-    sums = threads, 2, focus_kernels.BLOCK, columns + 2 * radius
+    taken = strips, focus_kernels.BLOCK + 2 * radius, columns
+    sums = strips, 2, focus_kernels.BLOCK, columns + 2 * radius
     return (
         weight,
         _mirrored(height_px, radius),
         _mirrored(width_px, radius),
         *(aligned(math.prod(shape)).reshape(shape) for shape in (taken, sums)),
-        np.empty((threads, columns), np.float32),
+        np.empty((strips, columns), np.float32),
     )
 
 

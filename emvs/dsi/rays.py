@@ -18,12 +18,13 @@ from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.dsi import rays_kernels
-from eventsweep.emvs.dsi.rays_kernels import RAY_BLOCK, count_bands, move_to_bands
+from eventsweep.emvs.dsi.rays_kernels import EVENT_BLOCK, RAY_BLOCK, count_bands, move_to_bands
 from eventsweep.emvs.dsi.voting_kernels import CHUNK
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.runtime import in_threads
 
 Float32s = NDArray[np.float32]
 Knots = tuple[NDArray[np.generic], ...]
@@ -157,9 +158,9 @@ def rays_between(
     chosen, pose_us = voters(events, packets=packets)
     columns = tuple(np.empty(len(chosen), np.float32) for _ in range(5))
     outcome = np.empty(len(chosen), np.uint8)
-    rays_kernels.rays(  # type: ignore[call-arg]
-        chosen.x, chosen.y, pose_us, _bearings(camera), *poses, T_body_cam, rv_camera.K,
-        *columns, outcome,
+    in_threads(
+        rays_kernels.rays, -(-len(chosen) // EVENT_BLOCK), chosen.x, chosen.y, pose_us,
+        _bearings(camera), *poses, T_body_cam, rv_camera.K, *columns, outcome,
     )  # fmt: skip
     counts = RayCounts.tallied(len(events), len(chosen), np.bincount(outcome, minlength=4))
     if counts.rays < len(outcome):
@@ -212,9 +213,9 @@ def grouped_by_rows(rays: Rays, rho: float, height_px: int, band_rows: int = BAN
     blocks = -(-len(rays) // RAY_BLOCK)
     place = np.zeros((blocks, bands), np.int64)
     args = rays.a_v, rays.b_v, np.float32(rho), band_rows, bands
-    count_bands(*args, place)
+    in_threads(count_bands, blocks, *args, place)
     # Where the first ray of each band of each block goes: bands one after another, then blocks.
     before = np.cumsum(place.T).reshape(bands, blocks).T - place
     ordered = tuple(np.empty_like(column) for column in rays.columns)
-    move_to_bands(*args, before, rays.columns, ordered)
+    in_threads(move_to_bands, blocks, *args, before, rays.columns, ordered)
     return Rays.of(ordered, rays.counts)

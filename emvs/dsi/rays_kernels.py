@@ -4,7 +4,7 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg"
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
@@ -56,14 +56,15 @@ def _look_up(x, y, bearing):
     return found
 
 
-@njit(parallel=True, cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def rays(
-    x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T_body_cam, K,
+    start, stop, x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T_body_cam, K,
     a_u, b_u, a_v, b_v, c_z, outcome,
 ):  # fmt: skip
     """Rays of events in the reference view (rv), each with a pose of its own.
 
     Arrays:
+        start, stop: the blocks of `EVENT_BLOCK` events to cast here.
         x, y: (N,) uint16 pixels.
         pose_us: (N,) int64, non-decreasing, the time of the pose that each event gets.
         bearing: (H, W, 2) float64, NaN where a pixel has no ray.
@@ -80,7 +81,7 @@ def rays(
     R, offset_m = T_body_cam[:3, :3], T_body_cam[:3, 3]
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     last_segment = len(angle) - 1
-    for block in prange((len(x) + EVENT_BLOCK - 1) // EVENT_BLOCK):
+    for block in range(start, stop):
         lo, hi = block * EVENT_BLOCK, min((block + 1) * EVENT_BLOCK, len(x))
         seen = _look_up(x[lo:hi], y[lo:hi], bearing)
         s = np.searchsorted(knots_us, pose_us[lo], side="right") - 1
@@ -128,29 +129,31 @@ def _band(v, rows, bands):
     return bands - 1 if v >= np.float32(rows * bands) else np.int64(v) // rows
 
 
-@njit(parallel=True, cache=True, nogil=True)
-def count_bands(a_v, b_v, rho, rows, bands, counts):
+@njit(cache=True, nogil=True)
+def count_bands(start, stop, a_v, b_v, rho, rows, bands, counts):
     """Counts each block's rays by band.
 
     Arrays:
+        start, stop: the blocks of `RAY_BLOCK` rays to count here.
         a_v, b_v: (N,) float32.
         counts: (blocks, bands) int64 zeros, filled.
     """
-    for block in prange(counts.shape[0]):
+    for block in range(start, stop):
         for k in range(block * RAY_BLOCK, min((block + 1) * RAY_BLOCK, len(a_v))):
             counts[block, _band(a_v[k] + rho * b_v[k], rows, bands)] += 1
 
 
-@njit(parallel=True, cache=True, nogil=True)
-def move_to_bands(a_v, b_v, rho, rows, bands, place, columns, ordered):
+@njit(cache=True, nogil=True)
+def move_to_bands(start, stop, a_v, b_v, rho, rows, bands, place, columns, ordered):
     """Moves each ray to the next free place of its band.
 
     Arrays:
+        start, stop: the blocks of `RAY_BLOCK` rays to move here.
         a_v, b_v: (N,) float32.
         place: (blocks, bands) int64, where each block's first ray of a band goes; counted up.
         columns, ordered: five (N,) float32 each, read and filled.
     """
-    for block in prange(place.shape[0]):
+    for block in range(start, stop):
         for k in range(block * RAY_BLOCK, min((block + 1) * RAY_BLOCK, len(a_v))):
             band = _band(a_v[k] + rho * b_v[k], rows, bands)
             to = place[block, band]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.dsi import voting_kernels
 from eventsweep.emvs.dsi.rays import Rays
+from eventsweep.emvs.utils.runtime import in_threads
 from eventsweep.emvs.utils.vectors_kernels import aligned
 
 # Planes that share one pass over the rays, and so are read and written in turns: with one, the
@@ -81,8 +82,8 @@ class Scratch:
         per_pass = min(PASS_PLANES, max(1, -(-len(rho) // numba.get_num_threads())))
         passes = -(-len(rho) // per_pass)
         inside, behind = np.empty(len(rho), np.int64), np.empty(len(rho), np.int64)
-        voting_kernels.vote(
-            rays.a_u, rays.b_u, rays.a_v, rays.b_v, rays.c_z, rays.c_z_max, rho,
+        in_threads(
+            voting_kernels.vote, passes, *rays.columns, rays.c_z_max, rho,
             (self.width_px, self.height_px), per_pass, self.nearest,
             self._cell[:passes], self._fx[:passes], self._fy[:passes],
             self.votes[camera, : len(rho)], inside, behind,

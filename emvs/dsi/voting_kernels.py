@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, prange
+from numba import njit
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
@@ -113,10 +113,10 @@ def _prefetch_rays(a_u, b_u, a_v, b_v, lo):
         prefetch(b_v, k)
 
 
-@njit(parallel=True, cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def vote(
-    a_u, b_u, a_v, b_v, c_z, c_z_max, rho, size, per_pass, nearest, cell, fx, fy, grids,
-    inside, behind,
+    start, stop, a_u, b_u, a_v, b_v, c_z, c_z_max, rho, size, per_pass, nearest, cell, fx, fy,
+    grids, inside, behind,
 ):  # fmt: skip
     """Votes of one camera's rays in planes `rho`; a thread owns `per_pass` planes.
 
@@ -125,6 +125,7 @@ def vote(
     the scattered stores keep the hardware from seeing the stream.
 
     Arrays:
+        start, stop: the passes to cast here, of all.
         a_u, b_u, a_v, b_v, c_z: (N,) float32, the rays.
         c_z_max: (ceil(N / CHUNK),) float32, the largest `c_z` of each chunk.
         rho: (P,) float32 planes, 1/m.
@@ -136,7 +137,7 @@ def vote(
         inside, behind: (P,) int64, filled: votes counted, votes behind their camera.
     """
     width, height = size
-    for task in prange(cell.shape[0]):
+    for task in range(start, stop):
         first = task * per_pass
         last = min(first + per_pass, len(rho))
         grids[first:last] = _ZERO

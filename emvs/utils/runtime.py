@@ -7,9 +7,11 @@ import os
 import platform
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from functools import cache
 from importlib import metadata
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +127,38 @@ def thread_count(count: int) -> int:
     """How many threads the kernels get that ask for `count`; 0 means all of them."""
     available = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
     return min(count, available) if count > 0 else available
+
+
+def in_threads(kernel: Callable[..., None], count: int, *args: object) -> None:
+    """Calls `kernel(start, stop, *args)` for parts of `range(count)`, one in each thread.
+
+    Loops that numba shares out by itself take two to three times as long to compile. What is
+    written for one number of the range must not depend on the others: then the results are the
+    same for any number of threads, `numba.get_num_threads` of them.
+
+    Args:
+        kernel: compiled without the interpreter's lock, which would let one run at a time.
+        count: of the parts that the work can be divided into.
+        args: what else the kernel takes.
+    """
+    threads = max(1, min(numba.get_num_threads(), count))
+    own, *others = pairwise(k * count // threads for k in range(threads + 1))
+    started = [_pool().submit(kernel, *part, *args) for part in others]
+    try:
+        kernel(*own, *args)
+    finally:
+        wait(started)  # they write into the same arrays
+    for each in started:
+        each.result()
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    """Threads beside the one that calls; they start when they are needed, and then remain."""
+    return ThreadPoolExecutor(int(numba.config.NUMBA_NUM_THREADS), "kernel")  # type: ignore[attr-defined]
+
+
+os.register_at_fork(after_in_child=_pool.cache_clear)  # the child has none of its parent's threads
 
 
 def versions() -> dict[str, str]:

@@ -22,6 +22,7 @@ from eventsweep.emvs.depth.focus import (
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.focus_kernels import BLOCK, PAIR
 from eventsweep.emvs.dsi.maxima import FocusPeak, InFocus, Maximum
+from eventsweep.emvs.utils.runtime import in_threads
 from volumes import found_in_volumes, judge, maximum_of
 
 F = np.float32
@@ -89,7 +90,8 @@ def test_support_equals_twin(seed, radius, tolerance):
     rng = np.random.default_rng(seed)
     position, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
     out = np.zeros((7, 9), F)
-    neighbours_kernels.support(position, candidate, radius, F(tolerance), out)
+    listed = neighbours_kernels.listed(position, candidate)
+    in_threads(neighbours_kernels.support, 7, *listed, radius, F(tolerance), out)
     slow = naive.support(position, candidate, radius, tolerance)
     np.testing.assert_allclose(out, slow, atol=1e-6)
 
@@ -99,7 +101,8 @@ def test_own_surface_equals_twin(seed, radius, tolerance):
     rng = np.random.default_rng(seed)
     disparity, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
     out = np.zeros((2, 7, 9), F)
-    neighbours_kernels.own_surface(disparity, candidate, radius, F(tolerance), out)
+    listed = neighbours_kernels.listed(disparity, candidate)
+    in_threads(neighbours_kernels.own_surface, 7, *listed, radius, F(tolerance), out)
     slow = naive.own_surface(disparity, candidate, radius, tolerance)
     np.testing.assert_allclose(out, slow, atol=1e-5)
 
@@ -111,7 +114,8 @@ def test_fitted_surface_equals_twin(seed, radius, tolerance):
     disparity, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
     weight = np.exp(-0.1 * np.arange(radius + 1)).astype(F)
     out = np.full((7, 9), -1, F)
-    neighbours_kernels.fit_surface(disparity, candidate, weight, F(tolerance), 0.5, out)
+    listed = neighbours_kernels.listed(disparity, candidate)
+    in_threads(neighbours_kernels.fit_surface, 7, *listed, weight, F(tolerance), 0.5, out)
     slow = naive.fitted_surface(disparity, candidate, weight, tolerance, 0.5)
     np.testing.assert_allclose(out[candidate], slow[candidate], atol=1e-4)
     assert (out[~candidate] == -1).all()
