@@ -4,7 +4,7 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg, var-annotated"
 
 import numpy as np
-from numba import njit  # type: ignore[attr-defined]
+from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from eventsweep.emvs.dsi.fusion_kernels import fold_row

@@ -47,7 +47,8 @@ def lines_of(page: str) -> dict[str, str]:
     baseline = shlex.quote(str(ROOT / "reports/baseline.json"))
     return {
         "the recipe above": recipe(page),
-        "`gate`, without `--result`": f"eventsweep gate --baseline {baseline} || test $? = 1\n",  # red
+        # Red is 1: it did all its work.
+        "`gate`, without `--result`": f"eventsweep gate --baseline {baseline} || test $? = 1\n",
         "`run desk`": "eventsweep run desk --out out\n",
     }
 

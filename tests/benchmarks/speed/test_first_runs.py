@@ -10,7 +10,8 @@ from table_code import ROOT
 def test_the_recipe_is_the_page_s():
     lines = first_runs.recipe((ROOT / "docs/gate.md").read_text("utf-8")).splitlines()
     assert lines[0].startswith("eventsweep simulate")
-    assert lines[-1].startswith("eventsweep gate") and "--update" not in lines[-1]
+    assert lines[-1].startswith("eventsweep gate")
+    assert "--update" not in lines[-1]
     with pytest.raises(InputError, match="restore"):
         first_runs.recipe("## Gate your mapper in CI\n\n## Verdicts\n")
 
