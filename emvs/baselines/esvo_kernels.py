@@ -17,7 +17,7 @@ _LEAST_SPREAD = 1e-3  # of surfaces that count 0..255
 _WIDTHS = 2.0  # of 95 percent
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _zncc(left, right, u, v, d, half_x, half_y):
     """ZNCC of two blocks, -2 where one is flat or leaves the picture."""
     width = left.shape[1]
@@ -78,7 +78,7 @@ def _at(image, x, y):
     return top + fy * (bottom - top), (1 - fy) * (q - p) + fy * (s - r), bottom - top
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _differences(left, right, a, b, camera, rho, half_x, half_y, out, slope):
     """Fills a patch's residuals and their derivatives by rho; False where it leaves a picture."""
     height, width = left.shape
@@ -104,7 +104,7 @@ def _differences(left, right, a, b, camera, rho, half_x, half_y, out, slope):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sums(residual, slope, dof, scale):
     """Cost of a patch, its half gradient, and the weighted square of the derivatives."""
     cost, jr, jwj = 0.0, 0.0, 0.0
@@ -118,7 +118,7 @@ def _sums(residual, slope, dof, scale):
     return cost, jr, jwj
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _spread(residual, dof, scale):
     """Scale of a Student t distribution that fits the residuals, by its fixed point."""
     square = scale * scale
@@ -133,7 +133,7 @@ def _spread(residual, dof, scale):
     return _LEAST_SPREAD
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _information(residual, slope, dof, spread):
     """Sum of squared derivatives of the weighted residuals `sqrt(w(r)) r`."""
     total = 0.0
@@ -203,19 +203,19 @@ def smooth(start, stop, rho, deviation, radius, least, out):
                 out[v, u] = total / weights
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def deviation_of(scale, dof):
     """Standard deviation of a Student t distribution with more than 2 degrees of freedom."""
     return scale * np.sqrt(dof / (dof - 2))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def compatible(rho_a, dev_a, rho_b, dev_b):
     """Whether either mean lies within two standard deviations of the other."""
     return abs(rho_a - rho_b) <= _WIDTHS * max(dev_a, dev_b)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def fuse_two(rho_a, scale_a, dof_a, rho_b, scale_b, dof_b):
     """Mean, scale and degrees of freedom of the fused distribution."""
     dof = min(dof_a, dof_b)
@@ -227,7 +227,7 @@ def fuse_two(rho_a, scale_a, dof_a, rho_b, scale_b, dof_b):
     return rho, np.sqrt(square), dof + 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def fuse(
     uv_px, rho, scale, spread, dof, out_rho, out_scale, out_dof, out_count, out_spread
 ):  # fmt: skip

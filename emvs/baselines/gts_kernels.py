@@ -13,7 +13,7 @@ NEVER = -1
 _LEAST = 6  # neighbours that a plane needs, the event itself included
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _energy(dv, dt, one, other, widths):
     """Energy of a pair without the check of its disparity."""
     row, time, motion, _ = widths
@@ -23,7 +23,7 @@ def _energy(dv, dt, one, other, widths):
     return (dv / row) ** 2 + (dt / time) ** 2 + moved / (motion * motion)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _not_before(t_us, order, low, high, first_us):
     """First place in low..high of `order` whose event is not before `first_us`."""
     while low < high:
@@ -67,7 +67,7 @@ def search(
                     out[k], energy[k] = m, value
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def fit(pixels, t_us, p, radius, memory_us, last, out):
     """Stamps each event and fits a plane by least squares, relative to the event."""
     _, height, width = last.shape

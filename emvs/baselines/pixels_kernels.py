@@ -12,14 +12,14 @@ import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache bef
 NEVER_US = np.iinfo(np.int64).min
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def stamp(x, y, t_us, out):
     """Writes each event's time to its pixel; later events overwrite earlier ones."""
     for k in range(len(t_us)):
         out[y[k], x[k]] = t_us[k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def decay(last_us, t_us, decay_us, out):
     """Fills `out` with the decayed age of every pixel."""
     height, width = last_us.shape
@@ -30,7 +30,7 @@ def decay(last_us, t_us, decay_us, out):
                 out[v, u] = np.exp((last_us[v, u] - t_us) / decay_us)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def splat(points_rv, values, K, depth_m, value):
     """Fills `depth_m` and `value` with the nearest point of each pixel; of equals the first."""
     height, width = depth_m.shape

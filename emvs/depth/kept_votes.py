@@ -72,8 +72,7 @@ class KeptVotes:
         blocks = -(-len(rows) // LANES)
         shape = (len(self.codes), blocks, depth, side_px, side_px, LANES)
         out = np.empty(shape, np.float32)
-        in_threads(
-            kept_votes_kernels.patches, blocks, self._all, self.codes.shape[1:], rows, columns,
-            centres, strides, out,
-        )  # fmt: skip
+        # Those of `np.nonzero` are columns of one array, and would have a kernel of their own.
+        where = map(np.ascontiguousarray, (rows, columns, centres, strides))
+        in_threads(kept_votes_kernels.patches, blocks, self._all, self.codes.shape[1:], *where, out)
         return out

@@ -55,7 +55,7 @@ def _word(_typing, codes, _index):
     return types.uint32(codes, types.intp), codegen
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _gather(codes, size, pixel, lane, words):
     """The codes around one pixel into one lane of words (D, S, W, L); 0 on planes there are not.
 
@@ -98,7 +98,7 @@ def _votes(_typing, words, _at, _byte, out, _to):
     return types.void(words, types.intp, types.intp, out, types.intp), codegen
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _decode(words, out):
     """Votes (D, S, S, L) of words of codes (D, S, W, L)."""
     depth, side, count, lanes = words.shape

@@ -125,7 +125,7 @@ def fit_surface(start, stop, before, column, value, weight, tolerance, ridge, ou
             out[y, x] = value[m] + np.float32(md - slope_x * mx - slope_y * my)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _lower_median(values, count):
     """The (count - 1) // 2-th smallest of the first `count` values, by quickselect in place."""
     want, lo, hi = (count - 1) // 2, 0, count - 1

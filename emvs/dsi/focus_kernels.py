@@ -4,7 +4,7 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg, var-annotated"
 
 import numpy as np
-from numba import njit  # type: ignore[attr-defined]
+from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from eventsweep.emvs.dsi.fusion_kernels import fold_row
@@ -18,7 +18,7 @@ _TILE = 8 * PAIR  # columns whose votes of a block's windows stay in its first
 _ZERO = np.float32(0)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _take(plane, top, row_of, rows, filled):
     """Copies rows of a plane, mirrored at its rim, one after another: so memory is fastest."""
     width = plane.shape[1]
@@ -28,7 +28,7 @@ def _take(plane, top, row_of, rows, filled):
             copy[x] = row[x]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _down(votes, at, step, weight, means, squares, to):
     """Weighted sums of the votes, and of their squares, down the columns of two vectors.
 
@@ -51,7 +51,7 @@ def _down(votes, at, step, weight, means, squares, to):
     store(squares, to + WIDTH, square_next)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _rows_down(votes, step, rows, weight, means, squares):
     """Fills rows of scratch (rows, `step` + 2 r) with sums down the columns, tile by tile."""
     r = len(weight) - 1
@@ -62,7 +62,7 @@ def _rows_down(votes, step, rows, weight, means, squares):
                 _down(votes, at + x, step, weight, means, squares, to + x)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _mirror(sums, column_of, radius, width):
     """Fills both ends of a row of scratch."""
     for k in range(radius):
@@ -70,7 +70,7 @@ def _mirror(sums, column_of, radius, width):
         sums[radius + width + k] = sums[radius + column_of[radius + width + k]]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _across(means, squares, at, weight, out, to):
     """The variance of two vectors: from weighted sums along a row."""
     w = splat(weight[0])

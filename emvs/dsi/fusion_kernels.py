@@ -23,14 +23,14 @@ _ZERO, _ONE, _TWO, _EPS = np.float32(0), np.float32(1), np.float32(2), np.float3
 # the volumes does not.
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _copy(votes, volume, p, lo, out):
     row = votes[volume, p, lo : lo + len(out)]
     for x in range(len(out)):
         out[x] = row[x]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _minimum(votes, which, p, lo, out):
     _copy(votes, which[0], p, lo, out)
     for c in range(1, len(which)):
@@ -40,7 +40,7 @@ def _minimum(votes, which, p, lo, out):
             out[x] = new if new < old else old
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _maximum(votes, which, p, lo, out):
     _copy(votes, which[0], p, lo, out)
     for c in range(1, len(which)):
@@ -50,7 +50,7 @@ def _maximum(votes, which, p, lo, out):
             out[x] = new if new > old else old
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _harmonic(votes, which, p, lo, out):
     """N / Σ(1/x): a zero gives 1/0 = inf, and N/inf = 0."""
     if len(which) == 2:
@@ -66,7 +66,7 @@ def _harmonic(votes, which, p, lo, out):
         out[x] = count / out[x]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _harmonic_of_two(votes, which, p, lo, out):
     """2ab / (a + b), 0 where both are 0: one division, where the general form needs three."""
     left, right = votes[which[0], p, lo : lo + len(out)], votes[which[1], p, lo : lo + len(out)]
@@ -76,7 +76,7 @@ def _harmonic_of_two(votes, which, p, lo, out):
         out[x] = _TWO * a * b / (both if both > _ZERO else _ONE)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _geometric(votes, which, p, lo, out):
     """(Πx)^(1/N), as a square root where that is all it takes."""
     count = len(which)
@@ -94,7 +94,7 @@ def _geometric(votes, which, p, lo, out):
             out[x] = out[x] ** root
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _arithmetic(votes, which, p, lo, out):
     share = _ONE / np.float32(len(which))
     out[:] = _ZERO
@@ -106,7 +106,7 @@ def _arithmetic(votes, which, p, lo, out):
         out[x] *= share
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _root_mean_square(votes, which, p, lo, out):
     share = _ONE / np.float32(len(which))
     out[:] = _ZERO
@@ -118,7 +118,7 @@ def _root_mean_square(votes, which, p, lo, out):
         out[x] = np.sqrt(out[x] * share)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _harmonic_eps(votes, which, p, lo, out):
     """2ab / (a + b + 0.1): the authors' implementation, two cameras only."""
     left, right = votes[which[0], p, lo : lo + len(out)], votes[which[1], p, lo : lo + len(out)]
@@ -126,7 +126,7 @@ def _harmonic_eps(votes, which, p, lo, out):
         out[x] = _TWO * left[x] * right[x] / (left[x] + right[x] + _EPS)
 
 
-@njit
+@njit(cache=True, nogil=True)
 def _mean_row(code, votes, which, p, lo, out):
     """One row by the function of a code; numba cannot call through a table of functions."""
     if code == MIN:
@@ -147,7 +147,7 @@ def _mean_row(code, votes, which, p, lo, out):
         out[:] = np.nan
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _fuse_row(code, votes, which, p, lo, out):
     if code >= CAMERA:
         _copy(votes, which[code - CAMERA], p, lo, out)
@@ -157,7 +157,7 @@ def _fuse_row(code, votes, which, p, lo, out):
         _mean_row(code, votes, which, p, lo, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _fuse_levels(method, codes, sizes, which, every, votes, p, lo, level, spare, out):
     """One row of one method: inner fusion per group, outer fusion of the groups, sum of parts."""
     groups, members = sizes[method, 0], sizes[method, 1]
@@ -198,7 +198,7 @@ def fuse(start, stop, codes, sizes, which, every, votes, level, spare, out):
                 )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def fold_row(plane, fused, best, index, left, right, previous):
     """Running first maximum of one row, with the values before and after it."""
     before, now = index.dtype.type(plane - 1), index.dtype.type(plane)

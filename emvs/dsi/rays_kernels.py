@@ -13,7 +13,7 @@ EVENT_BLOCK = 4096  # events that a thread casts in one go
 RAY_BLOCK = 1 << 17  # rays that a thread moves to their bands in one go
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _turned(quat, axis, angle):
     """Rotation matrix, row by row, of `quat` (x, y, z, w) times a turn about `axis` by `angle`."""
     s, c = np.sin(0.5 * angle), np.cos(0.5 * angle)
@@ -30,7 +30,7 @@ def _turned(quat, axis, angle):
     )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pose(share, s, position_m, quat, axis, angle, offset_m):
     """Rotation of the body and place of the camera, in the reference view, `share` into segment s.
 
@@ -46,7 +46,7 @@ def _pose(share, s, position_m, quat, axis, angle, offset_m):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _look_up(x, y, bearing):
     """(N, 2) bearings of N pixels: a loop so short that the waits for the table overlap."""
     found = np.empty((len(x), 2))
@@ -121,7 +121,7 @@ def rays(
             outcome[k] = VOTES
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _band(v, rows, bands):
     """The band of image row `v`; what lies outside the image, or nowhere, goes to the ends."""
     if not v > np.float32(0):

@@ -37,7 +37,7 @@ def grid_cells(width_px: int, height_px: int) -> int:
 # for numba then looks for negative indices, and they cost four times as much.
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _locate(a_u, b_u, a_v, b_v, rho, width, height, cell, fx, fy):
     """Upper left cell and fractions of rays in plane `rho`; returns how many lie inside."""
     u_end, v_end = np.float32(width - 1), np.float32(height - 1)
@@ -57,7 +57,7 @@ def _locate(a_u, b_u, a_v, b_v, rho, width, height, cell, fx, fy):
     return inside
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _locate_nearest(a_u, b_u, a_v, b_v, rho, width, height, cell):
     """Nearest cell of rays in plane `rho`; inside is what it is for `_locate`."""
     u_end, v_end = np.float32(width - 1), np.float32(height - 1)
@@ -75,7 +75,7 @@ def _locate_nearest(a_u, b_u, a_v, b_v, rho, width, height, cell):
     return inside
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _dump_behind(c_z, rho, width, height, cell):
     """Redirects rays whose point lies behind their camera; returns (hidden, all) of them."""
     dump = np.int32(width * height)
@@ -88,7 +88,7 @@ def _dump_behind(c_z, rho, width, height, cell):
     return hidden, behind
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _scatter(cell, fx, fy, n, width, grid):
     for k in range(n):
         upper = np.int64(cell[k])
@@ -98,13 +98,13 @@ def _scatter(cell, fx, fy, n, width, grid):
         add_pair(grid, upper + width, left * down, right * down)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _scatter_nearest(cell, n, grid):
     for k in range(n):
         grid[cell[k]] += _ONE
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _prefetch_rays(a_u, b_u, a_v, b_v, lo):
     for k in range(lo, min(lo + CHUNK, len(a_u)), 16):
         prefetch(a_u, k)

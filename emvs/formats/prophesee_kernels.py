@@ -38,7 +38,7 @@ State = NDArray[np.int64]
 Whole = int | np.integer[Any]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _raise_high(state: State, high: Whole, bits: int) -> None:
     """Takes a new TIME_HIGH of so many bits."""
     if state[TIMED] and state[HIGH] - high >= 1 << (bits - 1):
@@ -47,14 +47,14 @@ def _raise_high(state: State, high: Whole, bits: int) -> None:
     state[TIMED] = 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _high_us(state: State) -> Whole:
     """Time without its six low bits (EVT2, EVT2.1), µs."""
     high_us: Whole = (state[LOOPS] << 34) | (state[HIGH] << 6)
     return high_us
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _is_passed_over(kind: Whole) -> bool:
     """External triggers, and words that continue or end others."""
     return kind == 0xA or kind == 0xE or kind == 0xF
@@ -218,7 +218,7 @@ def encoder_state() -> State:
     return state
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _encode_high(
     words: NDArray[np.uint32] | NDArray[np.uint16],
     n: int,
@@ -270,7 +270,7 @@ def encode_evt2(columns: Columns, state: State, words: NDArray[np.uint32]) -> in
     return n
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _vector_mask(columns: Columns, first: int, base_x: Whole) -> tuple[Whole, int]:
     """Bits of the events from `first` on that fit 32 columns in one vector, and how many fit."""
     x, y, t_us, p = columns

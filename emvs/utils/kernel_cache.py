@@ -43,7 +43,8 @@ _HEAD = b"eventsweep kernel 1\n"
 _HASH_BYTES = 32
 _KEEP = 8  # a version takes 10 MB
 _BUSY_S, _OLD_S = 86_400, 30 * 86_400
-_PATIENCE_S = 20.0
+_PATIENCE_S = 20.0  # with a process that is stopped
+_STOPPED = "Tt"  # by a signal, by a debugger
 _FLOCK = "hhqqi"  # the system's structure: type, whence, start, length, process
 
 
@@ -180,6 +181,13 @@ def _is_kernel(file: Path) -> bool:
         return stream.read(len(_HEAD)) == _HEAD
 
 
+def give_up(dispatcher: Any) -> None:
+    """Lets other processes compile a function that failed here, or was interrupted."""
+    kept = getattr(dispatcher, "_cache", None)  # none where it is not cached
+    if isinstance(file := getattr(kept, "_cache_file", None), VerifiedKernels):
+        file.unlock()
+
+
 class VerifiedKernels(caching.IndexDataCacheFile):
     """Numba's files of one function, each with a hash; a damaged one is as good as none."""
 
@@ -190,38 +198,45 @@ class VerifiedKernels(caching.IndexDataCacheFile):
             self._wait()
             found = super().load(key)
             if found is not None:
-                self._lock(fcntl.LOCK_UN)
+                self.unlock()
         return found
 
     def save(self, key: Any, data: Any) -> None:
         """Keeps what was compiled, and lets other processes have it."""
-        super().save(key, data)
+        try:
+            super().save(key, data)
+        finally:
+            self.unlock()
+
+    def unlock(self) -> None:
+        """Lets another process have its turn."""
         self._lock(fcntl.LOCK_UN)
 
     def _wait(self) -> None:
-        """Waits while another process compiles this function, but not for one that hangs.
+        """Waits while another process compiles this function, however long that takes.
 
-        It hangs if it is not even given time of a processor, as while it is stopped.
+        Not for one that is stopped, or cannot be seen, all the time of our patience. Whether it
+        gets time of a processor says nothing: on a busy machine it may get none for long, and it
+        may wait for what a third process compiles.
         """
-        begun_s, used = time.monotonic(), self._holder_ticks()
+        seen_s = time.monotonic()
         while not self._lock(fcntl.LOCK_EX | fcntl.LOCK_NB):
-            if time.monotonic() - begun_s >= _PATIENCE_S:
-                now = self._holder_ticks()
-                if now == used:
-                    return
-                begun_s, used = time.monotonic(), now
+            if self._is_compiling():
+                seen_s = time.monotonic()
+            elif time.monotonic() - seen_s >= _PATIENCE_S:
+                return
             time.sleep(0.05)
 
-    def _holder_ticks(self) -> int | None:
-        """How long the process that has this function's lock has run; None where none is seen."""
+    def _is_compiling(self) -> bool:
+        """Whether the process that has this function's lock is seen, and not stopped."""
         try:
             asked = struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, self._byte(), 1, 0)
             found = fcntl.fcntl(self._mark(), fcntl.F_GETLK, asked)
             holder = struct.unpack(_FLOCK, found)[-1]
-            words = Path(f"/proc/{holder}/stat").read_text("utf-8").rpartition(")")[2].split()
+            state = Path(f"/proc/{holder}/stat").read_text("utf-8").rpartition(")")[2].split()[0]
         except OSError:  # it has ended, or runs on another machine
-            return None
-        return sum(map(int, words[11:13]))
+            return False
+        return state not in _STOPPED
 
     def _byte(self) -> int:
         return int.from_bytes(hashlib.sha256(self._index_path.encode()).digest()[:7], "big")

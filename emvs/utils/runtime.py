@@ -5,6 +5,7 @@ import gc
 import importlib
 import os
 import platform
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -19,7 +20,7 @@ import numba
 from numba.core import event
 
 from eventsweep.emvs.errors import InputError, heed_interrupt
-from eventsweep.emvs.utils.kernel_cache import use_kernel_cache
+from eventsweep.emvs.utils.kernel_cache import give_up, use_kernel_cache
 
 Progress = Callable[[str, int, int], None]
 """Called with the name of a stage, how much of it is done, and how much there is."""
@@ -76,30 +77,32 @@ if "NUMBA_THREADING_LAYER" not in os.environ:
 use_kernel_cache()
 
 
-class _Uncollected(event.Listener):
-    """Keeps Python's collector of cycles off while numba compiles.
+class _Compiling(event.Listener):
+    """Keeps Python's collector of cycles off while numba compiles; lets others try what failed.
 
     What numba builds stays until it is done; looking through it again and again takes a fifteenth.
     """
 
     def __init__(self) -> None:
-        self._depth, self._was_on = 0, False
+        self._handled: list[BaseException | None] = []  # as the compilations that go on began
+        self._was_on = False
 
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002
         """Compiling begins; within it, of what is called."""
-        if not self._depth:
+        if not self._handled:
             self._was_on = gc.isenabled()
             gc.disable()
-        self._depth += 1
+        self._handled.append(sys.exception())
 
-    def on_end(self, event: event.Event) -> None:  # noqa: ARG002
-        """It ends, or failed."""
-        self._depth -= 1
-        if not self._depth and self._was_on:
+    def on_end(self, event: event.Event) -> None:
+        """It ends, or failed: numba's `is_failed` says the opposite."""
+        if sys.exception() is not self._handled.pop():
+            give_up(event.data["dispatcher"])
+        if not self._handled and self._was_on:
             gc.enable()
 
 
-event.register("numba:compile", _Uncollected())
+event.register("numba:compile", _Compiling())
 
 
 @cache

@@ -111,7 +111,7 @@ def larger(_typing, one, other):
     return vector(one, other), codegen
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def aligned(count):
     """(count,) float32 zeros that begin where a vector may: one across two lines loads slowly."""
     whole = np.zeros(count + WIDTH, np.float32)

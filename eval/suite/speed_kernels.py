@@ -10,7 +10,7 @@ from numba import njit
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def calibration(image, votes):
     """Adds `votes` weights to four neighbouring cells each of `image`, (N,) float32, N = 2^k."""
     mask = np.uint32(len(image) - 1)

@@ -14,13 +14,13 @@ Bytes = NDArray[np.uint8]
 _MOST = 1 << 62
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _is_gap(c: int) -> bool:
     """Blank, tab, comma, semicolon, carriage return."""
     return c == 32 or c == 9 or c == 44 or c == 59 or c == 13
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _number(  # noqa: C901 - one pass over the digits
     text: Bytes, k: int, stop: int
 ) -> tuple[Whole, Whole, bool, int]:
@@ -67,7 +67,7 @@ def _number(  # noqa: C901 - one pass over the digits
     return mantissa, power, negative, k
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _scaled(mantissa: Whole, power: Whole) -> tuple[Whole, bool]:
     """`mantissa * 10**power`, rounded to the nearest whole number, and whether it was whole."""
     while power > 0 and mantissa < _MOST // 10 and mantissa > 0:
@@ -87,7 +87,7 @@ def _scaled(mantissa: Whole, power: Whole) -> tuple[Whole, bool]:
     return mantissa, not rest
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _truth(text: Bytes, k: int, stop: int) -> tuple[Whole, int]:
     """1 for `true`, 0 for `false`, in any case, and the place behind it (-1: neither)."""
     value = np.int64((text[k] | 32) == 116)
@@ -166,7 +166,7 @@ def parse_rows(  # noqa: C901 - one pass over the bytes
     return n, -1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _put(text: Bytes, n: int, value: Whole, least: int) -> int:
     """Writes a number >= 0 with at least so many digits; returns the place behind it."""
     digits, rest = 1, value // 10
