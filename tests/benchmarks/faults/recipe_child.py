@@ -47,6 +47,8 @@ RUNS: dict[str, tuple[str, str]] = {
 }  # fmt: skip
 """By name: a sequence, and flags of `map`. What changes no byte of all of them has no effect."""
 
+SAME = "the same"
+
 
 def held(lines: Iterable[tuple[Line, Line]]) -> None:
     """Runs pairs of commands, those before a gate and the gate; ends the process at the first red.
@@ -69,7 +71,8 @@ def held(lines: Iterable[tuple[Line, Line]]) -> None:
 def differs(place: Path, known: dict[str, str] | None) -> None:
     """Runs everything of `RUNS` on sequences in a folder, and prints hashes of what was written.
 
-    With those of another state of the code it prints the name of the first run that differs.
+    With those of another state of the code it prints the name of the first run that differs, or
+    `SAME`.
     """
     found: dict[str, str] = {}
     for name in ("simulated", *RUNS):
@@ -84,9 +87,9 @@ def differs(place: Path, known: dict[str, str] | None) -> None:
             code = main([*mapped, *flags.split()]) or main(["score", str(out), "--quiet"])
         found[name] = f"{code} {digest(out)}"
         if known is not None and known[name] != found[name]:
-            sys.stdout.write(name)
+            sys.stdout.write(f"\n{name}")
             return
-    sys.stdout.write(json.dumps(found) if known is None else "")
+    sys.stdout.write("\n" + (json.dumps(found) if known is None else SAME))
 
 
 def digest(folder: Path) -> str:
