@@ -318,7 +318,7 @@ class Bench:
             [sys.executable, "-c", asked], env={**os.environ, "PYTHONPATH": str(self.copy)},
             cwd=self.place, capture_output=True, text=True, check=True,
         )  # fmt: skip
-        return done.stdout.strip()
+        return f"eventsweep-{done.stdout.strip()}"
 
 
 def reached(copy):
