@@ -198,7 +198,7 @@ class Bench:
             work / "place",
             work / "kernels",
         )
-        self._file = work / "verdicts.jsonl"
+        self._file, self._whole = work / "verdicts.jsonl", ""
 
     def verdicts(self):
         """What is known, by name: the last line about each holds."""
@@ -217,6 +217,7 @@ class Bench:
         """Sequences, the baseline, compiled kernels, and hashes of what the broad runs write."""
         self.place.mkdir(parents=True, exist_ok=True)
         broken_copy(self.copy)
+        self._whole = self._version()
         if not (self.place / "baseline.json").exists():
             update = GATE.removesuffix(" --strict") + " --update --reason first"
             three = "eventsweep simulate boxes --rig trinocular --seconds 0.1 --out three\n"
@@ -298,16 +299,11 @@ class Bench:
         A version's kernels lie in a folder of its own, named by a hash over all their files: here
         it gets links to the whole code's, but for files that the edit reaches.
         """
-        version = self._version()
-        whole = self.place / "kernel-version"
-        if not whole.exists():
-            whole.write_text(version, encoding="utf-8")
-        if not (self.kernels / version).is_dir() and version != whole.read_text("utf-8"):
+        own = self.kernels / self._version()
+        if own.name != self._whole and not own.is_dir():
             left_out = shutil.ignore_patterns(*(f"{stem}.*" for stem in reached(self.copy)))
-            shutil.copytree(
-                self.kernels / whole.read_text("utf-8"), self.kernels / version,
-                ignore=left_out, copy_function=os.link,
-            )  # fmt: skip
+            whole = self.kernels / self._whole
+            shutil.copytree(whole, own, ignore=left_out, copy_function=os.link)
         return self.kernels
 
     def _version(self):
