@@ -40,8 +40,8 @@ class GateFlags:
     suite: SuiteName | None = None
     "Suite to run, as `eventsweep suite` takes it; by default quick."
 
-    result: Path | None = None
-    "Take this suite.json or results.json instead of running anything."
+    result: Annotated[tuple[Path, ...], NO_NEGATIVE] = ()
+    "Take this suite.json or results.json instead of running anything, repeatable."
 
     seeds: Annotated[str | None, RARE] = None
     "Seeds instead of the suite's own, such as 0,1,2 or 100-109."
@@ -91,7 +91,7 @@ class GateFlags:
             raise InputError(
                 "--reason without --update has no effect: add --update, or leave it out"
             )
-        if self.result is not None and (self.seeds or self.out or self.suite or jobs != JOB_FLAGS):
+        if self.result and (self.seeds or self.out or self.suite or jobs != JOB_FLAGS):
             raise InputError(
                 "--result runs nothing: leave --suite, --seeds, --out, --workers, --cache and "
                 "--scheduler out"
@@ -154,12 +154,12 @@ def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = 
 
 
 def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured:
-    from eventsweep.eval.results.series import measured_of, read_measured
+    from eventsweep.eval.results.series import measured_of, read_measured, together
     from eventsweep.eval.suite import output
     from eventsweep.eval.suite.definition import load
 
-    if flags.result is not None:
-        return read_measured(flags.result)
+    if flags.result:
+        return together([read_measured(path) for path in flags.result])
     suite, subset = load(flags.suite or _SUITE)
     # A baseline needs more seeds than a run: they are what the tolerances are made of.
     seeds = flags.seed_numbers() or (suite.spread_seeds if flags.update else None)

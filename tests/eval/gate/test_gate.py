@@ -435,9 +435,9 @@ def test_the_table_names_the_culprit_first_and_leaves_out_what_is_the_same():
 
 
 # The command
-def results(folder, error=0.1, sequence="s", versions=None):
+def results(folder, error=0.1, sequence="s", versions=None, case="room", seed=0):
     rows = tuple(
-        score_row("room", "all", "mine", metric, value, "m", "lower")
+        score_row(case, "all", "mine", metric, value, "m", "lower")
         for metric, value in (("mean_error", error), ("median_error", error / 2))
     )
     folder.mkdir()
@@ -447,8 +447,8 @@ def results(folder, error=0.1, sequence="s", versions=None):
         Results.from_dataframe(
             tidy(rows),
             configuration={"score": {}},
-            seed=0,
-            sequences={"room": sequence},
+            seed=seed,
+            sequences={case: sequence},
             metrics=metrics,
         ),
     )
@@ -493,6 +493,23 @@ def test_results_of_another_sequence_or_undefined_ones_are_red(held, tmp_path, c
     undefined = results(tmp_path / "nan", math.nan)
     assert gate("--baseline", held, "--result", undefined, *strict) == 1
     assert "mean_error is gone, missing or undefined (NaN)" in capsys.readouterr().out
+
+
+def test_several_results_are_one_baseline(tmp_path, capsys):
+    path, room = tmp_path / "both.json", results(tmp_path / "room")
+    hall = results(tmp_path / "hall", case="hall", sequence="t")
+    both = ("--baseline", path, "--result", room, "--result")
+    assert gate(*both, hall, "--update", "--reason", "first") == 0
+    assert gate(*both, hall, "--strict") == 0
+    assert {one.sequence for of in read_baseline(path).origins.values() for one in of.values()} == {
+        "s", "t",
+    }  # fmt: skip
+    assert gate(*both, results(tmp_path / "worse", 0.2, case="hall", sequence="t")) == 1
+    assert gate("--baseline", path, "--result", room) == 1
+    assert "hall mine mean_error gone: the case was not run" in capsys.readouterr().out
+    assert "two results of case room" in command_refused(capsys, "gate", *both, room)
+    seeds = results(tmp_path / "seeds", case="hall", seed=1)
+    assert "results of seeds [0] and [1]" in command_refused(capsys, "gate", *both, seeds)
 
 
 @pytest.mark.parametrize(("flags", "code"), [
