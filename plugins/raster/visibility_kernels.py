@@ -1,0 +1,159 @@
+"""Compiled loops that find which triangle each sample of a pinhole picture sees.
+
+A triangle's edges are planes through the eye. Each is a function of a sample's column and row, 0 on
+the edge and positive inside, scaled so that their sum is 1/z. So columns where a row of samples
+enters and leaves come from divisions, whatever lies behind the camera, and no picture need be cut.
+A sample of row y lies `shift(y)` columns to the right: rows may lie beside one another.
+"""
+
+# Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+
+import math
+
+import numpy as np
+from numba import njit
+
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+
+# Triangles reach a little beyond their edges: rounding leaves no sample between two of them.
+_OVERLAP = 1e-7
+_FLAT = -1e-18
+
+
+@njit(cache=True, nogil=True)
+def shift(row, stride):
+    """How far the samples of a row lie to the right of their columns."""
+    return (row % stride + 0.5) / stride - 0.5
+
+
+@njit(cache=True, nogil=True)
+def _edges_of(c, intrinsics, e):
+    """Fills `e` (3, 3), each edge's factor of column and row, and its value at 0; False seen behind.
+
+    `c` (3, 3) are the corners in the camera's axes.
+    """
+    f_x, f_y, c_x, c_y = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
+    volume = 0.0
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        e[i, 0] = c[a, 1] * c[b, 2] - c[a, 2] * c[b, 1]
+        e[i, 1] = c[a, 2] * c[b, 0] - c[a, 0] * c[b, 2]
+        e[i, 2] = c[a, 0] * c[b, 1] - c[a, 1] * c[b, 0]
+    volume = c[0, 0] * e[0, 0] + c[0, 1] * e[0, 1] + c[0, 2] * e[0, 2]
+    if volume >= _FLAT:
+        return False
+    for i in range(3):
+        e[i, 0] = e[i, 0] / volume / f_x
+        e[i, 1] = e[i, 1] / volume / f_y
+        e[i, 2] = e[i, 2] / volume - e[i, 0] * c_x - e[i, 1] * c_y
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _bounds(c, intrinsics, view, box):
+    """Fills `box` with first and last column and row that a triangle ahead may touch."""
+    left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
+    for k in range(3):
+        u = c[k, 0] / c[k, 2] * intrinsics[0] + intrinsics[2]
+        v = c[k, 1] / c[k, 2] * intrinsics[1] + intrinsics[3]
+        left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
+    box[0] = max(float(view[0]), math.floor(left) - 1.0)
+    box[1] = min(float(view[1]), math.ceil(right) + 1.0)
+    box[2] = max(float(view[2]), math.ceil(top - _OVERLAP))
+    box[3] = min(float(view[3]), math.floor(bottom + _OVERLAP))
+
+
+@njit(cache=True, nogil=True)
+def _within(slope, value, low, high):
+    """The part of [low, high] where slope x + value is positive."""
+    if slope > 0.0:
+        return max(low, -value / slope - _OVERLAP), high
+    if slope < 0.0:
+        return low, min(high, -value / slope + _OVERLAP)
+    return low, high if value >= 0.0 else low - 1.0
+
+
+@njit(cache=True, nogil=True)
+def _span(e, q, y, x0, clip, cut, low, high):
+    """First and last column, as numbers, where a row is inside a triangle."""
+    for i in range(3):
+        low, high = _within(e[i, 0], e[i, 1] * y + e[i, 2] + e[i, 0] * x0, low, high)
+    if cut:
+        rho = q[1] * y + q[2] + q[0] * x0
+        low, high = _within(q[0], rho - 1.0 / clip[1], low, high)
+        low, high = _within(-q[0], 1.0 / clip[0] - rho, low, high)
+    return math.ceil(low), math.floor(high)
+
+
+@njit(cache=True, nogil=True)
+def _nearer(start, step, number, nearness, ids):
+    """Puts a triangle where nothing nearer is; at the same depth the later one shows."""
+    for x in range(len(nearness)):
+        value = start + step * np.float32(x)
+        shows = value >= nearness[x]
+        nearness[x] = value if shows else nearness[x]
+        ids[x] = number if shows else ids[x]
+
+
+@njit(cache=True, nogil=True)
+def visible(
+    corners, first, order, T_cam_world, intrinsics, stride, view, clip, scale, nearness, ids,
+    edges, source,
+):  # fmt: skip
+    """Draws triangles and returns how many may be seen.
+
+    Args:
+        corners: (T, 3, 3) in the world's axes, m.
+        first: (G + 1,) the first triangle of each geom.
+        order: (N,) geoms to draw, one after the other.
+        T_cam_world: (4, 4).
+        intrinsics: (4,) fx, fy, cx, cy, in samples of the picture.
+        stride: rows that lie beside one another.
+        view: (4,) first and last column, first and last row to draw.
+        clip: (2,) nearest and farthest depth, m.
+        scale: (2,) `nearness` is scale[0] / z - scale[1].
+        nearness: in and out, (H, W) float32; 0 is nothing.
+        ids: in and out, (H, W) int32, number of a triangle among those seen; -1 is nothing.
+        edges: out, (T, 3, 3) of those seen.
+        source: out, (T,) which these are.
+    """
+    made = 0
+    c, e, q, box = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(4)
+    for g in order:
+        for t in range(first[g], first[g + 1]):
+            least, most = np.inf, -np.inf
+            for k in range(3):
+                for i in range(3):
+                    c[k, i] = (
+                        T_cam_world[i, 0] * corners[t, k, 0] + T_cam_world[i, 1] * corners[t, k, 1]
+                        + T_cam_world[i, 2] * corners[t, k, 2] + T_cam_world[i, 3]
+                    )  # fmt: skip
+                least, most = min(least, c[k, 2]), max(most, c[k, 2])
+            if most < clip[0] or least > clip[1] or not _edges_of(c, intrinsics, e):
+                continue
+            for k in range(4):
+                box[k] = view[k]
+            if least > clip[0]:
+                _bounds(c, intrinsics, view, box)
+            cut = least <= clip[0] or most >= clip[1]
+            for k in range(3):
+                q[k] = e[0, k] + e[1, k] + e[2, k]
+            seen = False
+            for y in range(int(box[2]), int(box[3]) + 1):
+                x0 = shift(y, stride)
+                a, b = _span(e, q, y, x0, clip, cut, box[0], box[1])
+                if a > b:
+                    continue
+                seen = True
+                left, end = int(a), int(b) + 1
+                rho = q[1] * y + q[2] + q[0] * (x0 + a)
+                start, step = np.float32(scale[0] * rho - scale[1]), np.float32(scale[0] * q[0])
+                _nearer(start, step, np.int32(made), nearness[y, left:end], ids[y, left:end])
+            if seen:
+                source[made] = t
+                for i in range(3):
+                    for k in range(3):
+                        edges[made, i, k] = e[i, k]
+                made += 1
+    return made
