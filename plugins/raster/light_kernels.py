@@ -18,7 +18,7 @@ DIRECTED, SPOT, OF_THE_EYE = 0, 1, 2
 _ROOT_HALF, _LN_2 = math.sqrt(0.5), math.log(2.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def log2(value):
     """Base-2 logarithm of a positive number, to 1e-8."""
     share, whole = math.frexp(value)
@@ -28,7 +28,7 @@ def log2(value):
     return whole - 0.5 + 2.0 / _LN_2 * t * series
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def power(base, exponent):
     """A number of 0 to 1 to a power of at least 0; 1 where that is 0."""
     if exponent == 0.0:
@@ -46,7 +46,7 @@ def power(base, exponent):
     return math.ldexp(series, int(whole))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _unit(x, y, z):
     """A vector of length 1; 0 where it has none."""
     length = math.sqrt(x * x + y * y + z * z)
@@ -54,7 +54,7 @@ def _unit(x, y, z):
     return x * scale, y * scale, z * scale
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _towards(kind, vectors, cone, p, ahead):
     """Direction from a corner to a light, and how much of the light arrives."""
     if kind == OF_THE_EYE:
@@ -72,7 +72,7 @@ def _towards(kind, vectors, cone, p, ahead):
     return x, y, z, fading
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def lit(
     corners, normals, owner, colours, shine, channels, kinds, vectors, cones, ambient, weights,
     eye, ahead, cut, light,

@@ -128,7 +128,7 @@ class Painter:
         self, grid: Grid, T_world_view: Array, T_world_lamp: Array, ids: NDArray[np.int32],
         made: int, bias: float, light: NDArray[np.float32],
     ) -> None:  # fmt: skip
-        """Fills `light` of the picture that was drawn last; `bias` makes textures sharper below 0."""
+        """Fills `light` of the picture drawn last; a `bias` below 0 makes textures sharper."""
         surfaces, memory = self._surfaces, self._buffers
         surfaces.shine(T_world_view, T_world_lamp)
         planes(

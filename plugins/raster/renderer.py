@@ -42,7 +42,7 @@ class RasterRenderer(ModelRenderer):
         self._surfaces.move(self._data)
 
     def near_first(self, T_world_body: Pose) -> None:
-        """Draws what is near before what it hides, seen from a pose (4, 4), until further notice."""
+        """Draws what is near, seen from a pose (4, 4), before what it hides, from now on."""
         if self._animate is None:
             self._painter.near_first(T_world_body[:3, 3])
 
@@ -146,7 +146,7 @@ class RasterRenderer(ModelRenderer):
     def _in_views(
         self, mapped: LensMap, camera: int, T_world_body: Pose, *, lit: bool = False
     ) -> tuple[Image, Image]:
-        """Window depth of all sub-views, side by side, 1 near and 0 far; with `lit`, their light."""
+        """Window depth of all sub-views, side by side; with `lit`, their light."""
         near_m, far_m = clip_m = self._clip_m(mapped)
         whole = 1 / near_m - 1 / far_m
         window = np.zeros(mapped.shape, np.float32)

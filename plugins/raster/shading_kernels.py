@@ -15,12 +15,12 @@ import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache bef
 from eventsweep.plugins.raster.light_kernels import log2
 from eventsweep.plugins.raster.visibility_kernels import shift
 
-_BLOCK = 32
+_BLOCK = 64
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 _TEXEL = np.float32(1 / 65535)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def planes(made, edges, source, light, places, rho, light_over_z, places_over_z):
     """Fills what samples need of the triangles seen: factors of column, row, and value at 0.
 
@@ -47,67 +47,71 @@ def planes(made, edges, source, light, places, rho, light_over_z, places_over_z)
                 places_over_z[n, c, k] = place
 
 
-@njit(cache=True, nogil=True)
-def _at(plane, x, y):
-    return plane[0] * x + plane[1] * y + plane[2]
+@njit(cache=True, nogil=True, error_model="numpy")
+def _at(planes, n, k, x, y):
+    """The value of plane k of triangle n; views of arrays would cost more than the sums."""
+    return planes[n, k, 0] * x + planes[n, k, 1] * y + planes[n, k, 2]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _larger(u_x, v_x, u_y, v_y):
     """The base-2 logarithm of how many texels the longer of two steps passes."""
     return 0.5 * log2(max(u_x * u_x + v_x * v_x, u_y * u_y + v_y * v_y, 1e-24))
 
 
-@njit(cache=True, nogil=True)
-def _flat_detail(place, rho, x, y, width, height, down):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _flat_detail(places, rho, n, x, y, width, height, down):
     """Level of detail of a flat texture at a sample."""
-    q = _at(rho, x, y)
-    u, v = _at(place[0], x, y) / q, _at(place[1], x, y) / q
-    w, h = width / q, height / q
+    z = 1.0 / (rho[n, 0] * x + rho[n, 1] * y + rho[n, 2])
+    u, v = _at(places, n, 0, x, y) * z, _at(places, n, 1, x, y) * z
+    w, h = width * z, height * z
     return _larger(
-        (place[0, 0] - u * rho[0]) * w, (place[1, 0] - v * rho[0]) * h,
-        (place[0, 1] - u * rho[1]) * w * down, (place[1, 1] - v * rho[1]) * h * down,
+        (places[n, 0, 0] - u * rho[n, 0]) * w, (places[n, 1, 0] - v * rho[n, 0]) * h,
+        (places[n, 0, 1] - u * rho[n, 1]) * w * down, (places[n, 1, 1] - v * rho[n, 1]) * h * down,
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
-def _cube_detail(place, x, y, width, down):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cube_detail(places, n, x, y, width, down):
     """Level of detail of a cube's texture: on the side that a direction meets."""
-    s, t, r = _at(place[0], x, y), _at(place[1], x, y), _at(place[2], x, y)
-    far = max(abs(s), abs(t), abs(r))
-    major = 0 if abs(s) == far else (1 if abs(t) == far else 2)
-    a, b = (major + 1) % 3, (major + 2) % 3
-    ahead = _at(place[major], x, y)
-    scale = 0.5 * width / ahead
-    u, v = _at(place[a], x, y) / ahead, _at(place[b], x, y) / ahead
+    s, t, r = _at(places, n, 0, x, y), _at(places, n, 1, x, y), _at(places, n, 2, x, y)
+    f_s, f_t, f_r = abs(s), abs(t), abs(r)
+    far = 0 if (f_s >= f_t) & (f_s >= f_r) else (1 if f_t >= f_r else 2)
+    a, b = (far + 1) % 3, (far + 2) % 3
+    per = 1.0 / (s if far == 0 else (t if far == 1 else r))
+    u = per * (t if far == 0 else (r if far == 1 else s))
+    v = per * (r if far == 0 else (s if far == 1 else t))
+    w = 0.5 * width * per
     return _larger(
-        (place[a, 0] - u * place[major, 0]) * scale, (place[b, 0] - v * place[major, 0]) * scale,
-        (place[a, 1] - u * place[major, 1]) * scale * down,
-        (place[b, 1] - v * place[major, 1]) * scale * down,
+        (places[n, a, 0] - u * places[n, far, 0]) * w,
+        (places[n, b, 0] - v * places[n, far, 0]) * w,
+        (places[n, a, 1] - u * places[n, far, 1]) * w * down,
+        (places[n, b, 1] - v * places[n, far, 1]) * w * down,
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
-def _flat_places(place, rho, x, y, count, u, v, side):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _flat_places(places, rho, n, x, y, count, u, v, side):
     """Fills `u` and `v` of a flat texture, 0 to 1: it repeats."""
-    q, q_x = np.float32(_at(rho, x, y)), np.float32(rho[0])
-    s, s_x = np.float32(_at(place[0], x, y)), np.float32(place[0, 0])
-    t, t_x = np.float32(_at(place[1], x, y)), np.float32(place[1, 0])
+    q = np.float32(rho[n, 0] * x + rho[n, 1] * y + rho[n, 2])
+    s, t = np.float32(_at(places, n, 0, x, y)), np.float32(_at(places, n, 1, x, y))
+    q_x = np.float32(rho[n, 0])
+    s_x, t_x = np.float32(places[n, 0, 0]), np.float32(places[n, 1, 0])
     for k in range(count):
         step = np.float32(k)
         z = _ONE / (q + q_x * step)
         a, b = (s + s_x * step) * z, (t + t_x * step) * z
         u[k] = a - np.floor(a)
         v[k] = b - np.floor(b)
-        side[k] = 0
+        side[k] = np.int32(0)
 
 
-@njit(cache=True, nogil=True)
-def _cube_places(place, x, y, count, u, v, side):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cube_places(places, n, x, y, count, u, v, side):
     """Fills the side of a cube that a direction meets, and where, 0 to 1."""
-    s, s_x = np.float32(_at(place[0], x, y)), np.float32(place[0, 0])
-    t, t_x = np.float32(_at(place[1], x, y)), np.float32(place[1, 0])
-    r, r_x = np.float32(_at(place[2], x, y)), np.float32(place[2, 0])
+    s, s_x = np.float32(_at(places, n, 0, x, y)), np.float32(places[n, 0, 0])
+    t, t_x = np.float32(_at(places, n, 1, x, y)), np.float32(places[n, 1, 0])
+    r, r_x = np.float32(_at(places, n, 2, x, y)), np.float32(places[n, 2, 0])
     for k in range(count):
         step = np.float32(k)
         a, b, c = s + s_x * step, t + t_x * step, r + r_x * step
@@ -117,55 +121,64 @@ def _cube_places(place, x, y, count, u, v, side):
         far = f_a if by_a else (f_b if by_b else f_c)
         first = (-c if a > _ZERO else c) if by_a else (a if by_b else (a if c > _ZERO else -a))
         second = -b if not by_b else (c if b > _ZERO else -c)
-        u[k] = first / far * _HALF + _HALF
-        v[k] = second / far * _HALF + _HALF
+        per = _HALF / far
+        u[k] = first * per + _HALF
+        v[k] = second * per + _HALF
         ahead = a if by_a else (b if by_b else c)
-        side[k] = (0 if by_a else (2 if by_b else 4)) + (0 if ahead > _ZERO else 1)
+        side[k] = np.int32((0 if by_a else (2 if by_b else 4)) + (0 if ahead > _ZERO else 1))
 
 
-@njit(cache=True, nogil=True)
-def _looked_up(texels, level, u, v, side, count, out):
-    """Fills `out` with texels of a level (3,), between four of them."""
-    width, height = np.float32(level[1]), np.float32(level[2])
-    row = level[1] + 2
-    area = row * (level[2] + 2)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _looked_up(texels, first, width, height, u, v, side, count, out):
+    """Fills `out` with texels of a level that begins at `first`, between four of them."""
+    w, h, row = np.float32(width), np.float32(height), np.int32(width + 2)
+    area = np.int32(row * (height + 2))
+    base, one, below = np.uint64(first), np.uint64(1), np.uint64(width + 2)
     for k in range(count):
-        a, b = u[k] * width + _HALF, v[k] * height + _HALF
+        a, b = u[k] * w + _HALF, v[k] * h + _HALF
         i, j = np.int32(a), np.int32(b)
         p, q = a - np.float32(i), b - np.float32(j)
-        at = np.uint64(level[0] + side[k] * area + j * row + i)
-        below = at + np.uint64(row)
-        t00, t01 = np.float32(texels[at]), np.float32(texels[at + np.uint64(1)])
-        t10, t11 = np.float32(texels[below]), np.float32(texels[below + np.uint64(1)])
+        at = base + np.uint64(np.uint32(side[k] * area + j * row + i))
+        t00, t01 = np.float32(texels[at]), np.float32(texels[at + one])
+        at += below
+        t10, t11 = np.float32(texels[at]), np.float32(texels[at + one])
         upper, lower = t00 + p * (t01 - t00), t10 + p * (t11 - t10)
-        out[k] = (upper + q * (lower - upper)) * _TEXEL
+        out[k] = upper + q * (lower - upper)
 
 
-@njit(cache=True, nogil=True)
-def _textured(texels, levels, count, detail, u, v, side, n, near, far):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _textured(texels, levels, channel, most, detail, u, v, side, n, near, far):
     """Fills `near` (n,) with a texture's values, between two levels of detail."""
-    detail = min(max(detail, 0.0), float(count - 1))
-    first = int(detail)
-    share = np.float32(detail - first)
-    _looked_up(texels, levels[first], u, v, side, n, near)
+    detail = min(max(detail, 0.0), float(most))
+    k = int(detail)
+    share = np.float32(detail - k)
+    _looked_up(
+        texels, levels[channel, k, 0], levels[channel, k, 1], levels[channel, k, 2], u, v, side, n,
+        near,
+    )  # fmt: skip
     if share > _ZERO:
-        _looked_up(texels, levels[min(first + 1, count - 1)], u, v, side, n, far)
+        k += 1
+        _looked_up(
+            texels, levels[channel, k, 0], levels[channel, k, 1], levels[channel, k, 2], u, v,
+            side, n, far,
+        )  # fmt: skip
         for k in range(n):
             near[k] += share * (far[k] - near[k])
 
 
-@njit(cache=True, nogil=True)
-def _add(light, rho, x, y, values, textured, out):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add(light, rho, n, c, x, y, values, textured, out):
     """Adds a colour's light, times its texture."""
-    q, q_x = np.float32(_at(rho, x, y)), np.float32(rho[0])
-    s, s_x = np.float32(_at(light, x, y)), np.float32(light[0])
+    q, q_x = np.float32(rho[n, 0] * x + rho[n, 1] * y + rho[n, 2]), np.float32(rho[n, 0])
+    full = _TEXEL if textured else _ONE
+    s, s_x = np.float32(_at(light, n, c, x, y)) * full, np.float32(light[n, c, 0]) * full
     for k in range(len(out)):
         step = np.float32(k)
         value = (s + s_x * step) / (q + q_x * step)
         out[k] += value * values[k] if textured else value
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def shade(
     ids, owner, texture, channels, rho, light_over_z, places_over_z, texels, levels, shapes,
     stride, view, bias, nothing, out,
@@ -191,36 +204,36 @@ def shade(
     """
     u, v = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
     near, far = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
-    side = np.empty(_BLOCK, np.int64)
+    side = np.empty(_BLOCK, np.int32)
     end = view[1] + 1
     for y in range(view[2], view[3] + 1):
-        x0 = shift(y, stride)
-        x = view[0]
+        x0, x = shift(y, stride), view[0]
         while x < end:
-            n, stop = ids[y, x], x + 1
-            while stop < end and stop - x < _BLOCK and ids[y, stop] == n:
+            n, stop, last = ids[y, x], x + 1, min(end, x + _BLOCK)
+            while stop < last and ids[y, stop] == n:
                 stop += 1
-            part = out[y, x:stop]
-            part[:] = _ZERO
+            part, count, left = out[y, x:stop], stop - x, x + x0
+            for k in range(count):
+                part[k] = _ZERO
             n = nothing if n < 0 else n
-            if n >= 0:
-                g = owner[n]
-                for c in range(channels[g]):
-                    channel = texture[g] + c
-                    if texture[g] >= 0 and c == 0:
-                        middle, level = x + x0 + 0.5 * (stop - 1 - x), levels[channel, 0]
-                        if shapes[channel, 1]:
-                            detail = _cube_detail(places_over_z[n], middle, y, level[1], stride)
-                            _cube_places(places_over_z[n], x + x0, y, stop - x, u, v, side)
-                        else:
-                            detail = _flat_detail(
-                                places_over_z[n], rho[n], middle, y, level[1], level[2], stride
-                            )
-                            _flat_places(places_over_z[n], rho[n], x + x0, y, stop - x, u, v, side)
-                    if texture[g] >= 0:
-                        _textured(
-                            texels, levels[channel], shapes[channel, 0], detail + bias, u, v, side,
-                            stop - x, near, far,
-                        )  # fmt: skip
-                    _add(light_over_z[n, c], rho[n], x + x0, y, near, texture[g] >= 0, part)
             x = stop
+            if n < 0:
+                continue
+            g = owner[n]
+            channel, textured = texture[g], texture[g] >= 0
+            if textured:
+                middle, most = left + 0.5 * (count - 1), shapes[channel, 0] - 1
+                width, height = levels[channel, 0, 1], levels[channel, 0, 2]
+                if shapes[channel, 1]:
+                    detail = _cube_detail(places_over_z, n, middle, y, width, stride)
+                    _cube_places(places_over_z, n, left, y, count, u, v, side)
+                else:
+                    detail = _flat_detail(places_over_z, rho, n, middle, y, width, height, stride)
+                    _flat_places(places_over_z, rho, n, left, y, count, u, v, side)
+            for c in range(channels[g]):
+                if textured:
+                    _textured(
+                        texels, levels, channel + c, most, detail + bias, u, v, side, count, near,
+                        far,
+                    )  # fmt: skip
+                _add(light_over_z, rho, n, c, left, y, near, textured, part)

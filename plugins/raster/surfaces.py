@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,9 +43,10 @@ class Lights(NamedTuple):
 
 
 def lights_of(scene: Any) -> Lights:
-    """The lights of a `MjvScene`; a kind that MuJoCo's classic renderer ignores shines from the eye.
+    """The lights of a `MjvScene`.
 
-    That renderer leaves such a light where OpenGL puts it: in the camera, ahead.
+    Kinds that MuJoCo's classic renderer ignores shine from the eye: it leaves them where OpenGL
+    puts a new light, in the camera, ahead.
     """
     kinds, vectors, cones = [], [], []
     for light in scene.lights[: scene.nlight]:
@@ -181,7 +183,7 @@ class Surfaces:
             self._turned[its] = self._normals[its] @ turn.T
 
     def _described(self, shown: list[Any], first: Array, table: TextureTable) -> Geoms:
-        boxes = [self._box(int(a), int(b)) for a, b in zip(first[:-1], first[1:], strict=True)]
+        boxes = [self._box(int(a), int(b)) for a, b in pairwise(first)]
         textured = [_textured(self._model, geom, table, self._hue(geom)) for geom in shown]
         count = len(shown)
         middle, half = (np.array([b[k] for b in boxes]).reshape(-1, 3) for k in (0, 1))
@@ -306,6 +308,8 @@ def _places(model: Any, geom: Any, part: shapes.Part) -> Array:
     if _uniform(model, geom):
         repeat = np.where(size[:2] > 0, repeat * size[:2], repeat)
     found[..., :2] *= repeat
+    if geom.type == PLANE:
+        found[..., :2] -= np.where(size[:2] > 0, 0, 0.5)
     return found
 
 

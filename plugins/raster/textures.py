@@ -173,7 +173,7 @@ def _texel_of(ray: Array, size: int) -> tuple[NDArray[np.intp], ...]:
     axis = np.abs(ray).argmax(1)
     ahead = np.take_along_axis(ray, axis[:, None], 1)
     side = 2 * axis + (ahead[:, 0] < 0)
-    middle, along, down = _SIDES[side].transpose(1, 0, 2)
+    _, along, down = _SIDES[side].transpose(1, 0, 2)
     scaled = ray / np.abs(ahead)
     places = ((scaled * part).sum(1) for part in (down, along))
     row, column = (np.clip(((p + 1) / 2 * size).astype(int), 0, size - 1) for p in places)

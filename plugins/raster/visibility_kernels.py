@@ -21,17 +21,18 @@ _OVERLAP = 1e-7
 _FLAT = -1e-18
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def shift(row, stride):
     """How far the samples of a row lie to the right of their columns."""
     return (row % stride + 0.5) / stride - 0.5
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _edges_of(c, intrinsics, e):
-    """Fills `e` (3, 3), each edge's factor of column and row, and its value at 0; False seen behind.
+    """Fills `e` (3, 3), each edge's factors of column and row and its value at 0.
 
-    `c` (3, 3) are the corners in the camera's axes.
+    Returns False where the triangle is seen from behind. `c` (3, 3) are the corners in the
+    camera's axes.
     """
     f_x, f_y, c_x, c_y = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
     volume = 0.0
@@ -50,7 +51,7 @@ def _edges_of(c, intrinsics, e):
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _bounds(c, intrinsics, view, box):
     """Fills `box` with first and last column and row that a triangle ahead may touch."""
     left, right, top, bottom = np.inf, -np.inf, np.inf, -np.inf
@@ -64,7 +65,7 @@ def _bounds(c, intrinsics, view, box):
     box[3] = min(float(view[3]), math.floor(bottom + _OVERLAP))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _within(slope, value, low, high):
     """The part of [low, high] where slope x + value is positive."""
     if slope > 0.0:
@@ -74,7 +75,7 @@ def _within(slope, value, low, high):
     return low, high if value >= 0.0 else low - 1.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _span(e, q, y, x0, clip, cut, low, high):
     """First and last column, as numbers, where a row is inside a triangle."""
     for i in range(3):
@@ -86,7 +87,7 @@ def _span(e, q, y, x0, clip, cut, low, high):
     return math.ceil(low), math.floor(high)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _nearer(start, step, number, nearness, ids):
     """Puts a triangle where nothing nearer is; at the same depth the later one shows."""
     for x in range(len(nearness)):
@@ -96,8 +97,8 @@ def _nearer(start, step, number, nearness, ids):
         ids[x] = number if shows else ids[x]
 
 
-@njit(cache=True, nogil=True)
-def visible(
+@njit(cache=True, nogil=True, error_model="numpy")
+def visible(  # noqa: C901
     corners, first, order, T_cam_world, intrinsics, stride, view, clip, scale, nearness, ids,
     edges, source,
 ):  # fmt: skip
