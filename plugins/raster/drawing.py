@@ -5,20 +5,31 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.plugins.raster.picture import SOLID
 from eventsweep.plugins.raster.renderer import RasterRenderer
+from eventsweep.plugins.raster.surfaces import DISTANCES, FIELD, MESH
 from eventsweep.sim.rendering.drawing import MujocoDrawing
 from eventsweep.sim.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class RasterDrawing(MujocoDrawing):
+class RasterDrawing:
     """Draws with compiled loops what MuJoCo models; see `sim.rendering.drawing`."""
+
+    model: Any = None
 
     def lacks(self, scene: Scene) -> str:
         """What cannot be drawn of a scene, in a few words; empty where all can."""
         model = scene.spec().compile() if self.model is None else self.model
-        return _lacking(model)
+        return lacking(model)
+
+    def why_plain(self, scene: Scene) -> str:
+        """Why light cannot be carried along the scene's surfaces; empty where it can."""
+        return MujocoDrawing(self.model).why_plain(scene)
 
     def open(
         self, scene: Scene, rig: Rig, supersample: int, *, floats: bool, border_px: int | None
@@ -31,11 +42,20 @@ class RasterDrawing(MujocoDrawing):
         )  # fmt: skip
 
 
-def _lacking(model: Any) -> str:
+def lacking(model: Any) -> str:
+    """What cannot be drawn of a compiled model, in a few words; empty where all can."""
+    folded = np.isin(model.geom_type, [FIELD, MESH, DISTANCES])
     found = {
         "mirrors": bool((model.mat_reflectance > 0).any()),
-        "glass": bool((model.geom_rgba[:, 3] < 1).any() or (model.mat_rgba[:, 3] < 1).any()),
+        "glass of meshes or height fields": bool((_opacity(model)[folded] < SOLID).any()),
         "textures with opacity": bool((model.tex_nchannel != 3).any()),
-        "more lights than 8": model.nlight > 7,
     }
     return ", ".join(name for name, there in found.items() if there)
+
+
+def _opacity(model: Any) -> NDArray[np.float64]:
+    """(G,) of geoms: their material's, or their own."""
+    own, material = model.geom_rgba[:, 3].astype(float), model.geom_matid
+    if not model.nmat:
+        return np.asarray(own)
+    return np.where(material >= 0, model.mat_rgba[material, 3], own)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.plugins.raster.shading_kernels import planes, shade
+from eventsweep.plugins.raster.shading_kernels import glaze, planes, shade
 from eventsweep.plugins.raster.surfaces import Surfaces
 from eventsweep.plugins.raster.visibility_kernels import visible
 from eventsweep.sim.rendering.lens import edges
@@ -17,6 +17,10 @@ from eventsweep.sim.rendering.lens import edges
 Array = NDArray[np.float64]
 # Balls around geoms are taken larger by a share of their radius and distance, for rounding.
 _MARGIN = 1e-6
+SOLID = 0.995
+"""Less opacity lets light through, says MuJoCo."""
+# Opacity of the back of a plane, as a share of its front's.
+BACK = 0.3
 
 
 class Grid(NamedTuple):
@@ -77,6 +81,28 @@ class Buffers:
         return self._ids[:size].reshape(shape)
 
 
+class Drawn(NamedTuple):
+    """A picture of which every sample's triangle is known.
+
+    Attributes:
+        grid: where its samples lie.
+        T_world_view: (4, 4) from where it is seen.
+        clip_m: nearest and farthest depth.
+        scale: `nearness` is scale[0] / z - scale[1].
+        nearness: (H, W), 0 where nothing is.
+        ids: (H, W) numbers of the triangles seen, -1 for none.
+        made: how many triangles there are.
+    """
+
+    grid: Grid
+    T_world_view: Array
+    clip_m: tuple[float, float]
+    scale: tuple[float, float]
+    nearness: NDArray[np.float32]
+    ids: NDArray[np.int32]
+    made: int
+
+
 class Painter:
     """Draws pictures of surfaces, one after the other."""
 
@@ -100,53 +126,96 @@ class Painter:
 
     def draw(
         self, grid: Grid, T_world_view: Array, clip_m: tuple[float, float],
-        nearness: NDArray[np.float32], scale: tuple[float, float] = (1.0, 0.0),
-    ) -> tuple[NDArray[np.int32], int]:  # fmt: skip
-        """Fills `nearness` with scale[0] / z - scale[1], 0 where nothing is.
+        nearness: NDArray[np.float32], scale: tuple[float, float] = (1.0, 0.0), *,
+        glass: bool = False,
+    ) -> Drawn:  # fmt: skip
+        """Fills `nearness`, which is 0 where nothing was drawn; with `glass` as if that were solid.
 
-        Args:
-            grid: where samples lie in `nearness`.
-            T_world_view: (4, 4).
-            clip_m: nearest and farthest depth.
-            nearness: in and out, (H, W), 0 where nothing was drawn.
-            scale: see above.
-
-        Returns:
-            Numbers of the triangles seen, of the same shape, and how many there are.
+        The numbers of triangles hold until the next picture is drawn.
         """
-        surfaces, memory = self._surfaces, self._buffers
-        ids, view = memory.ids(nearness.shape), grid.view
+        ids, view = self._buffers.ids(nearness.shape), grid.view
         ids[view[2] : view[3] + 1, view[0] : view[1] + 1] = -1
-        made = visible(
-            surfaces.corners, surfaces.geoms.first, self._seen(grid.camera, T_world_view),
-            se3.inverse(T_world_view), grid.intrinsics, grid.stride, view, np.array(clip_m),
-            np.array(scale), nearness, ids, memory.edges, memory.source,
-        )  # fmt: skip
-        return ids, made
+        order = self._seen(grid.camera, T_world_view)
+        if not glass:
+            order = order[self._opacity(T_world_view[:3, 3])[order] >= SOLID]
+        drawn = Drawn(grid, T_world_view, clip_m, scale, nearness, ids, 0)
+        return drawn._replace(made=self._visible(drawn, order, view))
 
     def paint(
-        self, grid: Grid, T_world_view: Array, T_world_lamp: Array, ids: NDArray[np.int32],
-        made: int, bias: float, light: NDArray[np.float32],
-    ) -> None:  # fmt: skip
+        self, drawn: Drawn, T_world_lamp: Array, bias: float, light: NDArray[np.float32]
+    ) -> None:
         """Fills `light` of the picture drawn last; a `bias` below 0 makes textures sharper."""
-        surfaces, memory = self._surfaces, self._buffers
-        surfaces.shine(T_world_view, T_world_lamp)
+        self._surfaces.shine(drawn.T_world_view, T_world_lamp)
+        self._shade(drawn, drawn.grid.view, bias, light, sky=True)
+        opacity = self._opacity(drawn.T_world_view[:3, 3])
+        seen = self._seen(drawn.grid.camera, drawn.T_world_view)
+        there = [g for g in self._near_to_far(drawn.T_world_view[:3, 3], opacity) if g in seen]
+        # As MuJoCo does: from near to far, and back.
+        for g in (*there, *there[::-1]):
+            self._glaze(drawn, g, float(opacity[g]), bias, light)
+
+    def _visible(self, drawn: Drawn, order: NDArray[np.int64], view: NDArray[np.int64]) -> int:
+        surfaces, memory, grid = self._surfaces, self._buffers, drawn.grid
+        return int(
+            visible(
+                surfaces.corners, surfaces.geoms.first, order,
+                surfaces.behind(drawn.T_world_view[:3, 3]), se3.inverse(drawn.T_world_view),
+                grid.intrinsics, grid.stride, view, np.array(drawn.clip_m), np.array(drawn.scale),
+                drawn.nearness, drawn.ids, memory.edges, memory.source,
+            )
+        )  # fmt: skip
+
+    def _shade(
+        self, drawn: Drawn, view: NDArray[np.int64], bias: float, light: NDArray[np.float32], *,
+        sky: bool,
+    ) -> None:  # fmt: skip
+        surfaces, memory, made = self._surfaces, self._buffers, drawn.made
         planes(
             made, memory.edges, memory.source, surfaces.light, surfaces.places, memory.rho,
             memory.light, memory.places,
         )  # fmt: skip
         owner = np.append(surfaces.owner[memory.source[:made]], len(surfaces.geoms.ids))
-        nothing = self._sky(made, grid, T_world_view) if surfaces.sky >= 0 else -1
+        nothing = -1
+        if sky and surfaces.sky >= 0:
+            nothing = self._sky(made, drawn.grid, drawn.T_world_view)
         shade(
-            ids, owner, self._texture, self._channels, memory.rho, memory.light, memory.places,
-            *surfaces.texels, grid.stride, grid.view, bias, nothing, light,
+            drawn.ids, owner, self._texture, self._channels, memory.rho, memory.light,
+            memory.places, *surfaces.texels, drawn.grid.stride, view, bias, nothing, light,
         )  # fmt: skip
 
-    def geom_ids(self, ids: NDArray[np.int32], made: int) -> NDArray[np.int32]:
-        """Geoms of the model that numbers of triangles belong to; -1 for none."""
+    def _glaze(
+        self, drawn: Drawn, g: int, opacity: float, bias: float, light: NDArray[np.float32]
+    ) -> None:
+        """Puts the light of one geom over that of what is drawn."""
+        view, ids = drawn.grid.view, np.full_like(drawn.ids, -1)
+        over = drawn._replace(nearness=np.zeros_like(drawn.nearness), ids=ids)
+        over = over._replace(made=self._visible(over, np.array([g]), view))
+        its = np.empty_like(light)
+        self._shade(over, view, bias, its, sky=False)
+        glaze(ids, over.nearness, drawn.nearness, its, opacity, view, light)
+
+    def _opacity(self, eye_m: Array) -> Array:
+        """(G,) of geoms; the backs of planes are seen through."""
         surfaces = self._surfaces
-        owner = surfaces.owner[self._buffers.source[:made]]
-        found: NDArray[np.int32] = np.append(surfaces.geoms.ids[owner], -1).astype(np.int32)[ids]
+        behind = np.where(surfaces.behind(eye_m), BACK, 1.0)
+        return np.asarray(surfaces.geoms.colours[:, 3] * behind)
+
+    def _near_to_far(self, eye_m: Array, opacity: Array) -> list[int]:
+        """Geoms that are not solid, sorted as MuJoCo sorts them: planes come last."""
+        surfaces = self._surfaces
+        apart_m = np.sqrt(((surfaces.poses[:, :, 3] - eye_m) ** 2).sum(1))
+        far = np.where(surfaces.planes, 1e10, apart_m - surfaces.reach_m)
+        clear = np.flatnonzero(opacity < SOLID)
+        found: list[int] = clear[np.argsort(far[clear], kind="stable")].tolist()
+        return found
+
+    def geom_ids(self, drawn: Drawn) -> NDArray[np.int32]:
+        """Geoms of the model that samples of the picture drawn last see; -1 for none."""
+        surfaces = self._surfaces
+        owner = surfaces.owner[self._buffers.source[: drawn.made]]
+        known = np.append(surfaces.geoms.ids[owner], -1).astype(np.int32)
+        left, right, top, bottom = drawn.grid.view
+        found: NDArray[np.int32] = known[drawn.ids[top : bottom + 1, left : right + 1]]
         return found
 
     def _sky(self, number: int, grid: Grid, T_world_view: Array) -> int:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.plugins.raster.picture import Grid, Painter
+from eventsweep.plugins.raster.picture import Drawn, Grid, Painter
 from eventsweep.plugins.raster.surfaces import Surfaces
 from eventsweep.sim.rendering import box_kernels, pixel_kernels
 from eventsweep.sim.rendering.base import Frame, Pose, Samples
@@ -88,7 +88,8 @@ class RasterRenderer(ModelRenderer):
             raise InputError(f"a view with {view.model} distortion: use its `.undistorted()`")
         mapped, seen = self._seen(camera, border)
         if view is not None or mapped is None:
-            return _depth_m(self._drawn(Grid(view or seen), camera, T_world_body)[0])
+            solid = self._surfaces.all_solid
+            return _depth_m(self._drawn(Grid(view or seen), camera, T_world_body, solid).nearness)
         window, _ = self._in_views(mapped, camera, T_world_body)
         found = np.empty(mapped.position.shape[:2], np.float32)
         pixel_kernels.centre_depth(window, mapped.position, found)
@@ -105,33 +106,29 @@ class RasterRenderer(ModelRenderer):
         """
         mapped, seen = self._seen(camera, border)
         if mapped is None:
-            _, ids, made = self._drawn(Grid(seen), camera, T_world_body)
-            return self._painter.geom_ids(ids, made)
+            return self._painter.geom_ids(self._drawn(Grid(seen), camera, T_world_body, True))
         geoms = np.full(mapped.shape, -1, np.int32)
         for grid, T_world_view in self._parts(mapped, camera, T_world_body):
             window = np.zeros(mapped.shape, np.float32)
-            ids, made = self._painter.draw(grid, T_world_view, self._clip_m(mapped), window)
+            clip_m = self._clip_m(mapped)
+            drawn = self._painter.draw(grid, T_world_view, clip_m, window, glass=True)
             left, right, top, bottom = grid.view
-            at = slice(top, bottom + 1), slice(left, right + 1)
-            geoms[at] = self._painter.geom_ids(ids[at], made)
+            geoms[top : bottom + 1, left : right + 1] = self._painter.geom_ids(drawn)
         found: NDArray[np.int32] = nearest_samples(mapped, geoms)
         return found
 
-    def _drawn(
-        self, grid: Grid, camera: int, T_world_body: Pose
-    ) -> tuple[Image, NDArray[np.int32], int]:
-        """1/z of a pinhole picture, and the triangles that it sees."""
-        rho = np.zeros(grid.shape, np.float32)
+    def _drawn(self, grid: Grid, camera: int, T_world_body: Pose, glass: bool = False) -> Drawn:
+        """A pinhole picture with 1/z, and the triangles that it sees."""
         T_world_view = T_world_body @ self.rig.T_body_cam[camera]
-        return rho, *self._painter.draw(grid, T_world_view, self._clip_m(None), rho)
+        rho = np.zeros(grid.shape, np.float32)
+        return self._painter.draw(grid, T_world_view, self._clip_m(None), rho, glass=glass)
 
     def _lit(self, grid: Grid, camera: int, T_world_body: Pose) -> tuple[Image, Image]:
         """Light and 1/z of a pinhole picture."""
-        rho, ids, made = self._drawn(grid, camera, T_world_body)
-        light = np.empty_like(rho)
-        poses = T_world_body @ self.rig.T_body_cam[camera], self._T_world_lamp(T_world_body)
-        self._painter.paint(grid, *poses, ids, made, self._bias, light)
-        return light, rho
+        drawn = self._drawn(grid, camera, T_world_body)
+        light = np.empty_like(drawn.nearness)
+        self._painter.paint(drawn, self._T_world_lamp(T_world_body), self._bias, light)
+        return light, drawn.nearness
 
     def _parts(self, mapped: LensMap, camera: int, T_world_body: Pose) -> list[tuple[Grid, Pose]]:
         """The sub-views of a lens, and their poses."""
@@ -153,10 +150,11 @@ class RasterRenderer(ModelRenderer):
         light = np.zeros(mapped.shape if lit else (0, 0), np.float32)
         for grid, T_world_view in self._parts(mapped, camera, T_world_body):
             scale = 1 / whole, 1 / far_m / whole
-            ids, made = self._painter.draw(grid, T_world_view, clip_m, window, scale)
+            glass = self._surfaces.all_solid and not lit
+            drawn = self._painter.draw(grid, T_world_view, clip_m, window, scale, glass=glass)
             if lit:
                 lamp = self._T_world_lamp(T_world_body)
-                self._painter.paint(grid, T_world_view, lamp, ids, made, self._bias, light)
+                self._painter.paint(drawn, lamp, self._bias, light)
         return window, light
 
     def _plain_in_lens(self, mapped: LensMap, camera: int, T_world_body: Pose) -> Frame:

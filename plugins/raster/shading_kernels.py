@@ -179,6 +179,26 @@ def _add(light, rho, n, c, x, y, values, textured, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def glaze(ids, glass, behind, light, opacity, view, out):
+    """Puts the light of glass over what lies behind it, where nothing is nearer.
+
+    Args:
+        ids: (H, W) triangles of the glass, below 0 where there is none.
+        glass: (H, W) how near they are.
+        behind: (H, W) how near the rest is.
+        light: (H, W) of the glass.
+        opacity: 0 to 1.
+        view: (4,) first and last column, first and last row.
+        out: in and out, (H, W).
+    """
+    share = np.float32(opacity)
+    for y in range(view[2], view[3] + 1):
+        for x in range(view[0], view[1] + 1):
+            if ids[y, x] >= 0 and glass[y, x] >= behind[y, x]:
+                out[y, x] += share * (light[y, x] - out[y, x])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def shade(
     ids, owner, texture, channels, rho, light_over_z, places_over_z, texels, levels, shapes,
     stride, view, bias, nothing, out,

@@ -139,7 +139,7 @@ def cylinder(slices: int, stacks: int) -> Part:
     return joined([*ends, tube(slices, stacks)])
 
 
-def _flat(across: Array, up: Array, axis: int, at: float) -> Part:
+def _flat(across: Any, up: Any, axis: int, at: float) -> Part:
     """A flat grid whose columns follow one axis and whose rows another, seen from `at`'s side."""
     first, second = ((0, 1), (1, 2), (0, 2))[(2, 0, 1).index(axis)]
     grid = np.empty((len(up), len(across), 3))
@@ -183,7 +183,7 @@ def _lines(model: Any, geom_id: int, axis: int, *, coarse: bool) -> Array:
     repeat = float(model.mat_texrepeat[material, axis]) if material >= 0 else 0.0
     step = (reach + 2 * (2 / repeat if repeat > 0 else reach / (_MOST_LINES - 2))) / _MOST_LINES
     ends = np.arange(_MOST_LINES + 1) * step - step * (_MOST_LINES // 2)
-    return ends[[0, -1]] if coarse else ends
+    return np.asarray(ends[[0, -1]] if coarse else ends, float)
 
 
 def mesh(model: Any, mesh_id: int) -> Part:

@@ -104,6 +104,9 @@ class Surfaces:
         light: (T, 3, 3) luma at the corners, or that of red, green and blue.
         places: (T, 3, 3) texture coordinates of the corners.
         sky: channel of the sky's texture; -1 without.
+        poses: (G, 3, 4) of geoms in the world's axes.
+        planes: (G,) which geoms are planes.
+        reach_m: (G,) of geoms from their middle, by which MuJoCo sorts glass.
     """
 
     def __init__(self, model: Any, scene: Any, *, floats: bool) -> None:
@@ -124,6 +127,8 @@ class Surfaces:
         self.geoms = self._described(shown, np.concatenate([[0], np.cumsum(counts)]), table)
         self.texels: Texels = table.texels()
         self.poses = np.array([_pose(geom) for geom in shown])
+        self.planes = np.array([geom.type == PLANE for geom in shown], bool)
+        self.reach_m = np.array([_reach_m(geom) for geom in shown], float)
         self._moving = np.flatnonzero(moving_geoms(model)[self.geoms.ids])
         self.corners = np.empty_like(self._object_m)
         self._turned = np.empty_like(self._normals)
@@ -138,6 +143,16 @@ class Surfaces:
         self.poses[self._moving, :, 3] = data.geom_xpos[ids]
         self._put(self._moving)
         self._lit_for = None
+
+    @property
+    def all_solid(self) -> bool:
+        """Whether no geom lets light through, whatever side of a plane is seen."""
+        return bool((self.geoms.colours[:, 3] >= 1).all())
+
+    def behind(self, eye_m: Array) -> NDArray[np.bool_]:
+        """(G,) which geoms are planes whose back an eye (3,), m, sees."""
+        above_m = ((eye_m - self.poses[:, :, 3]) * self.poses[:, :, 2]).sum(1)
+        return self.planes & (above_m < 0)
 
     def shine(self, T_world_eye: Array, T_world_lamp: Array) -> None:
         """Lights the corners as seen from an eye (4, 4), lamps of the head where one is (4, 4)."""
@@ -230,6 +245,18 @@ def _pose(geom: Any) -> Array:
     """(3, 4) of a geom in the world's axes."""
     turn = np.array(geom.mat, float).reshape(3, 3)
     return np.concatenate([turn, np.array(geom.pos, float).reshape(3, 1)], axis=1)
+
+
+def _reach_m(geom: Any) -> float:
+    """How far a geom reaches from its middle, as MuJoCo reckons for what lets light through."""
+    size = [float(value) for value in geom.size]
+    if geom.type == SPHERE:
+        return size[0]
+    if geom.type == CAPSULE:
+        return size[0] + size[2]
+    if geom.type == CYLINDER:
+        return float(np.sqrt(size[0] ** 2 + size[2] ** 2))
+    return max(size) if geom.type == ELLIPSOID else float(np.linalg.norm(size))
 
 
 def _part(model: Any, geom: Any, *, coarse: bool) -> tuple[shapes.Part, Array, Array]:

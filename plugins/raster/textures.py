@@ -90,13 +90,13 @@ class TextureTable:
             self._add(self._pixels(texture), weights, self.kind(texture) != FLAT)
         return self._made[texture, weights]
 
-    def _pixels(self, texture: int) -> NDArray[np.uint8]:
+    def _pixels(self, texture: int) -> NDArray[Any]:
         """(H, W, 3) as the model holds them."""
         model = self._model
         height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
         channels, first = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
         flat = model.tex_data[first : first + height * width * channels]
-        pixels: NDArray[np.uint8] = flat.reshape(height, width, channels)[..., :3]
+        pixels: NDArray[Any] = flat.reshape(height, width, channels)[..., :3]
         if model.tex_colorspace[texture] == _SRGB and self.kind(texture) == FLAT:
             return _linear(pixels)
         return pixels
@@ -149,7 +149,7 @@ def _halved_along(sides: Array, axis: int) -> Array:
     share = (at - low).reshape([-1 if k == axis else 1 for k in range(3)])
     high = np.minimum(low + 1, before - 1)
     first, second = sides.take(low, axis), sides.take(high, axis)
-    return first + share * (second - first)
+    return np.asarray(first + share * (second - first))
 
 
 def _beside(sides: Array) -> Array:

@@ -28,11 +28,11 @@ def shift(row, stride):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _edges_of(c, intrinsics, e):
+def _edges_of(c, intrinsics, turned, e):
     """Fills `e` (3, 3), each edge's factors of column and row and its value at 0.
 
-    Returns False where the triangle is seen from behind. `c` (3, 3) are the corners in the
-    camera's axes.
+    Returns False where the triangle is seen from behind, or `turned` from ahead. `c` (3, 3) are
+    the corners in the camera's axes.
     """
     f_x, f_y, c_x, c_y = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
     volume = 0.0
@@ -42,7 +42,7 @@ def _edges_of(c, intrinsics, e):
         e[i, 1] = c[a, 2] * c[b, 0] - c[a, 0] * c[b, 2]
         e[i, 2] = c[a, 0] * c[b, 1] - c[a, 1] * c[b, 0]
     volume = c[0, 0] * e[0, 0] + c[0, 1] * e[0, 1] + c[0, 2] * e[0, 2]
-    if volume >= _FLAT:
+    if (-volume if turned else volume) >= _FLAT:
         return False
     for i in range(3):
         e[i, 0] = e[i, 0] / volume / f_x
@@ -99,8 +99,8 @@ def _nearer(start, step, number, nearness, ids):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def visible(  # noqa: C901
-    corners, first, order, T_cam_world, intrinsics, stride, view, clip, scale, nearness, ids,
-    edges, source,
+    corners, first, order, turned, T_cam_world, intrinsics, stride, view, clip, scale, nearness,
+    ids, edges, source,
 ):  # fmt: skip
     """Draws triangles and returns how many may be seen.
 
@@ -108,6 +108,7 @@ def visible(  # noqa: C901
         corners: (T, 3, 3) in the world's axes, m.
         first: (G + 1,) the first triangle of each geom.
         order: (N,) geoms to draw, one after the other.
+        turned: (G,) of which geoms the backs are drawn instead.
         T_cam_world: (4, 4).
         intrinsics: (4,) fx, fy, cx, cy, in samples of the picture.
         stride: rows that lie beside one another.
@@ -131,7 +132,7 @@ def visible(  # noqa: C901
                         + T_cam_world[i, 2] * corners[t, k, 2] + T_cam_world[i, 3]
                     )  # fmt: skip
                 least, most = min(least, c[k, 2]), max(most, c[k, 2])
-            if most < clip[0] or least > clip[1] or not _edges_of(c, intrinsics, e):
+            if most < clip[0] or least > clip[1] or not _edges_of(c, intrinsics, turned[g], e):
                 continue
             for k in range(4):
                 box[k] = view[k]

@@ -38,6 +38,8 @@ SKY = (
 )
 ENDLESS = '<geom type="plane" size="0 0 1" material="m"/>'
 
+GLASS = (("box", -0.5), ("sphere", 0), ("cylinder", 0.2), ("ellipsoid", 0.4), ("capsule", 0.7))
+
 
 def material(settings=""):
     return f'<material name="m" texture="t" specular="0" {settings}/>'
@@ -60,6 +62,16 @@ MODELS = {
     "sky": (SHAPES + LAMP, SKY + FLAT + material()),
     "a plane without end": (
         LAMP + ENDLESS, SKY + FLAT + material('texuniform="true"')
+    ),
+    "glass": (
+        SHAPES + LAMP + "".join(f'<geom type="{kind}" size=".2 .3 .25" pos="-1 {y} 1" '
+        f'rgba=".8 .{n} .3 .{n}"/>' for n, (kind, y) in enumerate(GLASS, 3)),
+        FLAT + material(),
+    ),
+    "the back of a plane": (
+        LAMP + '<geom type="sphere" size=".5" pos="1.4 0 1"/><geom type="plane" size="1 1 1" '
+        'pos=".4 0 1" euler="0 80 0" material="m"/>',
+        FLAT + material(),
     ),
     "a height field": (
         LAMP + '<geom type="hfield" hfield="h" rgba=".7 .6 .5 1"/>',
