@@ -98,7 +98,7 @@ def _flat_places(places, rho, n, x, y, count, u, v, side):
     q_x = np.float32(rho[n, 0])
     s_x, t_x = np.float32(places[n, 0, 0]), np.float32(places[n, 1, 0])
     for k in range(count):
-        step = np.float32(k)
+        step = np.float32(np.int32(k))
         z = _ONE / (q + q_x * step)
         a, b = (s + s_x * step) * z, (t + t_x * step) * z
         u[k] = a - np.floor(a)
@@ -113,7 +113,7 @@ def _cube_places(places, n, x, y, count, u, v, side):
     t, t_x = np.float32(_at(places, n, 1, x, y)), np.float32(places[n, 1, 0])
     r, r_x = np.float32(_at(places, n, 2, x, y)), np.float32(places[n, 2, 0])
     for k in range(count):
-        step = np.float32(k)
+        step = np.float32(np.int32(k))
         a, b, c = s + s_x * step, t + t_x * step, r + r_x * step
         f_a, f_b, f_c = abs(a), abs(b), abs(c)
         by_a = (f_a >= f_b) & (f_a >= f_c)
@@ -173,7 +173,7 @@ def _add(light, rho, n, c, x, y, values, textured, out):
     full = _TEXEL if textured else _ONE
     s, s_x = np.float32(_at(light, n, c, x, y)) * full, np.float32(light[n, c, 0]) * full
     for k in range(len(out)):
-        step = np.float32(k)
+        step = np.float32(np.int32(k))
         value = (s + s_x * step) / (q + q_x * step)
         out[k] += value * values[k] if textured else value
 

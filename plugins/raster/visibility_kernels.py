@@ -66,35 +66,47 @@ def _bounds(c, intrinsics, view, box):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _within(slope, value, low, high):
-    """The part of [low, high] where slope x + value is positive."""
-    if slope > 0.0:
-        return max(low, -value / slope - _OVERLAP), high
-    if slope < 0.0:
-        return low, min(high, -value / slope + _OVERLAP)
-    return low, high if value >= 0.0 else low - 1.0
+def _crossings(planes, count, crossing):
+    """Fills `crossing` (N, 3) with where a row crosses planes: column = [0] row + [1].
+
+    [2] says which side is inside: 1 to the right, -1 to the left, 0 where a row is parallel, and
+    [0] row + [1] is positive inside.
+    """
+    for i in range(count):
+        slope = planes[i, 0]
+        side = 1.0 if slope > 0.0 else -1.0
+        if slope == 0.0:
+            crossing[i, 0], crossing[i, 1], crossing[i, 2] = planes[i, 1], planes[i, 2], 0.0
+        else:
+            crossing[i, 0], crossing[i, 1] = -planes[i, 1] / slope, -planes[i, 2] / slope
+            crossing[i, 1] -= side * _OVERLAP
+            crossing[i, 2] = side
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _span(e, q, y, x0, clip, cut, low, high):
-    """First and last column, as numbers, where a row is inside a triangle."""
-    for i in range(3):
-        low, high = _within(e[i, 0], e[i, 1] * y + e[i, 2] + e[i, 0] * x0, low, high)
-    if cut:
-        rho = q[1] * y + q[2] + q[0] * x0
-        low, high = _within(q[0], rho - 1.0 / clip[1], low, high)
-        low, high = _within(-q[0], 1.0 / clip[0] - rho, low, high)
+def _span(crossing, count, y, x0, low, high):
+    """First and last column, as numbers, where a row is inside; the first is larger if nowhere."""
+    for i in range(count):
+        at = crossing[i, 0] * y + crossing[i, 1]
+        if crossing[i, 2] > 0.0:
+            low = max(low, at - x0)
+        elif crossing[i, 2] < 0.0:
+            high = min(high, at - x0)
+        elif at < 0.0:
+            high = low - 1.0
     return math.ceil(low), math.floor(high)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _nearer(start, step, number, nearness, ids):
+def _nearer(start, step, number, first, count, nearness, ids):
     """Puts a triangle where nothing nearer is; at the same depth the later one shows."""
-    for x in range(len(nearness)):
-        value = start + step * np.float32(x)
-        shows = value >= nearness[x]
-        nearness[x] = value if shows else nearness[x]
-        ids[x] = number if shows else ids[x]
+    for x in range(count):
+        # Without a sign there is no negative index to look for, and the loop vectorises.
+        k = np.uint64(first + x)
+        value = start + step * np.float32(np.int32(x))
+        shows = value >= nearness[k]
+        nearness[k] = value if shows else nearness[k]
+        ids[k] = number if shows else ids[k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -121,7 +133,9 @@ def visible(  # noqa: C901
         source: out, (T,) which these are.
     """
     made = 0
-    c, e, q, box = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(4)
+    c, e, box = np.empty((3, 3)), np.empty((6, 3)), np.empty(4)
+    q, crossing = np.empty(3), np.empty((6, 3))
+    columns, near, known = nearness.shape[1], nearness.reshape(-1), ids.reshape(-1)
     for g in order:
         for t in range(first[g], first[g + 1]):
             least, most = np.inf, -np.inf
@@ -138,20 +152,29 @@ def visible(  # noqa: C901
                 box[k] = view[k]
             if least > clip[0]:
                 _bounds(c, intrinsics, view, box)
-            cut = least <= clip[0] or most >= clip[1]
             for k in range(3):
                 q[k] = e[0, k] + e[1, k] + e[2, k]
+            count = 3
+            if least <= clip[0] or most >= clip[1]:
+                for k in range(3):
+                    e[3, k], e[4, k] = q[k], -q[k]
+                e[3, 2] -= 1.0 / clip[1]
+                e[4, 2] += 1.0 / clip[0]
+                count = 5
+            _crossings(e, count, crossing)
             seen = False
             for y in range(int(box[2]), int(box[3]) + 1):
                 x0 = shift(y, stride)
-                a, b = _span(e, q, y, x0, clip, cut, box[0], box[1])
+                a, b = _span(crossing, count, y, x0, box[0], box[1])
                 if a > b:
                     continue
                 seen = True
-                left, end = int(a), int(b) + 1
+                left = int(a)
                 rho = q[1] * y + q[2] + q[0] * (x0 + a)
                 start, step = np.float32(scale[0] * rho - scale[1]), np.float32(scale[0] * q[0])
-                _nearer(start, step, np.int32(made), nearness[y, left:end], ids[y, left:end])
+                _nearer(
+                    start, step, np.int32(made), y * columns + left, int(b) - left + 1, near, known
+                )
             if seen:
                 source[made] = t
                 for i in range(3):
