@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.plugins.raster.picture import SOLID
 from eventsweep.plugins.raster.renderer import RasterRenderer
-from eventsweep.plugins.raster.surfaces import DISTANCES, FIELD, MESH
+from eventsweep.plugins.raster.surfaces import DISTANCES, FIELD, MESH, SOLID
 from eventsweep.sim.rendering.drawing import MujocoDrawing
 from eventsweep.sim.scene import Scene
 
@@ -45,9 +44,10 @@ class RasterDrawing:
 def lacking(model: Any) -> str:
     """What cannot be drawn of a compiled model, in a few words; empty where all can."""
     folded = np.isin(model.geom_type, [FIELD, MESH, DISTANCES])
+    glass = _opacity(model) < SOLID
     found = {
-        "mirrors": bool((model.mat_reflectance > 0).any()),
-        "glass of meshes or height fields": bool((_opacity(model)[folded] < SOLID).any()),
+        "glass of meshes or height fields": bool(glass[folded].any()),
+        "glass in mirrors": bool(glass.any() and (model.mat_reflectance > 0).any()),
         "textures with opacity": bool((model.tex_nchannel != 3).any()),
     }
     return ", ".join(name for name, there in found.items() if there)

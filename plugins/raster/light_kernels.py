@@ -13,8 +13,8 @@ from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
-DIRECTED, SPOT, OF_THE_EYE = 0, 1, 2
-"""Kinds of lights: from far away, from a place, and from ahead of the camera."""
+DIRECTED, SPOT = 0, 1
+"""Kinds of lights: from far away, and from a place."""
 _ROOT_HALF, _LN_2 = math.sqrt(0.5), math.log(2.0)
 
 
@@ -55,10 +55,8 @@ def _unit(x, y, z):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _towards(kind, vectors, cone, p, ahead):
+def _towards(kind, vectors, cone, p):
     """Direction from a corner to a light, and how much of the light arrives."""
-    if kind == OF_THE_EYE:
-        return -ahead[0], -ahead[1], -ahead[2], 1.0
     d_x, d_y, d_z = _unit(vectors[1, 0], vectors[1, 1], vectors[1, 2])
     if kind == DIRECTED:
         return -d_x, -d_y, -d_z, 1.0
@@ -75,7 +73,7 @@ def _towards(kind, vectors, cone, p, ahead):
 @njit(cache=True, nogil=True, error_model="numpy")
 def lit(
     corners, normals, owner, colours, shine, channels, kinds, vectors, cones, ambient, weights,
-    eye, ahead, cut, light,
+    eye, cut, share, light,
 ):  # fmt: skip
     """Fills `light` (T, 3, 3) of all corners: their luma, or that of each colour.
 
@@ -92,8 +90,8 @@ def lit(
         ambient: of the scene.
         weights: (3,) of colours in luma.
         eye: (3,) where the camera is.
-        ahead: (3,) where it looks.
         cut: whether light ends at 1.
+        share: what is left of colours in a mirror, else 1.
         light: out.
     """
     sums = np.empty(3)
@@ -103,9 +101,9 @@ def lit(
             p, n = corners[t, k], normals[t, k]
             v_x, v_y, v_z = _unit(eye[0] - p[0], eye[1] - p[1], eye[2] - p[2])
             for c in range(3):
-                sums[c] = (shine[g, 0] + ambient) * colours[g, c]
+                sums[c] = (shine[g, 0] + ambient) * share * colours[g, c]
             for i in range(len(kinds)):
-                x, y, z, arrives = _towards(kinds[i], vectors[i], cones[i], p, ahead)
+                x, y, z, arrives = _towards(kinds[i], vectors[i], cones[i], p)
                 facing = n[0] * x + n[1] * y + n[2] * z
                 glossy = 0.0
                 if facing > 0.0 and shine[g, 1] > 0.0:
@@ -114,7 +112,7 @@ def lit(
                     glossy = shine[g, 1] * power(min(1.0, towards), shine[g, 2])
                 facing = max(0.0, facing)
                 for c in range(3):
-                    matt = colours[g, c] * (vectors[i, 2, c] + facing * vectors[i, 3, c])
+                    matt = share * colours[g, c] * (vectors[i, 2, c] + facing * vectors[i, 3, c])
                     sums[c] += arrives * (matt + glossy * vectors[i, 4, c])
             total = 0.0
             for c in range(3):

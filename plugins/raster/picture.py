@@ -9,18 +9,17 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.plugins.raster.shading_kernels import glaze, planes, shade
-from eventsweep.plugins.raster.surfaces import Surfaces
+from eventsweep.plugins.raster.shading_kernels import add_where, glaze, planes, shade
+from eventsweep.plugins.raster.surfaces import SOLID, Surfaces
 from eventsweep.plugins.raster.visibility_kernels import visible
 from eventsweep.sim.rendering.lens import edges
 
 Array = NDArray[np.float64]
 # Balls around geoms are taken larger by a share of their radius and distance, for rounding.
 _MARGIN = 1e-6
-SOLID = 0.995
-"""Less opacity lets light through, says MuJoCo."""
 # Opacity of the back of a plane, as a share of its front's.
 BACK = 0.3
+_EVERYWHERE = np.zeros(4)
 
 
 class Grid(NamedTuple):
@@ -147,6 +146,8 @@ class Painter:
         """Fills `light` of the picture drawn last; a `bias` below 0 makes textures sharper."""
         self._surfaces.shine(drawn.T_world_view, T_world_lamp)
         self._shade(drawn, drawn.grid.view, bias, light, sky=True)
+        if self._surfaces.mirror >= 0:
+            self._reflect(drawn, T_world_lamp, bias, light)
         opacity = self._opacity(drawn.T_world_view[:3, 3])
         seen = self._seen(drawn.grid.camera, drawn.T_world_view)
         there = [g for g in self._near_to_far(drawn.T_world_view[:3, 3], opacity) if g in seen]
@@ -154,13 +155,19 @@ class Painter:
         for g in (*there, *there[::-1]):
             self._glaze(drawn, g, float(opacity[g]), bias, light)
 
-    def _visible(self, drawn: Drawn, order: NDArray[np.int64], view: NDArray[np.int64]) -> int:
+    def _visible(
+        self, drawn: Drawn, order: NDArray[np.int64], view: NDArray[np.int64],
+        side: Array = _EVERYWHERE,
+    ) -> int:  # fmt: skip
+        """Draws geoms; in a mirror only those on its `side`, and of these the backs are fronts."""
         surfaces, memory, grid = self._surfaces, self._buffers, drawn.grid
         return int(
             visible(
                 surfaces.corners, surfaces.geoms.first, order,
-                surfaces.behind(drawn.T_world_view[:3, 3]), se3.inverse(drawn.T_world_view),
-                grid.intrinsics, grid.stride, view, np.array(drawn.clip_m), np.array(drawn.scale),
+                surfaces.behind(drawn.T_world_view[:3, 3]) ^ bool(side.any()),
+                se3.inverse(drawn.T_world_view),
+                grid.intrinsics, grid.stride, view, np.array(drawn.clip_m), side,
+                np.array(drawn.scale),
                 drawn.nearness, drawn.ids, memory.edges, memory.source,
             )
         )  # fmt: skip
@@ -182,6 +189,35 @@ class Painter:
             drawn.ids, owner, self._texture, self._channels, memory.rho, memory.light,
             memory.places, *surfaces.texels, drawn.grid.stride, view, bias, nothing, light,
         )  # fmt: skip
+
+    def _reflect(
+        self, drawn: Drawn, T_world_lamp: Array, bias: float, light: NDArray[np.float32]
+    ) -> None:
+        """Adds what the mirror shows: the scene on its side, seen by an eye behind it."""
+        surfaces, memory = self._surfaces, self._buffers
+        normal, distance_m = surfaces.mirror_plane()
+        if normal @ drawn.T_world_view[:3, 3] < distance_m:
+            return
+        wanted = surfaces.mirror_triangles()[memory.source[: drawn.made]]
+        turn = np.eye(4)
+        turn[:3, :3] -= 2 * np.outer(normal, normal)
+        turn[:3, 3] = 2 * distance_m * normal
+        ids = np.full_like(drawn.ids, -1)
+        other = Drawn(
+            drawn.grid, turn @ drawn.T_world_view, drawn.clip_m, drawn.scale,
+            np.zeros_like(drawn.nearness), ids, 0,
+        )  # fmt: skip
+        solid = self._opacity(drawn.T_world_view[:3, 3]) >= SOLID
+        solid[surfaces.mirror] = False
+        side = np.append(normal @ other.T_world_view[:3, :3], 0.0)
+        side[3] = normal @ other.T_world_view[:3, 3] - distance_m
+        order = self._order[solid[self._order]]
+        other = other._replace(made=self._visible(other, order, drawn.grid.view, side))
+        surfaces.shine(other.T_world_view, T_world_lamp, surfaces.reflectance)
+        its = np.empty_like(light)
+        self._shade(other, drawn.grid.view, bias, its, sky=False)
+        add_where(drawn.ids, wanted, its, drawn.grid.view, light)
+        surfaces.shine(drawn.T_world_view, T_world_lamp)
 
     def _glaze(
         self, drawn: Drawn, g: int, opacity: float, bias: float, light: NDArray[np.float32]

@@ -199,6 +199,15 @@ def glaze(ids, glass, behind, light, opacity, view, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def add_where(ids, wanted, light, view, out):
+    """Adds light (H, W) where a sample sees one of the `wanted` (N,) triangles."""
+    for y in range(view[2], view[3] + 1):
+        for x in range(view[0], view[1] + 1):
+            if ids[y, x] >= 0 and wanted[ids[y, x]]:
+                out[y, x] += light[y, x]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def shade(
     ids, owner, texture, channels, rho, light_over_z, places_over_z, texels, levels, shapes,
     stride, view, bias, nothing, out,

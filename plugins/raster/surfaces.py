@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.plugins.raster import shapes
-from eventsweep.plugins.raster.light_kernels import DIRECTED, OF_THE_EYE, SPOT, lit
+from eventsweep.plugins.raster.light_kernels import DIRECTED, SPOT, lit
 from eventsweep.plugins.raster.textures import FLAT, SKY, Texels, TextureTable
 from eventsweep.sim.geoms import moving_geoms
 from eventsweep.sim.rendering.pixel_kernels import LUMA
@@ -22,6 +22,8 @@ PLANE, FIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH, DISTANCES = range
 _SPOT, _DIRECTIONAL = 0, 1
 # Ambient light of a scene without any lights.
 _WITHOUT_LIGHTS = 0.3
+SOLID = 0.995
+"""Less opacity lets light through, says MuJoCo."""
 # How far a colour of the light may be from what a texture's luma was made for, as luma.
 _HUE = 0.01
 
@@ -43,19 +45,17 @@ class Lights(NamedTuple):
 
 
 def lights_of(scene: Any) -> Lights:
-    """The lights of a `MjvScene`.
-
-    Kinds that MuJoCo's classic renderer ignores shine from the eye: it leaves them where OpenGL
-    puts a new light, in the camera, ahead.
-    """
+    """The lights of a `MjvScene`; others than directional ones and spots MuJoCo draws as none."""
     kinds, vectors, cones = [], [], []
-    for light in scene.lights[: scene.nlight]:
-        kinds.append({_SPOT: SPOT, _DIRECTIONAL: DIRECTED}.get(int(light.type), OF_THE_EYE))
+    known = {_SPOT: SPOT, _DIRECTIONAL: DIRECTED}
+    shining = [light for light in scene.lights[: scene.nlight] if int(light.type) in known]
+    for light in shining:
+        kinds.append(known[int(light.type)])
         fading = light.attenuation if light.type == _SPOT else (1, 0, 0)
         rows = light.pos, light.dir, light.ambient, light.diffuse, light.specular, fading
         vectors.append([[float(value) for value in row] for row in rows])
         cones.append([float(light.exponent), _cosine(float(light.cutoff))])
-    heads = [bool(light.headlight) for light in scene.lights[: scene.nlight]]
+    heads = [bool(light.headlight) for light in shining]
     return Lights(
         np.array(kinds, np.int64), np.array(vectors, float).reshape(-1, 6, 3),
         np.array(cones, float).reshape(-1, 2), np.array(heads, bool),
@@ -106,6 +106,8 @@ class Surfaces:
         sky: channel of the sky's texture; -1 without.
         poses: (G, 3, 4) of geoms in the world's axes.
         planes: (G,) which geoms are planes.
+        mirror: the one geom that mirrors; -1 without.
+        reflectance: how much it mirrors.
         reach_m: (G,) of geoms from their middle, by which MuJoCo sorts glass.
     """
 
@@ -128,6 +130,8 @@ class Surfaces:
         self.texels: Texels = table.texels()
         self.poses = np.array([_pose(geom) for geom in shown])
         self.planes = np.array([geom.type == PLANE for geom in shown], bool)
+        self.mirror = next((k for k, geom in enumerate(shown) if _mirrors(geom)), -1)
+        self.reflectance = float(shown[self.mirror].reflectance) if self.mirror >= 0 else 0.0
         self.reach_m = np.array([_reach_m(geom) for geom in shown], float)
         self._moving = np.flatnonzero(moving_geoms(model)[self.geoms.ids])
         self.corners = np.empty_like(self._object_m)
@@ -154,9 +158,28 @@ class Surfaces:
         above_m = ((eye_m - self.poses[:, :, 3]) * self.poses[:, :, 2]).sum(1)
         return self.planes & (above_m < 0)
 
-    def shine(self, T_world_eye: Array, T_world_lamp: Array) -> None:
-        """Lights the corners as seen from an eye (4, 4), lamps of the head where one is (4, 4)."""
-        seen = (T_world_eye.tobytes(), T_world_lamp.tobytes()) if self._follows else ()
+    def mirror_plane(self) -> tuple[Array, float]:
+        """Normal (3,) of the mirror and its distance from the origin, m; of a box its top."""
+        pose = self.poses[self.mirror]
+        normal, place = pose[:, 2], pose[:, 3]
+        if not self.planes[self.mirror]:
+            place = place + normal * self.geoms.half[self.mirror, 2]
+        return normal, float(normal @ place)
+
+    def mirror_triangles(self) -> NDArray[np.bool_]:
+        """(T,) which triangles are the mirror's face."""
+        normal, _ = self.mirror_plane()
+        its: NDArray[np.bool_] = self.owner == self.mirror
+        return its & (self._turned[:, 0] @ normal > 0.5)
+
+    def shine(self, T_world_eye: Array, T_world_lamp: Array, share: float = 1.0) -> None:
+        """Lights the corners as seen from an eye (4, 4), lamps of the head where one is (4, 4).
+
+        A mirror leaves a `share` of their colours.
+        """
+        seen: tuple[object, ...] = (share,)
+        if self._follows:
+            seen = share, T_world_eye.tobytes(), T_world_lamp.tobytes()
         if self._lit_for == seen:
             return
         lights, geoms = self.lights, self.geoms
@@ -169,20 +192,19 @@ class Surfaces:
         lit(
             self.corners, self._turned, self.owner, geoms.colours, geoms.shine, geoms.channels,
             lights.kinds, vectors, lights.cones, ambient, np.array(LUMA),
-            T_world_eye[:3, 3].copy(), T_world_eye[:3, 2].copy(), not self._floats, self.light,
+            T_world_eye[:3, 3].copy(), not self._floats, share,
+            self.light,
         )  # fmt: skip
         self._lit_for = seen
 
-    _lit_for: tuple[bytes, ...] | None = None
+    _lit_for: tuple[object, ...] | None = None
 
     @property
     def _follows(self) -> bool:
         """Whether light depends on where the eye or the head is."""
-        given = self.lights.vectors[:, 3:5].any(axis=(1, 2))
-        glossy = bool(self.geoms.shine[:, 1].any()) and bool(self.lights.vectors[:, 4].any())
-        return glossy or bool(
-            (given & (self.lights.heads | (self.lights.kinds == OF_THE_EYE))).any()
-        )
+        vectors, heads = self.lights.vectors, self.lights.heads
+        glossy = bool(self.geoms.shine[:, 1].any()) and bool(vectors[:, 4].any())
+        return glossy or bool(vectors[heads, 3].any())
 
     def _even(self, geom: Any) -> bool:
         """Whether a flat geom has the same light everywhere."""
@@ -245,6 +267,11 @@ def _pose(geom: Any) -> Array:
     """(3, 4) of a geom in the world's axes."""
     turn = np.array(geom.mat, float).reshape(3, 3)
     return np.concatenate([turn, np.array(geom.pos, float).reshape(3, 1)], axis=1)
+
+
+def _mirrors(geom: Any) -> bool:
+    """Whether a geom mirrors: of MuJoCo's, the first plane or box that is solid."""
+    return bool(geom.type in (PLANE, BOX) and geom.reflectance > 0 and geom.rgba[3] >= SOLID)
 
 
 def _reach_m(geom: Any) -> float:

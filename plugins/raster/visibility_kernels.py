@@ -66,6 +66,17 @@ def _bounds(c, intrinsics, view, box):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _cut_by(plane, q, intrinsics, cut):
+    """Fills `cut` (3,) of the part of a triangle, of 1/z `q` (3,), on one side of a plane (4,)."""
+    for k in range(3):
+        cut[k] = plane[3] * q[k]
+    cut[0] += plane[0] / intrinsics[0]
+    cut[1] += plane[1] / intrinsics[1]
+    cut[2] += plane[2] - plane[0] * intrinsics[2] / intrinsics[0]
+    cut[2] -= plane[1] * intrinsics[3] / intrinsics[1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _crossings(planes, count, crossing):
     """Fills `crossing` (N, 3) with where a row crosses planes: column = [0] row + [1].
 
@@ -111,8 +122,8 @@ def _nearer(start, step, number, first, count, nearness, ids):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def visible(  # noqa: C901
-    corners, first, order, turned, T_cam_world, intrinsics, stride, view, clip, scale, nearness,
-    ids, edges, source,
+    corners, first, order, turned, T_cam_world, intrinsics, stride, view, clip, beyond, scale,
+    nearness, ids, edges, source,
 ):  # fmt: skip
     """Draws triangles and returns how many may be seen.
 
@@ -126,6 +137,8 @@ def visible(  # noqa: C901
         stride: rows that lie beside one another.
         view: (4,) first and last column, first and last row to draw.
         clip: (2,) nearest and farthest depth, m.
+        beyond: (4,) a plane in the camera's axes: only what lies where n x + d is positive is
+            drawn; 0 for everything.
         scale: (2,) `nearness` is scale[0] / z - scale[1].
         nearness: in and out, (H, W) float32; 0 is nothing.
         ids: in and out, (H, W) int32, number of a triangle among those seen; -1 is nothing.
@@ -161,6 +174,9 @@ def visible(  # noqa: C901
                 e[3, 2] -= 1.0 / clip[1]
                 e[4, 2] += 1.0 / clip[0]
                 count = 5
+            if beyond[3] != 0.0:
+                _cut_by(beyond, q, intrinsics, e[count])
+                count += 1
             _crossings(e, count, crossing)
             seen = False
             for y in range(int(box[2]), int(box[3]) + 1):

@@ -40,15 +40,16 @@ def test_it_makes_the_events_that_mujoco_makes(tmp_path):
 
 
 def test_what_it_lacks_is_said_in_one_line(tmp_path):
-    def mirror(spec):
+    def glass_and_mirror(spec):
         spec.materials[0].reflectance = 0.5
+        spec.geoms[0].rgba, spec.geoms[0].material = (1, 1, 1, 0.5), ""
 
     lines = []
     drawn = simulated(
-        replace(made.noise_scene(tmp_path), edit=mirror), tmp_path / "s", lines.append
+        replace(made.noise_scene(tmp_path), edit=glass_and_mirror), tmp_path / "s", lines.append
     )
     assert drawn.manifest.renderer.startswith("mujoco ")
-    assert lines[0] == "noise: drawn by MuJoCo, because renderer raster lacks mirrors"
+    assert lines[0] == "noise: drawn by MuJoCo, because renderer raster lacks glass in mirrors"
 
 
 def test_a_renderer_that_nobody_offers_is_refused(tmp_path):

@@ -52,6 +52,9 @@ MODELS = {
     "cube, uniform": (SHAPES + LAMP, CUBE + material('texuniform="true"')),
     "plain colours": (SHAPES + LAMP, '<material name="m" rgba=".8 .4 .2 1" specular="0"/>'),
     "emission": (SHAPES + LAMP, FLAT + material('emission=".4" rgba=".9 .7 .8 1"')),
+    "a lamp of another kind": (
+        SHAPES + LAMP + '<light type="point" pos="0 0 3"/>', FLAT + material()
+    ),
     "a spot": (SHAPES + SPOT, FLAT + material()),
     "coloured lights": (
         SHAPES + LAMP.replace(".5 .5 .5", ".7 .2 .1").replace(".3 .3 .3", ".1 .1 .4"),
@@ -67,6 +70,14 @@ MODELS = {
         SHAPES + LAMP + "".join(f'<geom type="{kind}" size=".2 .3 .25" pos="-1 {y} 1" '
         f'rgba=".8 .{n} .3 .{n}"/>' for n, (kind, y) in enumerate(GLASS, 3)),
         FLAT + material(),
+    ),
+    "a mirror on the floor": (
+        SHAPES.replace('.5" material="m"', '.5" material="r"') + LAMP,
+        FLAT + material() + '<material name="r" reflectance=".6" rgba=".3 .4 .5 1"/>',
+    ),
+    "a mirror on a box": (
+        SHAPES + LAMP + '<geom type="box" size="1 1 .1" pos="0 0 .2" material="r"/>',
+        FLAT + material() + '<material name="r" reflectance=".6" rgba=".3 .4 .5 1"/>',
     ),
     "the back of a plane": (
         LAMP + '<geom type="sphere" size=".5" pos="1.4 0 1"/><geom type="plane" size="1 1 1" '
