@@ -58,4 +58,4 @@ def _opacity(model: Any) -> NDArray[np.float64]:
     own, material = model.geom_rgba[:, 3].astype(float), model.geom_matid
     if not model.nmat:
         return np.asarray(own)
-    return np.where(material >= 0, model.mat_rgba[material, 3], own)
+    return np.asarray(np.where(material >= 0, model.mat_rgba[material, 3], own))

@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.plugins.raster.lens_kernels import shade_lens
 from eventsweep.plugins.raster.shading_kernels import add_where, glaze, planes, shade
 from eventsweep.plugins.raster.surfaces import SOLID, Surfaces
 from eventsweep.plugins.raster.visibility_kernels import visible
+from eventsweep.sim.rendering.base import Samples
 from eventsweep.sim.rendering.lens import edges
+from eventsweep.sim.rendering.pixel_kernels import sample_offsets
+from eventsweep.sim.rendering.sub_views import LensMap
 
 Array = NDArray[np.float64]
 # Balls around geoms are taken larger by a share of their radius and distance, for rounding.
@@ -65,12 +69,21 @@ class Buffers:
     """What pictures are drawn into, and memory for what they see; as large as the largest was."""
 
     def __init__(self, triangles: int) -> None:
-        self._ids = np.empty(0, np.int32)
-        self.edges = np.empty((triangles + 1, 3, 3))
-        self.source = np.empty(triangles + 1, np.int64)
-        self.rho = np.empty((triangles + 1, 3))
-        self.light = np.empty((triangles + 1, 3, 3))
-        self.places = np.empty((triangles + 1, 3, 3))
+        self._ids, self._triangles = np.empty(0, np.int32), triangles
+        self.edges, self.rho = np.empty((0, 3, 3)), np.empty((0, 3))
+        self.light, self.places = np.empty((0, 3, 3)), np.empty((0, 3, 3))
+        self.source = np.empty(0, np.int64)
+        self.reserve(0)
+
+    def reserve(self, made: int) -> None:
+        """Makes room for all triangles, and the sky, after so many."""
+        count = made + self._triangles + 1
+        if len(self.source) < count:
+            for name in ("edges", "source", "rho", "light", "places"):
+                before = getattr(self, name)
+                grown = np.empty((count + made // 2, *before.shape[1:]), before.dtype)
+                grown[:made] = before[:made]
+                setattr(self, name, grown)
 
     def ids(self, shape: tuple[int, int]) -> NDArray[np.int32]:
         """(H, W) for numbers of triangles."""
@@ -112,6 +125,7 @@ class Painter:
         # The sky is one geom more.
         self._texture = np.append(geoms.texture, surfaces.sky)
         self._channels = np.append(geoms.channels, 1)
+        self._owner = np.append(surfaces.owner, len(geoms.ids))
 
     def near_first(self, eye_m: Array) -> None:
         """Draws geoms in the order of their distance from an eye (3,), m, until further notice."""
@@ -168,7 +182,7 @@ class Painter:
                 se3.inverse(drawn.T_world_view),
                 grid.intrinsics, grid.stride, view, np.array(drawn.clip_m), side,
                 np.array(drawn.scale),
-                drawn.nearness, drawn.ids, memory.edges, memory.source,
+                drawn.nearness, drawn.ids, memory.edges, memory.source, drawn.made,
             )
         )  # fmt: skip
 
@@ -178,13 +192,14 @@ class Painter:
     ) -> None:  # fmt: skip
         surfaces, memory, made = self._surfaces, self._buffers, drawn.made
         planes(
-            made, memory.edges, memory.source, surfaces.light, surfaces.places, memory.rho,
+            0, made, memory.edges, memory.source, surfaces.light, surfaces.places, memory.rho,
             memory.light, memory.places,
         )  # fmt: skip
-        owner = np.append(surfaces.owner[memory.source[:made]], len(surfaces.geoms.ids))
-        nothing = -1
+        count, nothing = made, -1
         if sky and surfaces.sky >= 0:
             nothing = self._sky(made, drawn.grid, drawn.T_world_view)
+            count += 1
+        owner = self._owner[memory.source[:count]]
         shade(
             drawn.ids, owner, self._texture, self._channels, memory.rho, memory.light,
             memory.places, *surfaces.texels, drawn.grid.stride, view, bias, nothing, light,
@@ -245,6 +260,48 @@ class Painter:
         found: list[int] = clear[np.argsort(far[clear], kind="stable")].tolist()
         return found
 
+    def all_solid(self, eye_m: Array) -> bool:
+        """Whether an eye (3,), m, sees neither glass nor the back of a plane nor a mirror."""
+        return self._surfaces.mirror < 0 and bool((self._opacity(eye_m) >= SOLID).all())
+
+    def through_lens(
+        self, lens: LensMap, parts: list[tuple[Grid, Array]], clip_m: tuple[float, float],
+        T_world_lamp: Array, bias: float, samples: Samples,
+    ) -> None:  # fmt: skip
+        """Fills the samples of a sensor behind a lens, from which all is solid.
+
+        Args:
+            lens: where its pixels lie in the sub-views.
+            parts: these, and their poses.
+            clip_m: nearest and farthest depth.
+            T_world_lamp: where the headlight is.
+            bias: see `paint`.
+            samples: out.
+        """
+        surfaces, memory, made = self._surfaces, self._buffers, 0
+        ids, nearness = memory.ids(lens.shape), np.zeros(lens.shape, np.float32)
+        ids[:] = -1
+        surfaces.shine(parts[0][1], T_world_lamp)
+        for grid, T_world_view in parts:
+            memory.reserve(made)
+            first = made
+            if surfaces.sky >= 0:
+                left, right, top, bottom = grid.view
+                ids[top : bottom + 1, left : right + 1] = self._sky(made, grid, T_world_view)
+                first = made = made + 1
+            drawn = Drawn(grid, T_world_view, clip_m, (1.0, 0.0), nearness, ids, made)
+            made = self._visible(drawn, self._seen(grid.camera, T_world_view), grid.view)
+            planes(
+                first, made, memory.edges, memory.source, surfaces.light, surfaces.places,
+                memory.rho, memory.light, memory.places,
+            )  # fmt: skip
+        owner = self._owner[memory.source[:made]]
+        shade_lens(
+            ids, owner, self._texture, self._channels, memory.rho, memory.light, memory.places,
+            *surfaces.texels, bias, owner < len(surfaces.geoms.ids), lens.position, lens.step,
+            lens.ratio, sample_offsets(samples.light.shape[0] // len(lens.position)), *samples,
+        )  # fmt: skip
+
     def geom_ids(self, drawn: Drawn) -> NDArray[np.int32]:
         """Geoms of the model that samples of the picture drawn last see; -1 for none."""
         surfaces = self._surfaces
@@ -261,6 +318,7 @@ class Painter:
         direction = np.column_stack([turn[:, 0] / f_x, turn[:, 1] / f_y, turn[:, 2]])
         direction[:, 2] -= direction[:, 0] * c_x + direction[:, 1] * c_y
         memory.rho[number] = memory.light[number] = 0, 0, 1
+        memory.source[number] = len(self._surfaces.corners)
         memory.places[number] = direction[[0, 2, 1]] * [[1], [1], [-1]]
         return number
 

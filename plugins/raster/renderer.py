@@ -172,9 +172,15 @@ class RasterRenderer(ModelRenderer):
         view, n = self._views[camera], self.supersample
         if view.lens is None:
             return None
-        window, light = self._in_views(view.lens, camera, T_world_body, lit=True)
         samples = Samples(*(np.empty(view.samples_shape, np.float32) for _ in Samples._fields))
         lens, rho = view.lens, samples.inverse_depth_per_m
+        if self._painter.all_solid((T_world_body @ self.rig.T_body_cam[camera])[:3, 3]):
+            parts = self._parts(lens, camera, T_world_body)
+            lamp = self._T_world_lamp(T_world_body)
+            clip_m = self._clip_m(lens)
+            self._painter.through_lens(lens, parts, clip_m, lamp, self._bias, samples)
+            return samples
+        window, light = self._in_views(lens, camera, T_world_body, lit=True)
         pixel_kernels.resampled(light, window, lens.position, lens.step, n, *samples)
         box_kernels.inverse_depth_in_lens(rho, n, lens.ratio, *self._clip_m(lens))
         return samples

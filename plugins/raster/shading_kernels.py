@@ -15,16 +15,17 @@ import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache bef
 from eventsweep.plugins.raster.light_kernels import log2
 from eventsweep.plugins.raster.visibility_kernels import shift
 
-_BLOCK = 64
+BLOCK = 64
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
-_TEXEL = np.float32(1 / 65535)
+TEXEL = np.float32(1 / 65535)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def planes(made, edges, source, light, places, rho, light_over_z, places_over_z):
+def planes(first, made, edges, source, light, places, rho, light_over_z, places_over_z):
     """Fills what samples need of the triangles seen: factors of column, row, and value at 0.
 
     Args:
+        first: the first to fill.
         made: N, how many are seen.
         edges: (N, 3, 3) of `visibility_kernels.visible`.
         source: (N,) which triangles these are.
@@ -34,7 +35,7 @@ def planes(made, edges, source, light, places, rho, light_over_z, places_over_z)
         light_over_z: out, (N, 3, 3).
         places_over_z: out, (N, 3, 3).
     """
-    for n in range(made):
+    for n in range(first, made):
         t = source[n]
         for k in range(3):
             rho[n, k] = edges[n, 0, k] + edges[n, 1, k] + edges[n, 2, k]
@@ -48,7 +49,7 @@ def planes(made, edges, source, light, places, rho, light_over_z, places_over_z)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _at(planes, n, k, x, y):
+def at(planes, n, k, x, y):
     """The value of plane k of triangle n; views of arrays would cost more than the sums."""
     return planes[n, k, 0] * x + planes[n, k, 1] * y + planes[n, k, 2]
 
@@ -60,10 +61,10 @@ def _larger(u_x, v_x, u_y, v_y):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _flat_detail(places, rho, n, x, y, width, height, down):
+def flat_detail(places, rho, n, x, y, width, height, down):
     """Level of detail of a flat texture at a sample."""
     z = 1.0 / (rho[n, 0] * x + rho[n, 1] * y + rho[n, 2])
-    u, v = _at(places, n, 0, x, y) * z, _at(places, n, 1, x, y) * z
+    u, v = at(places, n, 0, x, y) * z, at(places, n, 1, x, y) * z
     w, h = width * z, height * z
     return _larger(
         (places[n, 0, 0] - u * rho[n, 0]) * w, (places[n, 1, 0] - v * rho[n, 0]) * h,
@@ -72,9 +73,9 @@ def _flat_detail(places, rho, n, x, y, width, height, down):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cube_detail(places, n, x, y, width, down):
+def cube_detail(places, n, x, y, width, down):
     """Level of detail of a cube's texture: on the side that a direction meets."""
-    s, t, r = _at(places, n, 0, x, y), _at(places, n, 1, x, y), _at(places, n, 2, x, y)
+    s, t, r = at(places, n, 0, x, y), at(places, n, 1, x, y), at(places, n, 2, x, y)
     f_s, f_t, f_r = abs(s), abs(t), abs(r)
     far = 0 if (f_s >= f_t) & (f_s >= f_r) else (1 if f_t >= f_r else 2)
     a, b = (far + 1) % 3, (far + 2) % 3
@@ -94,7 +95,7 @@ def _cube_detail(places, n, x, y, width, down):
 def _flat_places(places, rho, n, x, y, count, u, v, side):
     """Fills `u` and `v` of a flat texture, 0 to 1: it repeats."""
     q = np.float32(rho[n, 0] * x + rho[n, 1] * y + rho[n, 2])
-    s, t = np.float32(_at(places, n, 0, x, y)), np.float32(_at(places, n, 1, x, y))
+    s, t = np.float32(at(places, n, 0, x, y)), np.float32(at(places, n, 1, x, y))
     q_x = np.float32(rho[n, 0])
     s_x, t_x = np.float32(places[n, 0, 0]), np.float32(places[n, 1, 0])
     for k in range(count):
@@ -107,25 +108,30 @@ def _flat_places(places, rho, n, x, y, count, u, v, side):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def side_of(a, b, c):
+    """Where a direction meets a cube: 0 to 1 along two axes, and the number of the side."""
+    f_a, f_b, f_c = abs(a), abs(b), abs(c)
+    by_a = (f_a >= f_b) & (f_a >= f_c)
+    by_b = (not by_a) & (f_b >= f_c)
+    far = f_a if by_a else (f_b if by_b else f_c)
+    first = (-c if a > _ZERO else c) if by_a else (a if by_b else (a if c > _ZERO else -a))
+    second = -b if not by_b else (c if b > _ZERO else -c)
+    per = _HALF / far
+    ahead = a if by_a else (b if by_b else c)
+    side = np.int32((0 if by_a else (2 if by_b else 4)) + (0 if ahead > _ZERO else 1))
+    return first * per + _HALF, second * per + _HALF, side
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _cube_places(places, n, x, y, count, u, v, side):
     """Fills the side of a cube that a direction meets, and where, 0 to 1."""
-    s, s_x = np.float32(_at(places, n, 0, x, y)), np.float32(places[n, 0, 0])
-    t, t_x = np.float32(_at(places, n, 1, x, y)), np.float32(places[n, 1, 0])
-    r, r_x = np.float32(_at(places, n, 2, x, y)), np.float32(places[n, 2, 0])
+    s, s_x = np.float32(at(places, n, 0, x, y)), np.float32(places[n, 0, 0])
+    t, t_x = np.float32(at(places, n, 1, x, y)), np.float32(places[n, 1, 0])
+    r, r_x = np.float32(at(places, n, 2, x, y)), np.float32(places[n, 2, 0])
     for k in range(count):
         step = np.float32(np.int32(k))
         a, b, c = s + s_x * step, t + t_x * step, r + r_x * step
-        f_a, f_b, f_c = abs(a), abs(b), abs(c)
-        by_a = (f_a >= f_b) & (f_a >= f_c)
-        by_b = (not by_a) & (f_b >= f_c)
-        far = f_a if by_a else (f_b if by_b else f_c)
-        first = (-c if a > _ZERO else c) if by_a else (a if by_b else (a if c > _ZERO else -a))
-        second = -b if not by_b else (c if b > _ZERO else -c)
-        per = _HALF / far
-        u[k] = first * per + _HALF
-        v[k] = second * per + _HALF
-        ahead = a if by_a else (b if by_b else c)
-        side[k] = np.int32((0 if by_a else (2 if by_b else 4)) + (0 if ahead > _ZERO else 1))
+        u[k], v[k], side[k] = side_of(a, b, c)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -147,7 +153,7 @@ def _looked_up(texels, first, width, height, u, v, side, count, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _textured(texels, levels, channel, most, detail, u, v, side, n, near, far):
+def textured(texels, levels, channel, most, detail, u, v, side, n, near, far):
     """Fills `near` (n,) with a texture's values, between two levels of detail."""
     detail = min(max(detail, 0.0), float(most))
     k = int(detail)
@@ -170,8 +176,8 @@ def _textured(texels, levels, channel, most, detail, u, v, side, n, near, far):
 def _add(light, rho, n, c, x, y, values, textured, out):
     """Adds a colour's light, times its texture."""
     q, q_x = np.float32(rho[n, 0] * x + rho[n, 1] * y + rho[n, 2]), np.float32(rho[n, 0])
-    full = _TEXEL if textured else _ONE
-    s, s_x = np.float32(_at(light, n, c, x, y)) * full, np.float32(light[n, c, 0]) * full
+    full = TEXEL if textured else _ONE
+    s, s_x = np.float32(at(light, n, c, x, y)) * full, np.float32(light[n, c, 0]) * full
     for k in range(len(out)):
         step = np.float32(np.int32(k))
         value = (s + s_x * step) / (q + q_x * step)
@@ -231,14 +237,14 @@ def shade(
         nothing: what is seen where there is no triangle: the sky's number, or -1.
         out: light.
     """
-    u, v = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
-    near, far = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
-    side = np.empty(_BLOCK, np.int32)
+    u, v = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    near, far = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    side = np.empty(BLOCK, np.int32)
     end = view[1] + 1
     for y in range(view[2], view[3] + 1):
         x0, x = shift(y, stride), view[0]
         while x < end:
-            n, stop, last = ids[y, x], x + 1, min(end, x + _BLOCK)
+            n, stop, last = ids[y, x], x + 1, min(end, x + BLOCK)
             while stop < last and ids[y, stop] == n:
                 stop += 1
             part, count, left = out[y, x:stop], stop - x, x + x0
@@ -249,20 +255,20 @@ def shade(
             if n < 0:
                 continue
             g = owner[n]
-            channel, textured = texture[g], texture[g] >= 0
-            if textured:
+            channel, is_textured = texture[g], texture[g] >= 0
+            if is_textured:
                 middle, most = left + 0.5 * (count - 1), shapes[channel, 0] - 1
                 width, height = levels[channel, 0, 1], levels[channel, 0, 2]
                 if shapes[channel, 1]:
-                    detail = _cube_detail(places_over_z, n, middle, y, width, stride)
+                    detail = cube_detail(places_over_z, n, middle, y, width, stride)
                     _cube_places(places_over_z, n, left, y, count, u, v, side)
                 else:
-                    detail = _flat_detail(places_over_z, rho, n, middle, y, width, height, stride)
+                    detail = flat_detail(places_over_z, rho, n, middle, y, width, height, stride)
                     _flat_places(places_over_z, rho, n, left, y, count, u, v, side)
             for c in range(channels[g]):
-                if textured:
-                    _textured(
+                if is_textured:
+                    textured(
                         texels, levels, channel + c, most, detail + bias, u, v, side, count, near,
                         far,
                     )  # fmt: skip
-                _add(light_over_z, rho, n, c, left, y, near, textured, part)
+                _add(light_over_z, rho, n, c, left, y, near, is_textured, part)

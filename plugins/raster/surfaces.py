@@ -156,7 +156,7 @@ class Surfaces:
     def behind(self, eye_m: Array) -> NDArray[np.bool_]:
         """(G,) which geoms are planes whose back an eye (3,), m, sees."""
         above_m = ((eye_m - self.poses[:, :, 3]) * self.poses[:, :, 2]).sum(1)
-        return self.planes & (above_m < 0)
+        return np.asarray(self.planes & (above_m < 0))
 
     def mirror_plane(self) -> tuple[Array, float]:
         """Normal (3,) of the mirror and its distance from the origin, m; of a box its top."""
@@ -169,8 +169,8 @@ class Surfaces:
     def mirror_triangles(self) -> NDArray[np.bool_]:
         """(T,) which triangles are the mirror's face."""
         normal, _ = self.mirror_plane()
-        its: NDArray[np.bool_] = self.owner == self.mirror
-        return its & (self._turned[:, 0] @ normal > 0.5)
+        its = self.owner == self.mirror
+        return np.asarray(its & (self._turned[:, 0] @ normal > 0.5))
 
     def shine(self, T_world_eye: Array, T_world_lamp: Array, share: float = 1.0) -> None:
         """Lights the corners as seen from an eye (4, 4), lamps of the head where one is (4, 4).

@@ -123,7 +123,7 @@ def _nearer(start, step, number, first, count, nearness, ids):
 @njit(cache=True, nogil=True, error_model="numpy")
 def visible(  # noqa: C901
     corners, first, order, turned, T_cam_world, intrinsics, stride, view, clip, beyond, scale,
-    nearness, ids, edges, source,
+    nearness, ids, edges, source, made,
 ):  # fmt: skip
     """Draws triangles and returns how many may be seen.
 
@@ -144,8 +144,8 @@ def visible(  # noqa: C901
         ids: in and out, (H, W) int32, number of a triangle among those seen; -1 is nothing.
         edges: out, (T, 3, 3) of those seen.
         source: out, (T,) which these are.
+        made: how many there are of other pictures, whose numbers come first.
     """
-    made = 0
     c, e, box = np.empty((3, 3)), np.empty((6, 3)), np.empty(4)
     q, crossing = np.empty(3), np.empty((6, 3))
     columns, near, known = nearness.shape[1], nearness.reshape(-1), ids.reshape(-1)
