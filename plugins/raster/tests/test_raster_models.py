@@ -135,7 +135,8 @@ def test_a_model_looks_as_mujoco_draws_it(name):
 
 @pytest.mark.parametrize("settings", [{"border_px": 4}, {}])
 def test_it_does_so_through_a_lens(settings):
-    found = seen("flat textures", LENS, **settings)
+    # Between samples MuJoCo's light is blurred: the more there are, the less.
+    found = seen("flat textures", LENS, supersample=6, **settings)
     check(found)
     assert found.edges < 5e-3
 
