@@ -15,7 +15,7 @@ class Apart(NamedTuple):
     """Differences between two renderers.
 
     Attributes:
-        light: of pixels that show no edge, as grey levels.
+        light: of pixels that show no edge, as grey levels; above 1 as a share of their light.
         depth: of the same pixels, as shares of the depth.
         signs: share of pixels where only one sees a surface.
         edges: share of pixels with another geom, all of them beside an edge; NaN if some are not.
@@ -46,7 +46,7 @@ def _apart(light, depth_m, geoms):
     there = np.isfinite(depth_m[0]) & np.isfinite(depth_m[1])
     other = geoms[0] != geoms[1]
     return Apart(
-        np.abs(light[1] - light[0])[smooth] / LEVEL,
+        (np.abs(light[1] - light[0]) / np.maximum(light[0], 1))[smooth] / LEVEL,
         (np.abs(depth_m[1][there & smooth] / depth_m[0][there & smooth] - 1)),
         float((np.isfinite(depth_m[0]) != np.isfinite(depth_m[1])).mean()),
         float("nan") if (other & smooth).any() else float(other.mean()),

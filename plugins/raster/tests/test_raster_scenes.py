@@ -26,17 +26,21 @@ def window(name):
     return Rig("window", (smaller,), (np.eye(4),), ("left",))
 
 
-@pytest.mark.parametrize("name", often(["planes", "reflective"], [*{*scenes.names()} - {*NOT_YET}]))
+DRAWN = [name for name in scenes.names() if name not in NOT_YET]
+
+
+@pytest.mark.parametrize("name", often(["planes", "reflective"], DRAWN))
 def test_a_scene_looks_as_mujoco_draws_it(name):
     scene = scenes.load(name)
     T_world_body = scene.motion(scene.duration_s, 0).T_world_body(0.1)
     settings = {"depth_range_m": scene.depth_range_m, "animate": scene.animate, "border_px": 2}
     found = apart(
-        scene.spec(), window(name), T_world_body, 4, floats=scene.hdr, t_s=0.1, **settings
+        scene.spec(), window(name), T_world_body, 6, floats=scene.hdr, t_s=0.1, **settings
     )
     assert found.light.size > 200
     assert np.median(found.light) < 1
-    assert np.percentile(found.light, 99) < 4
+    # Strong light makes more of a texel's 8 bits, which MuJoCo's halved textures round up.
+    assert np.percentile(found.light, 99) < (8 if scene.hdr else 4)
     assert np.percentile(found.depth, 99) < 1e-5
     assert found.signs < 2e-3
     assert found.edges < 0.02
