@@ -35,18 +35,33 @@ def backend() -> str:
 
 
 def import_mujoco() -> Any:
-    """Imports MuJoCo.
+    """Imports MuJoCo, where there is no graphics library without what draws.
 
     Raises:
-        InputError: no graphics library, or one that does not start.
+        InputError: a graphics library that does not start.
     """
     if "mujoco" not in sys.modules:
-        _choice().adopt()
+        try:
+            _choice().adopt()
+        except InputError:  # models compile without graphics; `open_context` says what is missing
+            return _imported_alone()
     try:
         import mujoco
     except (ImportError, AttributeError, OSError) as error:
         raise _broken(error) from error
     return mujoco
+
+
+def _imported_alone() -> Any:
+    """MuJoCo without its part that draws."""
+    asked = os.environ.get("MUJOCO_GL")
+    os.environ["MUJOCO_GL"] = "disable"
+    try:
+        return importlib.import_module("mujoco")
+    finally:
+        del os.environ["MUJOCO_GL"]
+        if asked is not None:
+            os.environ["MUJOCO_GL"] = asked
 
 
 def open_context(width_px: int, height_px: int) -> Any:

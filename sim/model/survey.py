@@ -89,7 +89,7 @@ def survey(
     known_m = range_of(seen.still_m) or range_of(seen.depths_m)
     assert known_m is not None
     beyond = float(np.mean(seen.beyond_8_bits))
-    unsaid = not scene.hdr and config.light.renderer == "auto"
+    unsaid = not scene.hdr and not config.light.chosen
     if unsaid and needs_floats(scene.name, beyond, notice):
         scene = replace(scene, hdr=True)
     return replace(scene, depth_range_m=known_m)
