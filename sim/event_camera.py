@@ -223,7 +223,7 @@ class EventRig:
             clip_m, animate=self._track if moves else None, clip_m=clip_m, hdr=hdr,
             lamp_at=T_start if fixed else None,
         )  # fmt: skip
-        drawing = drawing_of(scene, config, self._notice, self._model)
+        drawing = drawing_of(config, self._model)
         floats = config.light.floats(scene.hdr)
         config = with_sampling(config, self.rig, drawing.why_plain(scene), floats=floats)
         truth_us = range(0, _FOR_EVER_US, self._truth_us) if self._record is not None else ()

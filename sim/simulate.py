@@ -110,7 +110,7 @@ def simulate(
     if workers < 1:
         raise InputError(f"{workers} workers: must be 1 or greater")
     check_output(out, force=force)
-    drawing = drawing or drawing_of(scene, config, notice)
+    drawing = drawing or drawing_of(config)
     asked = rig, config, seed, drawing
     job = make_job(scene, *asked)
     check_disk(job, out)

@@ -51,13 +51,9 @@ def _renderers(sim: Mapping[str, Any]) -> list[EntryPoint]:
 
 
 def _graphics(sim: Mapping[str, Any]) -> str:
-    """What decides the pixels beside code; what a plug-in cannot draw falls to MuJoCo."""
-    try:
-        return drawn_by()
-    except InputError:
-        if _renderers(sim):
-            return "no graphics library"
-        raise
+    """What decides the pixels beside code: a plug-in, or the graphics library."""
+    chosen = _renderers(sim)
+    return chosen[0].name if chosen else drawn_by()
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:

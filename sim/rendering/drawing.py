@@ -5,18 +5,18 @@ A plug-in offers another renderer of such scenes under the name that `light.rend
     [project.entry-points."eventsweep.renderers"]
     mine = "my_package.drawing:MyDrawing"
 
-It is called with a compiled model, or None for the scene's file, and gives a `ModelDrawing`.
+It is called with a compiled model, or None for the scene's file, and gives a `Drawing`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.utils.plugins import RENDERERS, offered, points
 from eventsweep.sim.config import AUTO, CLASSIC, FLOAT, SimConfig
+from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.rendering.base import Drawing
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.scene import Scene
@@ -59,32 +59,18 @@ class MujocoDrawing:
 MUJOCO = MujocoDrawing()
 
 
-class ModelDrawing(Drawing, Protocol):
-    """What a plug-in draws with."""
+def drawing_of(config: SimConfig, model: Any = None) -> Drawing:
+    """What draws a scene, or a compiled model in its place, as `config.light.renderer` says.
 
-    def lacks(self, scene: Scene) -> str:
-        """What it cannot draw of a scene, in a few words; empty where it draws all of it."""
-
-
-def drawing_of(
-    scene: Scene, config: SimConfig, notice: Callable[[str], None], model: Any = None
-) -> Drawing:
-    """What draws a scene, or a model in its place, as `config.light.renderer` says.
-
-    MuJoCo takes the place of a plug-in that cannot draw the scene, and `notice` is called with one
-    line that says why.
+    No graphics library is loaded for the renderer of a plug-in.
 
     Raises:
         InputError: no plug-in offers this renderer, or it cannot be loaded.
     """
-    name, mujoco = config.light.renderer, MujocoDrawing(model) if model is not None else MUJOCO
-    own = AUTO, CLASSIC, FLOAT
+    name, own = config.light.renderer, (AUTO, CLASSIC, FLOAT)
     if name in own:
-        return mujoco
+        return MUJOCO if model is None else MujocoDrawing(model)
     known = (*own, *(point.name for point in points(RENDERERS)))
-    drawing = cast("ModelDrawing", offered(RENDERERS, name, "renderer", known)(model))
-    lacking = drawing.lacks(scene)
-    if not lacking:
-        return drawing
-    notice(f"{scene.name}: drawn by MuJoCo, because renderer {name} lacks {lacking}")
-    return mujoco
+    opens = offered(RENDERERS, name, "renderer", known)
+    import_mujoco(draws=False)
+    return cast("Drawing", opens(model))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from abc import ABC, abstractmethod
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
@@ -27,11 +28,13 @@ if TYPE_CHECKING:
 # Samples per pixel and axis where depth and geoms are looked up through a distorting lens: at
 # least, and with fine frames at most. Only edges gain by more: they lie wrong by half a sample.
 _LEAST_LENS_SAMPLES, _MOST_LENS_SAMPLES = 2, 3
+# How much farther a look goes that asks what the farther clipping plane hides.
+_FAR = 1000
 # When moving bodies are looked at to tell one animation from another: evenly, and early.
 _IDENTITY_SAMPLES, _EARLY_S = 32, (0.001, 0.01, 0.1)
 
 
-class ModelRenderer:
+class ModelRenderer(ABC):
     """A compiled model, its `MjvScene` and the views of a rig; what draws is left to others.
 
     The cameras are not part of the model. A camera with distortion is resampled from pinhole
@@ -108,8 +111,9 @@ class ModelRenderer:
     def __exit__(self, *raised: object) -> None:
         self.close()
 
+    @abstractmethod
     def close(self) -> None:
-        """Frees what `open` took; nothing here."""
+        """Frees what drawing needs."""
 
     def at(self, t_s: float) -> None:
         """Puts the bodies that move by themselves where they are at `t_s`, s from the start."""
@@ -184,6 +188,23 @@ class ModelRenderer:
         if border:
             return self._views[camera].lens, self._views[camera].drawn
         return self._lenses[camera], self.rig.cameras[camera]
+
+    @abstractmethod
+    def depth(
+        self, camera: int, T_world_body: Pose, view: Camera | None = None, *, border: bool = False
+    ) -> NDArray[np.float32]:
+        """See `sim.rendering.base.Renderer`."""
+
+    def beyond_far(self, camera: int, T_world_body: Pose) -> NDArray[np.bool_]:
+        """(H, W) where a surface is not seen because it lies beyond the farther clipping plane."""
+        seen = np.isfinite(self.depth(camera, T_world_body))
+        if seen.all():
+            return ~seen
+        far_m, self._far_m = self._far_m, _FAR * self._far_m
+        try:
+            return ~seen & np.isfinite(self.depth(camera, T_world_body))
+        finally:
+            self._far_m = far_m
 
     @property
     def _lens_samples(self) -> int:

@@ -21,9 +21,6 @@ from eventsweep.sim.rendering.light_shader import NoShader, ShaderLight
 from eventsweep.sim.rendering.model_renderer import ModelRenderer, metric_depth
 from eventsweep.sim.rendering.sub_views import LensMap, SubView
 
-# How much farther a look goes that asks what the farther clipping plane hides.
-_FAR = 1000
-
 
 class StereoRenderer(ModelRenderer):
     """Renders a static scene with MuJoCo's classic renderer, shadows and reflections off.
@@ -163,17 +160,6 @@ class StereoRenderer(ModelRenderer):
         window_depth = np.empty(mapped.position.shape[:2], np.float32)
         pixel_kernels.centre_depth(samples, mapped.position, window_depth)
         return self._metric_depth(window_depth, mapped)
-
-    def beyond_far(self, camera: int, T_world_body: Pose) -> NDArray[np.bool_]:
-        """(H, W) where a surface is not seen because it lies beyond the farther clipping plane."""
-        seen = np.isfinite(self.depth(camera, T_world_body))
-        if seen.all():
-            return ~seen
-        far_m, self._far_m = self._far_m, _FAR * self._far_m
-        try:
-            return ~seen & np.isfinite(self.depth(camera, T_world_body))
-        finally:
-            self._far_m = far_m
 
     def segmentation(
         self, camera: int, T_world_body: Pose, *, border: bool = False

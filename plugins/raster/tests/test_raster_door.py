@@ -1,26 +1,26 @@
 """The renderer chosen by name: what it simulates, where, and what is said of what it lacks."""
 
-import sys
+import re
 from dataclasses import replace
-from hashlib import sha256
 
 import numpy as np
 import pytest
 
 import mujoco_scenes as made
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.plugins.raster.renderer import RasterRenderer
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.simulate import simulate
 from programs import NARROW, python
-from refusals import refused
+from refusals import command_refused, refused
 
+SHORT = "--rig", "davis346", "--seconds", "0.01"
+MODEL = f"<mujoco><worldbody>{made.BOXES}<site name='eye' pos='0 0 1'/></worldbody></mujoco>"
 RASTER = {"light": {"renderer": "raster"}, "duration_s": 0.03}
 
 
-def simulated(scene, out, notice=lambda _line: None, **changed):
+def simulated(scene, out, **changed):
     config = SimConfig.model_validate(RASTER | changed)
-    return Sequence.open(simulate(scene, made.tiny_rig(), config, 0, out, notice=notice))
+    return Sequence.open(simulate(scene, made.tiny_rig(), config, 0, out))
 
 
 def counts(sequence):
@@ -28,10 +28,9 @@ def counts(sequence):
 
 
 def test_it_makes_the_events_that_mujoco_makes(tmp_path):
-    scene, lines = made.noise_scene(tmp_path), []
-    ours = simulated(scene, tmp_path / "ours", lines.append)
+    scene = made.noise_scene(tmp_path)
+    ours = simulated(scene, tmp_path / "ours")
     theirs = simulated(scene, tmp_path / "theirs", light={"renderer": "auto"})
-    assert not lines
     assert ours.manifest.renderer.startswith("raster, mujoco ")
     np.testing.assert_allclose(counts(ours), counts(theirs), rtol=0.02)
     np.testing.assert_allclose(
@@ -39,70 +38,90 @@ def test_it_makes_the_events_that_mujoco_makes(tmp_path):
     )
 
 
-def test_what_it_lacks_is_said_in_one_line(tmp_path):
+def test_what_it_lacks_is_refused_in_one_line(tmp_path):
     def glass_and_mirror(spec):
         spec.materials[0].reflectance = 0.5
         spec.geoms[0].rgba, spec.geoms[0].material = (1, 1, 1, 0.5), ""
 
-    lines = []
-    drawn = simulated(
-        replace(made.noise_scene(tmp_path), edit=glass_and_mirror), tmp_path / "s", lines.append
-    )
-    assert drawn.manifest.renderer.startswith("mujoco ")
-    assert lines[0] == "noise: drawn by MuJoCo, because renderer raster lacks glass in mirrors"
+    scene = replace(made.noise_scene(tmp_path), edit=glass_and_mirror)
+    words = "renderer raster lacks glass in mirrors: set light.renderer to auto"
+    refused(words, simulated, scene, tmp_path / "s")
+    assert not (tmp_path / "s").exists()
 
 
-def test_a_renderer_that_nobody_offers_is_refused(tmp_path):
-    wrong = {"renderer": "rastr"}
-    refused(
-        "unknown renderer 'rastr'.*raster", simulated, made.noise_scene(tmp_path), tmp_path / "s",
-        light=wrong,
-    )  # fmt: skip
+@pytest.mark.parametrize("scene", ["desk", "model.xml"])
+def test_a_renderer_that_nobody_offers_is_refused(tmp_path, capsys, monkeypatch, scene):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "model.xml").write_text(MODEL)
+    asked = "simulate", scene, "--sim.light.renderer", "rastr", "--out", "s", *SHORT
+    line = command_refused(capsys, *asked)
+    assert "unknown renderer 'rastr': choose from auto, classic, float, raster" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["model.xml"]
 
 
-WITHOUT_GRAPHICS = """
-import ctypes, ctypes.util, sys
-from pathlib import Path
-ctypes.util.find_library = lambda name: None
-folder = Path(sys.argv[1])
-import mujoco_scenes as made
-from eventsweep.sim.config import SimConfig
-from eventsweep.sim.simulate import simulate
-config = SimConfig.model_validate({"light": {"renderer": "raster"}, "duration_s": 0.01})
-simulate(made.noise_scene(folder), made.tiny_rig(), config, 0, folder / "s")
-drawn = [name for name in sys.modules if name.startswith("OpenGL") or name == "glfw"]
-loaded = [line for line in open("/proc/self/maps") if "libGL" in line or "libEGL" in line]
-print(drawn, loaded)
+# Whoever loads a graphics library, or looks for one, dies: in workers as well.
+BROKEN = """
+import sys
+from importlib.abc import MetaPathFinder
+
+class NoGraphics(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        whole = name.partition(".")[0] in ("OpenGL", "glfw")
+        if whole or name.startswith(("mujoco.egl", "mujoco.osmesa", "mujoco.glfw")):
+            raise AssertionError(name)
+
+sys.meta_path.insert(0, NoGraphics())
 """
-HERE = [folder for folder in sys.path if folder.endswith("simulation")]
 
 
-def test_it_needs_no_graphics_library(tmp_path):
-    done = python("-c", WITHOUT_GRAPHICS, tmp_path, path=HERE, env={"MUJOCO_GL": ""})
+@pytest.mark.parametrize("workers", [1, 2])
+def test_it_opens_no_graphics_library(tmp_path, workers):
+    (tmp_path / "sitecustomize.py").write_text(BROKEN)
+    (tmp_path / "model.xml").write_text(MODEL)
+    asked = ["simulate", tmp_path / "model.xml", *SHORT, "--workers", workers, "--out"]
+    asked += [tmp_path / "s", "--sim.model.motion", "walk", "--mount", "eye"]
+    asked += ["--sim.light.renderer"]
+    unable = {"MUJOCO_GL": "egl"}
+    done = python("-m", "eventsweep", *asked, "auto", path=[tmp_path], env=unable)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("AssertionError: ")
+    done = python("-m", "eventsweep", *asked, "raster", path=[tmp_path], env=unable)
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "[] []\n"
+    assert sum(Sequence.open(tmp_path / "s").manifest.event_counts) > 100
 
 
-def bits():
-    """A hash of a picture with everything that a processor might compute its own way."""
-    from eventsweep.emvs.geometry.rig import Rig
-    from test_raster_models import LENS, PINHOLE, POSE, RANGE_M, built
+WITHOUT = """
+import ctypes.util, sys
+ctypes.util.find_library = lambda name: None
+from eventsweep.eval.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
 
-    rig = Rig("two", (PINHOLE, LENS), (np.eye(4),) * 2, ("left", "right"))
-    digest = sha256()
-    for name in ("a spot", "gloss", "cube textures", "sky"):
-        with RasterRenderer(built(name), rig, 4, RANGE_M, floats=True, border_px=3) as drawn:
-            for camera in range(2):
-                frame = drawn.frame(camera, POSE)
-                for values in (*frame.samples, frame.intensity, frame.nearest_depth_m):
-                    digest.update(values.tobytes())
-    return digest.hexdigest()
+
+def test_who_has_no_graphics_library_is_told_of_it_and_it_works(tmp_path):
+    def run(*asked):
+        out = "--out", tmp_path / "s", *SHORT
+        return python("-c", WITHOUT, "simulate", "planes", *out, *asked, env={"MUJOCO_GL": ""})
+
+    refusal = run()
+    assert refusal.returncode == 2
+    assert not (tmp_path / "s").exists()
+    cure = re.search("say (--sim.light.renderer) (raster)", refusal.stderr)
+    done = run(*cure.groups())
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("processor", NARROW)
-def test_every_processor_draws_the_same_bits(tmp_path, processor):
-    environment = {"NUMBA_CACHE_DIR": str(tmp_path), **NARROW[processor]}
-    code = "import test_raster_door; print(test_raster_door.bits())"
-    done = python("-c", code, path=sys.path, env=environment)
-    assert done.stdout.strip() == bits(), done.stderr
+def test_every_processor_and_number_of_threads_gives_the_same_bytes(processor, tmp_path):
+    older = NARROW[processor] | {
+        "OPENBLAS_CORETYPE": "Nehalem", "NUMBA_NUM_THREADS": "1",
+        "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR X86_V3",
+    }  # fmt: skip
+    asked = "simulate", "desk", "--sim.light.renderer", "raster", "--seconds", "0.01", "--out"
+    for name, told in (("own", {"NUMBA_NUM_THREADS": "2"}), ("older", older)):
+        told = {**told, "EVENTSWEEP_CACHE": str(tmp_path / f"{name} textures")}
+        python("-m", "eventsweep", *asked, tmp_path / name, env=told, check=True)
+    own, other = (Sequence.open(tmp_path / name) for name in ("own", "older"))
+    assert min(own.event_count(0), own.event_count(1)) > 4000
+    assert other.manifest.digest() == own.manifest.digest()

@@ -1,4 +1,4 @@
-"""Our scenes by both renderers, and which of them MuJoCo still draws."""
+"""Our scenes by both renderers."""
 
 from dataclasses import replace
 
@@ -8,12 +8,9 @@ import pytest
 from both_renderers import apart
 from eventsweep import scenes
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.plugins.raster.drawing import RasterDrawing
 from eventsweep.sim.rigs import rig
 from tiers import often
 
-NOT_YET: dict[str, str] = {}
-"""Scenes that fall to MuJoCo, and why."""
 WIDTH_PX, HEIGHT_PX = 88, 66
 
 
@@ -26,10 +23,7 @@ def window(name):
     return Rig("window", (smaller,), (np.eye(4),), ("left",))
 
 
-DRAWN = [name for name in scenes.names() if name not in NOT_YET]
-
-
-@pytest.mark.parametrize("name", often(["planes", "reflective"], DRAWN))
+@pytest.mark.parametrize("name", often(["planes", "reflective"], scenes.names()))
 def test_a_scene_looks_as_mujoco_draws_it(name):
     scene = scenes.load(name)
     T_world_body = scene.motion(scene.duration_s, 0).T_world_body(0.1)
@@ -44,8 +38,3 @@ def test_a_scene_looks_as_mujoco_draws_it(name):
     assert np.percentile(found.depth, 99) < 1e-5
     assert found.signs < 2e-3
     assert found.edges < 0.02
-
-
-@pytest.mark.parametrize("name", often(["reflective"], scenes.names()))
-def test_what_falls_to_mujoco_is_named(name):
-    assert RasterDrawing().lacks(scenes.load(name)) == NOT_YET.get(name, "")
