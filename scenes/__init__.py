@@ -122,8 +122,11 @@ def prepared(
         notice: called with one line about anything that may be unwanted.
 
     Raises:
-        InputError: an unknown scene, rig or camera, or an unusable model.
+        InputError: an unknown scene, rig, camera or renderer, or an unusable model.
     """
+    from eventsweep.sim.rendering.drawing import drawing_of
+
+    drawing_of(config)  # before MuJoCo is imported: a plug-in needs no graphics library
     chosen = rig_for(scene, rig, config)
     if not is_model_file(scene):
         if asked := sorted(config.model.model_fields_set - {"files", "sha256"}):

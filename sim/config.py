@@ -15,7 +15,7 @@ TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
 """Ground truth on request, see the page `truth`."""
 Density = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
-LightRenderer = Literal["auto", "classic", "float"]
+AUTO, CLASSIC, FLOAT = "auto", "classic", "float"
 Encoding = Literal["srgb", "gamma", "linear", "log"]
 """How values of an image stand for light."""
 SamplingName = Literal["accurate", "fast", "linear"]
@@ -115,14 +115,19 @@ class ImuConfig(FiniteGroup):
 class LightConfig(FiniteGroup):
     """How light is rendered."""
 
-    renderer: LightRenderer = "auto"
+    renderer: str = AUTO
     """`classic` renders 8 bits per channel and sample, clipped at 1; `float` renders unbounded
     32-bit linear light; `auto` chooses `float` for `hdr` scenes and for whatever is too dark or
-    too bright for 8 bits, otherwise `classic`."""
+    too bright for 8 bits, otherwise `classic`. Or a plug-in's, such as `raster`."""
+
+    @property
+    def chosen(self) -> bool:
+        """Whether the user says how light is drawn; else the scene does."""
+        return self.renderer in (CLASSIC, FLOAT)
 
     def floats(self, hdr: bool) -> bool:
         """Whether a scene is drawn in floating point; `hdr` is what the scene asks for."""
-        return self.renderer == "float" or (self.renderer == "auto" and hdr)
+        return self.renderer == FLOAT or (not self.chosen and hdr)
 
 
 class ReplayConfig(FiniteGroup):

@@ -47,7 +47,7 @@ from eventsweep.sim.parallel.render_job import (
 )
 from eventsweep.sim.parallel.sensors import Cameras, Packet, write_events, write_truth
 from eventsweep.sim.rendering.base import Renderer, moving_ids
-from eventsweep.sim.rendering.drawing import MujocoDrawing
+from eventsweep.sim.rendering.drawing import drawing_of
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.scene import Scene
@@ -216,13 +216,14 @@ class EventRig:
         """What `simulate` would render, but for its times."""
         clip_m, config = clip_of(self._model), self._config
         T_start = self._motion.T_world_body(0.0)
-        fixed, drawing = config.model.headlight == "fixed", MujocoDrawing(self._model)
+        fixed = config.model.headlight == "fixed"
         moves = moving_geoms(self._model).any()
         scene = Scene(
             "robot", "a model that somebody else steps", Path(), dict, FixedMotion(self._motion),
             clip_m, animate=self._track if moves else None, clip_m=clip_m, hdr=hdr,
             lamp_at=T_start if fixed else None,
         )  # fmt: skip
+        drawing = drawing_of(config, self._model)
         floats = config.light.floats(scene.hdr)
         config = with_sampling(config, self.rig, drawing.why_plain(scene), floats=floats)
         truth_us = range(0, _FOR_EVER_US, self._truth_us) if self._record is not None else ()
@@ -230,7 +231,7 @@ class EventRig:
 
     def _lit(self, job: RenderJob) -> RenderJob:
         """The job whose light what is seen now needs, as `sim.model.survey` decides it."""
-        if job.config.light.renderer != "auto":
+        if job.config.light.chosen:
             return job
         with job.drawing.open(job.scene, job.rig, 1, floats=True, border_px=None) as seen:
             beyond = glanced_beyond_8_bits(seen, self._motion, [0.0], job.config, cut=False)

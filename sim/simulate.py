@@ -47,7 +47,7 @@ from eventsweep.sim.parallel.workers import (
 )
 from eventsweep.sim.rendering.adaptive_sampling import truth_times_us
 from eventsweep.sim.rendering.base import Drawing, Renderer
-from eventsweep.sim.rendering.drawing import MUJOCO
+from eventsweep.sim.rendering.drawing import MUJOCO, drawing_of
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.scene import Scene, replayed
 from eventsweep.sim.sensor.frame_camera import DENSE_PX, FrameCamera, exposure_spans_us
@@ -85,7 +85,7 @@ def simulate(
     commit_s: float = _COMMIT_S,
     progress: Progress = silent,
     notice: Notice = _nothing,
-    drawing: Drawing = MUJOCO,
+    drawing: Drawing | None = None,
 ) -> Path:
     """Simulates what the rig's event cameras see and writes the sequence to `out`.
 
@@ -93,8 +93,8 @@ def simulate(
     workers there are and however often the run was stopped and resumed. Unfinished work is kept
     beside `out`, in `.NAME.work`, and taken up by the next run with the same arguments, unless
     `resume` is off: then it is discarded. With several workers, the scene's functions must be
-    importable, `drawing`, which opens the renderer, is sent to other processes, and a script that
-    calls this needs the usual `__main__` guard.
+    importable, `drawing`, which opens the renderer instead of the one that the parameters name, is
+    sent to other processes, and a script that calls this needs the usual `__main__` guard.
 
     A kill costs `commit_s` at the most, the least time between two checkpoints. `notice` is called
     with one line when unfinished work is taken up or found damaged, when there is a GPU that does
@@ -110,6 +110,7 @@ def simulate(
     if workers < 1:
         raise InputError(f"{workers} workers: must be 1 or greater")
     check_output(out, force=force)
+    drawing = drawing or drawing_of(config)
     asked = rig, config, seed, drawing
     job = make_job(scene, *asked)
     check_disk(job, out)
@@ -118,7 +119,7 @@ def simulate(
         renderer = graphics.enter_context(job.renderer())
         # A scene that says so itself, and a model, which was surveyed, are not looked at again.
         unknown = not (job.scene.hdr or job.scene.clip_m is not None)
-        unknown &= job.config.light.renderer == "auto"
+        unknown &= not job.config.light.chosen
         if unknown and _beyond_8_bits(job, renderer, cut=True) > FEW:
             graphics.close()
             job, renderer = _lit(job, make_job(replace(scene, hdr=True), *asked), graphics, notice)
@@ -178,13 +179,14 @@ def _say_if_empty(job: RenderJob, events: int, notice: Notice) -> None:
 
 
 def make_job(
-    scene: Scene, rig: Rig, config: SimConfig, seed: int, drawing: Drawing = MUJOCO
+    scene: Scene, rig: Rig, config: SimConfig, seed: int, drawing: Drawing | None = None
 ) -> RenderJob:
-    """Decides the times of truth and the chunks.
+    """Decides the times of truth and the chunks; `drawing` is MuJoCo's without one.
 
     Raises:
         InputError: an impossible duration, truth time, exposure or recorded trajectory.
     """
+    drawing = drawing or MUJOCO
     scene, config = replayed(scene, scene.configured(config))
     floats = config.light.floats(scene.hdr)
     config = with_sampling(config, rig, drawing.why_plain(scene), floats=floats)

@@ -23,10 +23,11 @@ from eventsweep.emvs.utils.release import install_extra
 
 Value = TypeVar("Value")
 FUNCTION = "MODULE:FUNCTION or FILE.py:FUNCTION"
-GROUPS = VERBS, METHODS, DEVICES, TRACKERS, CHECKS, SEQUENCES, PREDICTIONS = tuple(
-    f"eventsweep.{name}"
-    for name in ("verbs", "methods", "devices", "trackers", "checks", "sequences", "predictions")
-)
+_NAMES = (
+    "verbs", "methods", "devices", "trackers", "checks", "sequences", "predictions", "renderers",
+)  # fmt: skip
+GROUPS = tuple(f"eventsweep.{name}" for name in _NAMES)
+VERBS, METHODS, DEVICES, TRACKERS, CHECKS, SEQUENCES, PREDICTIONS, RENDERERS = GROUPS
 """Groups of entry points that the core reads; each is described where it is read."""
 _OURS, _FOLDER = "eventsweep.plugins.", Path(__file__).parents[2] / "plugins"
 

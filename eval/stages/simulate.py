@@ -5,12 +5,15 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from eventsweep import scenes
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.plugins import RENDERERS, modules_of, points
+from eventsweep.emvs.utils.plugins import files_of as files_of_packages
 from eventsweep.eval.jobs.code_version import closure, definition_digest
 from eventsweep.eval.jobs.job import SEQUENCE, Runtime
 from eventsweep.eval.progress import SILENT, Display
@@ -38,16 +41,31 @@ def sequence_parameters(
     """
     own = None if is_model_file(scene) else scenes.load(scene).rig
     facts = {"scene": scene, "rig": rig or own, "seed": seed, "sim": dict(sim)}
-    return {**facts, "graphics": drawn_by()} | ({"change": dict(change)} if change else {})
+    return {**facts, "graphics": _graphics(sim)} | ({"change": dict(change)} if change else {})
+
+
+def _renderers(sim: Mapping[str, Any]) -> list[EntryPoint]:
+    """The plug-in that settings choose to draw with; none where MuJoCo does."""
+    name = sim.get("light", {}).get("renderer")
+    return [point for point in points(RENDERERS) if point.name == name]
+
+
+def _graphics(sim: Mapping[str, Any]) -> str:
+    """What decides the pixels beside code: a plug-in, or the graphics library."""
+    chosen = _renderers(sim)
+    return chosen[0].name if chosen else drawn_by()
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
-    """The scene's own module and files, and files that settings name."""
+    """The scene's own module and files, files that settings name, and the renderer's code."""
+    renderers = _renderers(parameters["sim"])
+    modules, files = modules_of(renderers), files_of_packages(renderers)
     scene, texts = str(parameters["scene"]), _texts([parameters["rig"], parameters["sim"]])
     named = [path for text in texts if len(text) < 4096 and (path := Path(text)).is_file()]
     if is_model_file(scene):
-        return (), (*files_of(Path(scene)), *named)
-    return (scenes.module_of(scene),), (*files_of(scenes.load(scene).mjcf), *named)
+        return modules, (*files, *files_of(Path(scene)), *named)
+    files += files_of(scenes.load(scene).mjcf)
+    return (scenes.module_of(scene), *modules), (*files, *named)
 
 
 def _texts(value: Any) -> Iterator[str]:
@@ -73,10 +91,11 @@ def run(
     parameters: Mapping[str, Any], _inputs: Sequence[Path], out: Path, runtime: Runtime
 ) -> None:
     """Writes the sequence; one process draws, in one thread, unless the runtime has more."""
-    if drawn_by() != parameters["graphics"]:
+    graphics = _graphics(parameters["sim"])
+    if graphics != parameters["graphics"]:
         raise InputError(
             f"this was planned for the renderer {parameters['graphics']}, this worker has "
-            f"{drawn_by()}: set MUJOCO_GL=osmesa everywhere, or use machines with the same renderer"
+            f"{graphics}: set MUJOCO_GL=osmesa everywhere, or use machines with the same renderer"
         )
     config = SimConfig.model_validate(parameters["sim"])
     # Beside the entry, where a kill leaves what is drawn so far for the next attempt.

@@ -9,6 +9,7 @@ import sys
 from typing import Any
 
 from eventsweep.emvs.errors import InputError, heed_interrupt
+from eventsweep.emvs.utils.plugins import RENDERERS, points
 from eventsweep.sim.graphics.choice import (
     NOTE,
     Choice,
@@ -34,19 +35,36 @@ def backend() -> str:
     return _choice().backend
 
 
-def import_mujoco() -> Any:
-    """Imports MuJoCo.
+def import_mujoco(*, draws: bool = True) -> Any:
+    """Imports MuJoCo; where there is no graphics library, or it `draws` nothing, without one.
 
     Raises:
-        InputError: no graphics library, or one that does not start.
+        InputError: a graphics library that does not start.
     """
     if "mujoco" not in sys.modules:
-        _choice().adopt()
+        if not draws:
+            return _imported_alone()
+        try:
+            _choice().adopt()
+        except InputError:  # models compile without graphics; `open_context` says what is missing
+            return _imported_alone()
     try:
         import mujoco
     except (ImportError, AttributeError, OSError) as error:
         raise _broken(error) from error
     return mujoco
+
+
+def _imported_alone() -> Any:
+    """MuJoCo without its part that draws."""
+    asked = os.environ.get("MUJOCO_GL")
+    os.environ["MUJOCO_GL"] = "disable"
+    try:
+        return importlib.import_module("mujoco")
+    finally:
+        del os.environ["MUJOCO_GL"]
+        if asked is not None:
+            os.environ["MUJOCO_GL"] = asked
 
 
 def open_context(width_px: int, height_px: int) -> Any:
@@ -57,6 +75,7 @@ def open_context(width_px: int, height_px: int) -> Any:
     """
     import_mujoco()
     try:
+        _choice().adopt()
         # Not mujoco.GLContext: that is fixed by whoever imported MuJoCo first.
         context = importlib.import_module(f"mujoco.{backend()}").GLContext(width_px, height_px)
         context.make_current()
@@ -108,7 +127,7 @@ def _choice() -> Choice:
     installed = tuple(filter(_installed, [asked] if asked else _LIBRARIES))
     if not installed:
         wanted = f"MUJOCO_GL={asked}" if asked else "EGL or OSMesa"
-        raise InputError(f"no graphics library found for {wanted}: {_CURE}")
+        raise InputError(f"no graphics library found for {wanted}: {_cure()}")
     return Choice(asked) if asked else choose(installed)
 
 
@@ -128,8 +147,14 @@ def _broken(error: Exception) -> InputError:
     other = "osmesa" if chosen == "egl" else "egl"
     return InputError(
         f"the graphics library for MUJOCO_GL={chosen} does not start ({reason}): "
-        f"try MUJOCO_GL={other}, or {_CURE}"
+        f"try MUJOCO_GL={other}, or {_cure()}"
     )
+
+
+def _cure() -> str:
+    """An end of messages: what to install, and what draws without."""
+    others = [point.name for point in points(RENDERERS)]
+    return _CURE + (f", or set light.renderer to {others[0]}, which needs none" if others else "")
 
 
 def _installed(name: str) -> bool:

@@ -18,7 +18,7 @@ from eventsweep.sim.config import PixelConfig, SimConfig
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.motion import Motion
 from eventsweep.sim.rendering.base import Frame, Renderer, moving_ids
-from eventsweep.sim.rendering.drawing import MIRRORS, MUJOCO
+from eventsweep.sim.rendering.drawing import MIRRORS, MUJOCO, drawing_of
 from eventsweep.sim.scene import Scene, replayed
 
 FEW = 0.05
@@ -89,7 +89,7 @@ def survey(
     known_m = range_of(seen.still_m) or range_of(seen.depths_m)
     assert known_m is not None
     beyond = float(np.mean(seen.beyond_8_bits))
-    unsaid = not scene.hdr and config.light.renderer == "auto"
+    unsaid = not scene.hdr and not config.light.chosen
     if unsaid and needs_floats(scene.name, beyond, notice):
         scene = replace(scene, hdr=True)
     return replace(scene, depth_range_m=known_m)
@@ -109,7 +109,7 @@ def _looked(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> _Seen:
     duration_s = config.duration_s or scene.duration_s
     motion = replayed(scene, config)[0].motion(duration_s, seed)
     seen = _Seen([], [], [], [], [])
-    with MUJOCO.open(scene, rig, 1, floats=True, border_px=None) as renderer:
+    with drawing_of(config).open(scene, rig, 1, floats=True, border_px=None) as renderer:
         moves = moving_ids(renderer) & (scene.animate is not None)
         for t_s in np.linspace(0, duration_s, _LOOKS).tolist():
             renderer.at(t_s)

@@ -31,6 +31,7 @@ from eventsweep.sim.parallel.checkpoint import Stopped
 from eventsweep.sim.parallel.render_job import ChunkRenderer, RenderedFrame, RenderJob
 from eventsweep.sim.rendering import lens
 from eventsweep.sim.rendering.base import Renderer, Samples
+from eventsweep.sim.rendering.drawing import MujocoDrawing
 from eventsweep.sim.sampling import border_px
 
 _BYTES_PER_WORKER = 192 << 20
@@ -113,7 +114,7 @@ def frames_from_workers(job: RenderJob, first_chunk: int, workers: int) -> Itera
     _check_sendable(job)
     # After a fork, threads and graphics of this process would be dead in the child: spawn.
     context = multiprocessing.get_context("spawn")
-    gpus = worker_devices()
+    gpus = worker_devices() if isinstance(job.drawing, MujocoDrawing) else ()
     with ExitStack() as stack:
         team = []
         for k in range(workers):

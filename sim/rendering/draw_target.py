@@ -19,8 +19,8 @@ from eventsweep.emvs.errors import InputError
 
 Colours = NDArray[np.uint8] | NDArray[np.float32]
 _CLAMPS = ("GL_CLAMP_VERTEX_COLOR", "GL_CLAMP_FRAGMENT_COLOR", "GL_CLAMP_READ_COLOR")
-# Steps of a factor of two in the width of texels.
-_LOD_BIAS = -0.75
+LOD_BIAS = -0.75
+"""How much sharper textures of fine frames are, in steps of a factor of two in their texels."""
 
 
 # Format of texels -> the format that OpenGL reads.
@@ -199,7 +199,7 @@ def sharpen_textures(context: Any, stride: int = 1) -> None:
     In a picture's samples all but every `stride`-th are missing.
     """
     gl = opengl()
-    targets, bias = (gl.GL_TEXTURE_2D, gl.GL_TEXTURE_CUBE_MAP), _LOD_BIAS - math.log2(stride)
+    targets, bias = (gl.GL_TEXTURE_2D, gl.GL_TEXTURE_CUBE_MAP), LOD_BIAS - math.log2(stride)
     textures = context.texture[: context.ntexture]
     for kind, texture in zip(context.textureType, textures, strict=False):
         target = targets[int(bool(kind))]

@@ -1,11 +1,23 @@
-"""MuJoCo as the simulator's renderer: opened for a scene's file, or for a model in memory."""
+"""MuJoCo as the simulator's renderer, opened for a scene's file or for a model in memory.
+
+A plug-in offers another renderer of such scenes under the name that `light.renderer` chooses it by:
+
+    [project.entry-points."eventsweep.renderers"]
+    mine = "my_package.drawing:MyDrawing"
+
+It is called with a compiled model, or None for the scene's file, and gives a `Drawing`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.utils.plugins import RENDERERS, offered, points
+from eventsweep.sim.config import AUTO, CLASSIC, FLOAT, SimConfig
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.rendering.base import Drawing
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.scene import Scene
 
@@ -45,3 +57,20 @@ class MujocoDrawing:
 
 
 MUJOCO = MujocoDrawing()
+
+
+def drawing_of(config: SimConfig, model: Any = None) -> Drawing:
+    """What draws a scene, or a compiled model in its place, as `config.light.renderer` says.
+
+    No graphics library is loaded for the renderer of a plug-in.
+
+    Raises:
+        InputError: no plug-in offers this renderer, or it cannot be loaded.
+    """
+    name, own = config.light.renderer, (AUTO, CLASSIC, FLOAT)
+    if name in own:
+        return MUJOCO if model is None else MujocoDrawing(model)
+    known = (*own, *(point.name for point in points(RENDERERS)))
+    opens = offered(RENDERERS, name, "renderer", known)
+    import_mujoco(draws=False)
+    return cast("Drawing", opens(model))

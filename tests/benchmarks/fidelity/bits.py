@@ -4,7 +4,7 @@ A few milliseconds are simulated once for each way of `WAYS`, in a process of it
 what follows from the first way's pictures; of every way, the first stage that differs from the
 first way's is printed with how many of its values do, and so are the events.
 
-Run: python tests/benchmarks bits [WAY ...] [--scene desk] [--rig davis346] [--seconds 0.01]
+Run: python tests/benchmarks bits [WAY ...] [--scene desk] [--rig davis346] [--renderer raster]
 """
 
 from __future__ import annotations
@@ -47,10 +47,13 @@ def drawn(args: argparse.Namespace) -> tuple[Any, list[Any]]:
     from eventsweep import scenes
     from eventsweep.sim.config import SimConfig
     from eventsweep.sim.parallel.workers import frames_in_process
+    from eventsweep.sim.rendering.drawing import drawing_of
     from eventsweep.sim.rigs import rig
     from eventsweep.sim.simulate import make_job
 
-    job = make_job(scenes.load(args.scene), rig(args.rig), SimConfig(duration_s=args.seconds), 0)
+    config = SimConfig(duration_s=args.seconds, light={"renderer": args.renderer})
+    made = scenes.load(args.scene), rig(args.rig), config, 0, drawing_of(config)
+    job = make_job(*made)
     with job.renderer() as renderer:
         return job, list(frames_in_process(job, renderer, 0))
 
@@ -136,6 +139,7 @@ def main() -> None:
     parser.add_argument("ways", nargs="*", metavar="WAY", help=", ".join(WAYS))
     parser.add_argument("--scene", default="desk")
     parser.add_argument("--rig", default="davis346")
+    parser.add_argument("--renderer", default="auto")
     parser.add_argument("--seconds", type=float, default=0.01)
     parser.add_argument("--all", action="store_true", help="every stage that differs")
     parser.add_argument("--out", type=Path, help=argparse.SUPPRESS)

@@ -12,7 +12,8 @@ from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.motion.curves import look_at
 from eventsweep.sim.rendering import pixel_kernels
 from eventsweep.sim.rendering.drawn_geoms import DrawnGeoms
-from eventsweep.sim.rendering.renderer import StereoRenderer, metric_depth
+from eventsweep.sim.rendering.model_renderer import metric_depth
+from eventsweep.sim.rendering.renderer import StereoRenderer
 from refusals import refused
 
 RANGE_M = (0.5, 8.0)

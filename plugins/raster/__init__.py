@@ -1,0 +1,1 @@
+"""A renderer of compiled loops in MuJoCo's place: no graphics library draws."""

@@ -1,0 +1,337 @@
+"""One pinhole picture of a scene: what its samples see, and in which light."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.plugins.raster.lens_kernels import shade_lens
+from eventsweep.plugins.raster.shading_kernels import add_where, glaze, planes, shade
+from eventsweep.plugins.raster.surfaces import SOLID, Surfaces
+from eventsweep.plugins.raster.visibility_kernels import visible
+from eventsweep.sim.rendering.base import Samples
+from eventsweep.sim.rendering.lens import edges
+from eventsweep.sim.rendering.pixel_kernels import sample_offsets
+from eventsweep.sim.rendering.sub_views import LensMap
+
+Array = NDArray[np.float64]
+# Balls around geoms are taken larger by a share of their radius and distance, for rounding.
+_MARGIN = 1e-6
+# Opacity of the back of a plane, as a share of its front's.
+BACK = 0.3
+_EVERYWHERE = np.zeros(4)
+
+
+class Grid(NamedTuple):
+    """Where a picture's samples lie.
+
+    Attributes:
+        camera: a pinhole, in pixels.
+        samples: per pixel and axis.
+        stride: rows that lie beside one another, see `fine_light.FineView.stride`.
+        upside_down: whether the bottom row comes first.
+        corner: column and row of the first sample.
+    """
+
+    camera: Camera
+    samples: int = 1
+    stride: int = 1
+    upside_down: bool = False
+    corner: tuple[int, int] = (0, 0)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of samples."""
+        return self.samples * self.camera.height_px, self.samples * self.camera.width_px
+
+    @property
+    def intrinsics(self) -> Array:
+        """(4,) fx, fy, cx, cy in samples; upside down fy is negative."""
+        camera, n, (rows, _) = self.camera, self.samples, self.shape
+        c_x, c_y = (n * (c + 0.5) - 0.5 for c in (camera.cx_px, camera.cy_px))
+        f_y = n * camera.fy_px
+        if self.upside_down:
+            f_y, c_y = -f_y, rows - 1 - c_y
+        return np.array([n * camera.fx_px, f_y, c_x + self.corner[0], c_y + self.corner[1]])
+
+    @property
+    def view(self) -> NDArray[np.int64]:
+        """(4,) first and last column, first and last row."""
+        (rows, columns), (left, top) = self.shape, self.corner
+        return np.array([left, left + columns - 1, top, top + rows - 1])
+
+
+class Buffers:
+    """What pictures are drawn into, and memory for what they see; as large as the largest was."""
+
+    def __init__(self, triangles: int) -> None:
+        self._ids, self._triangles = np.empty(0, np.int32), triangles
+        self.edges, self.rho = np.empty((0, 3, 3)), np.empty((0, 3))
+        self.light, self.places = np.empty((0, 3, 3)), np.empty((0, 3, 3))
+        self.source = np.empty(0, np.int64)
+        self.reserve(0)
+
+    def reserve(self, made: int) -> None:
+        """Makes room for all triangles, and the sky, after so many."""
+        count = made + self._triangles + 1
+        if len(self.source) < count:
+            for name in ("edges", "source", "rho", "light", "places"):
+                before = getattr(self, name)
+                grown = np.empty((count + made // 2, *before.shape[1:]), before.dtype)
+                grown[:made] = before[:made]
+                setattr(self, name, grown)
+
+    def ids(self, shape: tuple[int, int]) -> NDArray[np.int32]:
+        """(H, W) for numbers of triangles."""
+        size = shape[0] * shape[1]
+        if self._ids.size < size:
+            self._ids = np.empty(size, np.int32)
+        return self._ids[:size].reshape(shape)
+
+
+class Drawn(NamedTuple):
+    """A picture of which every sample's triangle is known.
+
+    Attributes:
+        grid: where its samples lie.
+        T_world_view: (4, 4) from where it is seen.
+        clip_m: nearest and farthest depth.
+        scale: `nearness` is scale[0] / z - scale[1].
+        nearness: (H, W), 0 where nothing is.
+        ids: (H, W) numbers of the triangles seen, -1 for none.
+        made: how many triangles there are.
+    """
+
+    grid: Grid
+    T_world_view: Array
+    clip_m: tuple[float, float]
+    scale: tuple[float, float]
+    nearness: NDArray[np.float32]
+    ids: NDArray[np.int32]
+    made: int
+
+
+class Painter:
+    """Draws pictures of surfaces, one after the other."""
+
+    def __init__(self, surfaces: Surfaces) -> None:
+        self._surfaces, self._buffers = surfaces, Buffers(len(surfaces.corners))
+        self._order = np.arange(len(surfaces.geoms.ids))
+        geoms = surfaces.geoms
+        # The sky is one geom more.
+        self._texture = np.append(geoms.texture, surfaces.sky)
+        self._channels = np.append(geoms.channels, 1)
+        self._owner = np.append(surfaces.owner, len(geoms.ids))
+
+    def near_first(self, eye_m: Array) -> None:
+        """Draws geoms in the order of their distance from an eye (3,), m, until further notice."""
+        geoms, poses = self._surfaces.geoms, self._surfaces.poses
+        local = np.einsum("gji,gj->gi", poses[:, :, :3], eye_m - poses[:, :, 3])
+        away = np.abs(local - geoms.middle)
+        nearest = np.sqrt((np.maximum(away - geoms.half, 0) ** 2).sum(1))
+        farthest = np.sqrt(((away + geoms.half) ** 2).sum(1))
+        distance_m = np.where(np.isfinite(geoms.radius_m), (nearest + farthest) / 2, np.inf)
+        self._order = np.argsort(distance_m, kind="stable")
+
+    def draw(
+        self, grid: Grid, T_world_view: Array, clip_m: tuple[float, float],
+        nearness: NDArray[np.float32], scale: tuple[float, float] = (1.0, 0.0), *,
+        glass: bool = False,
+    ) -> Drawn:  # fmt: skip
+        """Fills `nearness`, which is 0 where nothing was drawn; with `glass` as if that were solid.
+
+        The numbers of triangles hold until the next picture is drawn.
+        """
+        ids, view = self._buffers.ids(nearness.shape), grid.view
+        ids[view[2] : view[3] + 1, view[0] : view[1] + 1] = -1
+        order = self._seen(grid.camera, T_world_view)
+        if not glass:
+            order = order[self._opacity(T_world_view[:3, 3])[order] >= SOLID]
+        drawn = Drawn(grid, T_world_view, clip_m, scale, nearness, ids, 0)
+        return drawn._replace(made=self._visible(drawn, order, view))
+
+    def paint(
+        self, drawn: Drawn, T_world_lamp: Array, bias: float, light: NDArray[np.float32]
+    ) -> None:
+        """Fills `light` of the picture drawn last; a `bias` below 0 makes textures sharper."""
+        self._surfaces.shine(drawn.T_world_view, T_world_lamp)
+        self._shade(drawn, drawn.grid.view, bias, light, sky=True)
+        if self._surfaces.mirror >= 0:
+            self._reflect(drawn, T_world_lamp, bias, light)
+        opacity = self._opacity(drawn.T_world_view[:3, 3])
+        seen = self._seen(drawn.grid.camera, drawn.T_world_view)
+        there = [g for g in self._near_to_far(drawn.T_world_view[:3, 3], opacity) if g in seen]
+        # As MuJoCo does: from near to far, and back.
+        for g in (*there, *there[::-1]):
+            self._glaze(drawn, g, float(opacity[g]), bias, light)
+
+    def _visible(
+        self, drawn: Drawn, order: NDArray[np.int64], view: NDArray[np.int64],
+        side: Array = _EVERYWHERE,
+    ) -> int:  # fmt: skip
+        """Draws geoms; in a mirror only those on its `side`, and of these the backs are fronts."""
+        surfaces, memory, grid = self._surfaces, self._buffers, drawn.grid
+        return int(
+            visible(
+                surfaces.corners, surfaces.geoms.first, order,
+                surfaces.behind(drawn.T_world_view[:3, 3]) ^ bool(side.any()),
+                se3.inverse(drawn.T_world_view),
+                grid.intrinsics, grid.stride, view, np.array(drawn.clip_m), side,
+                np.array(drawn.scale),
+                drawn.nearness, drawn.ids, memory.edges, memory.source, drawn.made,
+            )
+        )  # fmt: skip
+
+    def _shade(
+        self, drawn: Drawn, view: NDArray[np.int64], bias: float, light: NDArray[np.float32], *,
+        sky: bool,
+    ) -> None:  # fmt: skip
+        surfaces, memory, made = self._surfaces, self._buffers, drawn.made
+        planes(
+            0, made, memory.edges, memory.source, surfaces.light, surfaces.places, memory.rho,
+            memory.light, memory.places,
+        )  # fmt: skip
+        count, nothing = made, -1
+        if sky and surfaces.sky >= 0:
+            nothing = self._sky(made, drawn.grid, drawn.T_world_view)
+            count += 1
+        owner = self._owner[memory.source[:count]]
+        shade(
+            drawn.ids, owner, self._texture, self._channels, memory.rho, memory.light,
+            memory.places, *surfaces.texels, drawn.grid.stride, view, bias, nothing, light,
+        )  # fmt: skip
+
+    def _reflect(
+        self, drawn: Drawn, T_world_lamp: Array, bias: float, light: NDArray[np.float32]
+    ) -> None:
+        """Adds what the mirror shows: the scene on its side, seen by an eye behind it."""
+        surfaces, memory = self._surfaces, self._buffers
+        normal, distance_m = surfaces.mirror_plane()
+        if normal @ drawn.T_world_view[:3, 3] < distance_m:
+            return
+        wanted = surfaces.mirror_triangles()[memory.source[: drawn.made]]
+        turn = np.eye(4)
+        turn[:3, :3] -= 2 * np.outer(normal, normal)
+        turn[:3, 3] = 2 * distance_m * normal
+        ids = np.full_like(drawn.ids, -1)
+        other = Drawn(
+            drawn.grid, turn @ drawn.T_world_view, drawn.clip_m, drawn.scale,
+            np.zeros_like(drawn.nearness), ids, 0,
+        )  # fmt: skip
+        solid = self._opacity(drawn.T_world_view[:3, 3]) >= SOLID
+        solid[surfaces.mirror] = False
+        side = np.append(normal @ other.T_world_view[:3, :3], 0.0)
+        side[3] = normal @ other.T_world_view[:3, 3] - distance_m
+        order = self._order[solid[self._order]]
+        other = other._replace(made=self._visible(other, order, drawn.grid.view, side))
+        surfaces.shine(other.T_world_view, T_world_lamp, surfaces.reflectance)
+        its = np.empty_like(light)
+        self._shade(other, drawn.grid.view, bias, its, sky=False)
+        add_where(drawn.ids, wanted, its, drawn.grid.view, light)
+        surfaces.shine(drawn.T_world_view, T_world_lamp)
+
+    def _glaze(
+        self, drawn: Drawn, g: int, opacity: float, bias: float, light: NDArray[np.float32]
+    ) -> None:
+        """Puts the light of one geom over that of what is drawn."""
+        view, ids = drawn.grid.view, np.full_like(drawn.ids, -1)
+        over = drawn._replace(nearness=np.zeros_like(drawn.nearness), ids=ids)
+        over = over._replace(made=self._visible(over, np.array([g]), view))
+        its = np.empty_like(light)
+        self._shade(over, view, bias, its, sky=False)
+        glaze(ids, over.nearness, drawn.nearness, its, opacity, view, light)
+
+    def _opacity(self, eye_m: Array) -> Array:
+        """(G,) of geoms; the backs of planes are seen through."""
+        surfaces = self._surfaces
+        behind = np.where(surfaces.behind(eye_m), BACK, 1.0)
+        return np.asarray(surfaces.geoms.colours[:, 3] * behind)
+
+    def _near_to_far(self, eye_m: Array, opacity: Array) -> list[int]:
+        """Geoms that are not solid, sorted as MuJoCo sorts them: planes come last."""
+        surfaces = self._surfaces
+        apart_m = np.sqrt(((surfaces.poses[:, :, 3] - eye_m) ** 2).sum(1))
+        far = np.where(surfaces.planes, 1e10, apart_m - surfaces.reach_m)
+        clear = np.flatnonzero(opacity < SOLID)
+        found: list[int] = clear[np.argsort(far[clear], kind="stable")].tolist()
+        return found
+
+    def all_solid(self, eye_m: Array) -> bool:
+        """Whether an eye (3,), m, sees neither glass nor the back of a plane nor a mirror."""
+        return self._surfaces.mirror < 0 and bool((self._opacity(eye_m) >= SOLID).all())
+
+    def through_lens(
+        self, lens: LensMap, parts: list[tuple[Grid, Array]], clip_m: tuple[float, float],
+        T_world_lamp: Array, bias: float, samples: Samples,
+    ) -> None:  # fmt: skip
+        """Fills the samples of a sensor behind a lens, from which all is solid.
+
+        Args:
+            lens: where its pixels lie in the sub-views.
+            parts: these, and their poses.
+            clip_m: nearest and farthest depth.
+            T_world_lamp: where the headlight is.
+            bias: see `paint`.
+            samples: out.
+        """
+        surfaces, memory, made = self._surfaces, self._buffers, 0
+        ids, nearness = memory.ids(lens.shape), np.zeros(lens.shape, np.float32)
+        ids[:] = -1
+        surfaces.shine(parts[0][1], T_world_lamp)
+        for grid, T_world_view in parts:
+            memory.reserve(made)
+            first = made
+            if surfaces.sky >= 0:
+                left, right, top, bottom = grid.view
+                ids[top : bottom + 1, left : right + 1] = self._sky(made, grid, T_world_view)
+                first = made = made + 1
+            drawn = Drawn(grid, T_world_view, clip_m, (1.0, 0.0), nearness, ids, made)
+            made = self._visible(drawn, self._seen(grid.camera, T_world_view), grid.view)
+            planes(
+                first, made, memory.edges, memory.source, surfaces.light, surfaces.places,
+                memory.rho, memory.light, memory.places,
+            )  # fmt: skip
+        owner = self._owner[memory.source[:made]]
+        shade_lens(
+            ids, owner, self._texture, self._channels, memory.rho, memory.light, memory.places,
+            *surfaces.texels, bias, owner < len(surfaces.geoms.ids), lens.position, lens.step,
+            lens.ratio, sample_offsets(samples.light.shape[0] // len(lens.position)), *samples,
+        )  # fmt: skip
+
+    def geom_ids(self, drawn: Drawn) -> NDArray[np.int32]:
+        """Geoms of the model that samples of the picture drawn last see; -1 for none."""
+        surfaces = self._surfaces
+        owner = surfaces.owner[self._buffers.source[: drawn.made]]
+        known = np.append(surfaces.geoms.ids[owner], -1).astype(np.int32)
+        left, right, top, bottom = drawn.grid.view
+        found: NDArray[np.int32] = known[drawn.ids[top : bottom + 1, left : right + 1]]
+        return found
+
+    def _sky(self, number: int, grid: Grid, T_world_view: Array) -> int:
+        """Makes the sky a triangle of that number: its texture lies in the samples' directions."""
+        f_x, f_y, c_x, c_y = grid.intrinsics
+        turn, memory = T_world_view[:3, :3], self._buffers
+        direction = np.column_stack([turn[:, 0] / f_x, turn[:, 1] / f_y, turn[:, 2]])
+        direction[:, 2] -= direction[:, 0] * c_x + direction[:, 1] * c_y
+        memory.rho[number] = memory.light[number] = 0, 0, 1
+        memory.source[number] = len(self._surfaces.corners)
+        memory.places[number] = direction[[0, 2, 1]] * [[1], [1], [-1]]
+        return number
+
+    def _seen(self, camera: Camera, T_world_view: Array) -> NDArray[np.int64]:
+        """The geoms that reach into a pinhole view, in order."""
+        left, right, top, bottom = edges(camera)
+        inwards = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]])
+        inwards /= np.sqrt((inwards**2).sum(1, keepdims=True))
+        geoms, poses = self._surfaces.geoms, self._surfaces.poses
+        middle_m = np.einsum("gij,gj->gi", poses[:, :, :3], geoms.middle) + poses[:, :, 3]
+        from_eye = middle_m - T_world_view[:3, 3]
+        distance_m = np.sqrt((from_eye**2).sum(1))
+        reach_m = geoms.radius_m + _MARGIN * (geoms.radius_m + distance_m)
+        inside_m = from_eye @ T_world_view[:3, :3] @ inwards.T
+        order: NDArray[np.int64] = self._order[(inside_m.min(1) >= -reach_m)[self._order]]
+        return order

@@ -1,0 +1,149 @@
+"""Everything that a model may show, by both renderers."""
+
+import numpy as np
+import pytest
+
+import mujoco_scenes as made
+from both_renderers import apart
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.motion.curves import look_at
+
+POSE, RANGE_M = look_at((-2.5, 0.4, 1.3), (1, -0.1, -0.25)), (0.4, 30.0)
+PINHOLE = Camera(120, 90, 95.3, 97.1, 58.2, 46.4)
+LENS = Camera(96, 72, 60, 60, 47.5, 35.5, "kb4", (-0.02, 0.01, -0.004, 0.001))
+RNG = np.random.default_rng(5)
+SMOOTH = np.kron(RNG.integers(40, 220, (16, 16, 3)), np.ones((8, 8, 1))).astype(np.uint8)
+SHAPES = """
+<geom type="box" size=".3 .2 .25" pos=".2 .9 .4" euler="10 20 30" material="m"/>
+<geom type="sphere" size=".3" pos="0 .1 .5" material="m"/>
+<geom type="ellipsoid" size=".2 .3 .15" pos="-.3 -.4 1.2" euler="40 0 20" material="m"/>
+<geom type="cylinder" size=".2 .3" pos=".3 -.7 .4" euler="60 10 0" material="m"/>
+<geom type="capsule" size=".12 .3" pos="-.2 .8 1.2" euler="20 50 0" material="m"/>
+<geom type="plane" size="4 3 .5" material="m"/>
+"""
+LAMP = (
+    '<light pos="-1 0 4" dir=".2 0 -1" type="directional" diffuse=".5 .5 .5" ambient=".3 .3 .3"/>'
+)
+SPOT = (
+    '<light pos="-1 0 3" dir=".3 0 -1" cutoff="50" exponent="6" diffuse=".8 .8 .8" '
+    'attenuation="0.6 0.1 0.05" specular="0 0 0"/>'
+)
+FLAT = '<texture name="t" type="2d" builtin="flat" width="2" height="2"/>'
+CUBE = '<texture name="t" type="cube" builtin="flat" width="2" height="12"/>'
+SKY = (
+    '<texture name="s" type="skybox" builtin="gradient" width="64" height="384" '
+    'rgb1=".2 .3 .9" rgb2=".9 .8 .2"/>'
+)
+ENDLESS = '<geom type="plane" size="0 0 1" material="m"/>'
+
+GLASS = (("box", -0.5), ("sphere", 0), ("cylinder", 0.2), ("ellipsoid", 0.4), ("capsule", 0.7))
+
+
+def material(settings=""):
+    return f'<material name="m" texture="t" specular="0" {settings}/>'
+
+
+MODELS = {
+    "flat textures": (SHAPES + LAMP, FLAT + material('texrepeat="2 3"')),
+    "flat, uniform": (SHAPES + LAMP, FLAT + material('texrepeat="2 3" texuniform="true"')),
+    "cube textures": (SHAPES + LAMP, CUBE + material()),
+    "cube, uniform": (SHAPES + LAMP, CUBE + material('texuniform="true"')),
+    "plain colours": (SHAPES + LAMP, '<material name="m" rgba=".8 .4 .2 1" specular="0"/>'),
+    "emission": (SHAPES + LAMP, FLAT + material('emission=".4" rgba=".9 .7 .8 1"')),
+    "a lamp of another kind": (
+        SHAPES + LAMP + '<light type="point" pos="0 0 3"/>', FLAT + material()
+    ),
+    "a spot": (SHAPES + SPOT, FLAT + material()),
+    "coloured lights": (
+        SHAPES + LAMP.replace(".5 .5 .5", ".7 .2 .1").replace(".3 .3 .3", ".1 .1 .4"),
+        FLAT + material(),
+    ),
+    "gloss": (SHAPES + LAMP, '<material name="m" rgba=".3 .4 .5 1" specular=".8" shininess=".3"/>'),
+    "no light": (SHAPES, FLAT + material()),
+    "sky": (SHAPES + LAMP, SKY + FLAT + material()),
+    "a plane without end": (
+        LAMP + ENDLESS, SKY + FLAT + material('texuniform="true"')
+    ),
+    "glass": (
+        SHAPES + LAMP + "".join(f'<geom type="{kind}" size=".2 .3 .25" pos="-1 {y} 1" '
+        f'rgba=".8 .{n} .3 .{n}"/>' for n, (kind, y) in enumerate(GLASS, 3)),
+        FLAT + material(),
+    ),
+    "a mirror on the floor": (
+        SHAPES.replace('.5" material="m"', '.5" material="r"') + LAMP,
+        FLAT + material() + '<material name="r" reflectance=".6" rgba=".3 .4 .5 1"/>',
+    ),
+    "a mirror on a box": (
+        SHAPES + LAMP + '<geom type="box" size="1 1 .1" pos="0 0 .2" material="r"/>',
+        FLAT + material() + '<material name="r" reflectance=".6" rgba=".3 .4 .5 1"/>',
+    ),
+    "the back of a plane": (
+        LAMP + '<geom type="sphere" size=".5" pos="1.4 0 1"/><geom type="plane" size="1 1 1" '
+        'pos=".4 0 1" euler="0 80 0" material="m"/>',
+        FLAT + material(),
+    ),
+    "a height field": (
+        LAMP + '<geom type="hfield" hfield="h" rgba=".7 .6 .5 1"/>',
+        '<hfield name="h" nrow="9" ncol="7" size="1 1.2 .6 .1" elevation="'
+        + " ".join(str(v) for v in RNG.integers(0, 9, 63)) + '"/>',
+    ),
+    "a mesh": (
+        LAMP + '<geom type="mesh" mesh="k" pos="0 0 .7" rgba=".7 .6 .5 1"/>',
+        '<mesh name="k" vertex="0 0 0 1 0 0 0 1 0 0 0 1 .6 .6 .7"/>',
+    ),
+}  # fmt: skip
+
+
+def built(name):
+    geoms, assets = MODELS[name]
+    head = '<visual><headlight ambient=".2 .2 .2" diffuse="0 0 0" specular="0 0 0"/></visual>'
+    head = head if name != "no light" else '<visual><headlight active="0"/></visual>'
+    spec = import_mujoco().MjSpec.from_string(
+        f"<mujoco>{head}<asset>{assets}</asset><worldbody>{geoms}</worldbody></mujoco>"
+    )
+    texture = spec.texture("t")
+    if texture is not None:
+        pixels = SMOOTH if 'type="2d"' in assets else np.concatenate([SMOOTH] * 6)
+        pixels = pixels if 'type="2d"' in assets else np.roll(pixels, 37, axis=0)
+        texture.height, texture.width, texture.nchannel = pixels.shape
+        texture.data = np.ascontiguousarray(pixels).tobytes()
+    return spec
+
+
+def seen(name, camera=PINHOLE, **settings):
+    rig = Rig("one", (camera,), (np.eye(4),), ("left",))
+    return apart(built(name), rig, POSE, depth_range_m=RANGE_M, **settings)
+
+
+def check(found):
+    """What the plug-in's page promises of pixels that show no edge."""
+    assert np.median(found.light) < 1
+    assert np.percentile(found.light, 99) < 4
+    assert np.percentile(found.depth, 99) < 1e-5
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_looks_as_mujoco_draws_it(name):
+    found = seen(name, floats=True, border_px=3)
+    assert found.light.size > 4000
+    check(found)
+    assert found.signs < 1e-3
+    assert found.edges < 3e-3
+
+
+@pytest.mark.parametrize("settings", [{"border_px": 4}, {}])
+def test_it_does_so_through_a_lens(settings):
+    # Between samples MuJoCo's light is blurred: the more there are, the less.
+    found = seen("flat textures", LENS, supersample=6, **settings)
+    check(found)
+    assert found.edges < 5e-3
+
+
+@pytest.mark.parametrize("floats", [False, True])
+def test_light_ends_at_one_only_without_floats(floats):
+    white = SHAPES.replace('material="m"', 'rgba="1 1 1 1"')
+    bright = made.spec('<light diffuse="3 3 3" pos="0 0 5"/>' + white)
+    rig = Rig("one", (PINHOLE,), (np.eye(4),), ("left",))
+    check(apart(bright, rig, POSE, depth_range_m=RANGE_M, floats=floats))
