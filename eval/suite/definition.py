@@ -31,7 +31,7 @@ from eventsweep.eval.perturbations import amounts
 from eventsweep.sim.mjcf import is_model_file
 
 FOLDER = Path(__file__).parent / "definitions"
-GATED = "suite-v4"
+GATED = "suite-v5"
 """The suite whose part `quick` gates changes; what is frozen later is named in full."""
 ALL = "all"
 FROZEN: Mapping[str, Any] = {"planes": PLANES}
@@ -228,8 +228,8 @@ def _by_content(value: Any) -> Any:
 def load(name: str) -> tuple[Suite, str]:
     """Finds a suite and one of its subsets.
 
-    The name is `quick` for the gate's subset of that name, `suite-v4` for all of a suite,
-    `suite-v4:quick`, or a TOML file, `FILE.toml` or `FILE.toml:quick`.
+    The name is `quick` for the gate's subset of that name, `suite-v5` for all of a suite,
+    `suite-v5:quick`, or a TOML file, `FILE.toml` or `FILE.toml:quick`.
     """
     place, _, subset = name.partition(":")
     path = Path(place) if place.endswith(".toml") else FOLDER / f"{place}.toml"

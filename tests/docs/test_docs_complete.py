@@ -236,7 +236,7 @@ def test_the_list_of_tools_says_what_each_does():
 
 
 @needs_plugins
-@pytest.mark.parametrize("name", ["quick", "suite-v4", "suite-v3"])
+@pytest.mark.parametrize("name", ["quick", "suite-v5", "suite-v3"])
 def test_the_page_on_suites_counts_their_seeds_and_jobs(name):
     suite, subset = load(name)
     cases, seeds = extent(suite, subset, None, None)

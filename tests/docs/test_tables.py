@@ -76,6 +76,22 @@ def test_numbers_are_means_of_cases_and_seeds_and_of_the_real_recording():
     assert "Alg1/H" in line_of(real_block, "nothing")
 
 
+def test_what_is_mapped_with_wrong_poses_is_a_column_of_its_own():
+    baseline = read_baseline(BASELINE)
+    about = {"case": "desk-imperfect", "identity": "other"}
+    kept = [s for s in baseline.series if s.case != "desk-imperfect"]
+    wrong = [s.model_copy(update=about) for s in kept if s.case == "desk" and "/H" in s.method]
+    exact, both = (
+        results_block(baseline.model_copy(update={"name": "suite-v5", "series": (*kept, *more)}))
+        for more in ((), wrong)
+    )
+    mean = next(s.mean for s in wrong if (s.method, s.metric) == ("Focus/H", "mean_error"))
+    lines = zip(exact.splitlines(), both.splitlines(), strict=True)
+    added = {b.split(" | ")[0]: b.removeprefix(a.removesuffix("|")) for a, b in lines if "|" in a}
+    assert added["| Focus/H"] == f"| **{100 * mean:.2f}** |"
+    assert added["| EMVS/cam0"] == "| – |"
+
+
 def test_only_what_stands_between_the_marks_changes_and_without_marks_nothing(tmp_path, capsys):
     page = "a\n<!-- results: begin -->\nold\n<!-- results: end -->\nz\n"
     after = with_block(page, "results", "new\n")

@@ -48,7 +48,7 @@ def suite(
     """Run a suite of cases, or a subset; finished jobs come from the cache.
 
     Args:
-        name: Such as quick, suite-v4, suite-v4:quick, or FILE.toml.
+        name: Such as quick, suite-v5, suite-v5:quick, or FILE.toml.
         out: Folder to write: suite.json, suite.csv and pictures.
         seeds: Seeds instead of the suite's own, such as 0,1,2 or 100-109.
         case: Only this case, repeatable.

@@ -68,15 +68,15 @@ def test_of_a_pull_request_nothing_but_its_entries_counts():
     assert job["steps"][-1]["working-directory"] == theirs["path"]
 
 
-EVIL = suite_text(case("wall"), name="suite-v4")
+EVIL = suite_text(case("wall"), name="suite-v5")
 
 
 @pytest.mark.parametrize(("suite", "more", "words"), [
     ("evil.toml", [], "its suite evil.toml is not one of"),
     ("pair", [], "its suite pair is not one of"),
     ("quick", [], "its suite quick is not one of"),
-    ("suite-v4", ["--suite", "evil.toml"], "is not the one that comes with the program"),
-    ("suite-v4", ["--suite", "quick"], "maps.tar.zst: damaged archive"),
+    ("suite-v5", ["--suite", "evil.toml"], "is not the one that comes with the program"),
+    ("suite-v5", ["--suite", "quick"], "maps.tar.zst: damaged archive"),
 ])  # fmt: skip
 def test_an_entry_names_a_suite_that_comes_with_the_program(
     tmp_path, monkeypatch, capsys, suite, more, words

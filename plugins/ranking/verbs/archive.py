@@ -46,7 +46,7 @@ def make(
     """Render a suite's sequences and pack them; equal sequences give equal bytes.
 
     Args:
-        name: Such as suite-v4, quick, or FILE.toml.
+        name: Such as suite-v5, quick, or FILE.toml.
         out: Folder to write: archive.json and a file for each case and seed.
         seeds: Seeds instead of the suite's own, such as 0,1,2; with --secret, numbers.
         truth: Include ground truth; without it methods can read the sequences, but nobody can score

@@ -42,7 +42,7 @@ def make(
     """Check depth maps and pack them into a file; any fault is reported in one line.
 
     Args:
-        suite: Such as suite-v4, quick, or FILE.toml.
+        suite: Such as suite-v5, quick, or FILE.toml.
         out: File to write, such as mine.tar.zst.
     """
     from eventsweep.plugins.ranking.submission import make_submission
@@ -67,7 +67,7 @@ def enter(
     """Check depth maps and make an entry to a public ranking: a folder for a pull request.
 
     Args:
-        suite: Such as suite-v4 or quick.
+        suite: Such as suite-v5 or quick.
         out: Folder to write, such as submissions/mine: entry.toml and maps.tar.zst.
     """
     from eventsweep.plugins.ranking.entry import make_entry
@@ -91,7 +91,7 @@ def check(
 
     Args:
         paths: Files of `submission make`, the folders they are made of, or entries: submissions/*.
-        suite: Such as suite-v4, quick, or FILE.toml, which no entry names itself.
+        suite: Such as suite-v5, quick, or FILE.toml, which no entry names itself.
     """
     from eventsweep.plugins.ranking.archives.manifest import read
     from eventsweep.plugins.ranking.entry import check_apart, check_entry, is_entry

@@ -71,14 +71,14 @@ def test_every_suite_can_be_run_and_names_find_suites_and_subsets(tmp_path):
             assert suite_jobs(suite, tuple(suite.cases), (0,)), name
         assert all(set(some.seeds) <= set(suite.spread_seeds) for some in suite.subsets.values())
     file = toml(tmp_path)
-    assert load("quick")[0].name == load("suite-v4")[0].name == "suite-v4"
-    named = {"quick": "quick", "suite-v4": "all", "suite-v4:quick": "quick"}
+    assert load("quick")[0].name == load("suite-v5")[0].name == "suite-v5"
+    named = {"quick": "quick", "suite-v5": "all", "suite-v5:quick": "quick"}
     named |= {f"{file}:one": "one", str(file): "all"}
     assert {name: load(name)[1] for name in named} == named
 
 
 FROZEN = {
-    "suite-v4": "40076b8015685159", "suite-v3": "9642ad682037972f",
+    "suite-v5": "3967cc6cbe3f0a92", "suite-v3": "9642ad682037972f",
     "mvsec-table-v1": "1ea46b539308529d", "mvsec-table-v2": "e91f11c179769327",
     "mvsec-table-v3": "41781bd50fbcc35d",
 }  # fmt: skip
