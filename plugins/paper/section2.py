@@ -62,10 +62,12 @@ def _edges(evidence: Evidence) -> Finding:
 def _naive(evidence: Evidence) -> Finding:
     ratio = evidence.ratio(SCENES, BAD, "Alg1/H", "Alg1/A")
     noisy = evidence.ratio(NOISY, BAD, "Alg1/H", "Alg1/A")
+    alone = {name: evidence.ratio((name,), BAD, "Alg1/H", "Alg1/A") for name in SCENES}
     return Finding(
         f"Outliers of H are {ratio} times those of A, which counts the rays of both cameras in one "
         f"volume; with a DAVIS346's noise {noisy} times",
         Verdict.of(ratio.mean < 1 and noisy.mean < 1, noisy.mean < 0.9),
+        f"By scene: {', '.join(f'{name} {found}' for name, found in alone.items())}.",
     )
 
 
