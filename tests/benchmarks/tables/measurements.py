@@ -64,6 +64,7 @@ PARTS = (
         ("docs/performance.md#simulate-stages",),
         f"{_TOOL} simulate_stages --page docs/performance.md",
     ),
+    Part(("docs/gate.md#recipe",), f"{_TOOL} recipe_runs --work OUT --page docs/gate.md"),
     Part(("docs/simulator.md#fidelity-rays",), f"{_FIDELITY} --rays"),
     Part(("docs/simulator.md#fidelity-drawn",), f"{_FIDELITY} --drawn 2028"),
     Part(("docs/studies.md#studies",), "make studies", 19.4),

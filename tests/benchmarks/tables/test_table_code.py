@@ -21,7 +21,7 @@ REAL = {"README.md#real", "plugins/learned/learned.md#real"}
 SUITES = {"README.md#results", "plugins/ranking/ranking.md#ranking"}
 SCORED = SUITES | {
     "docs/paper.md#paper", "docs/studies.md#reproduction", "docs/studies.md#studies",
-    "docs/baselines.md#baselines",
+    "docs/baselines.md#baselines", "docs/gate.md#recipe",
     "plugins/diagnose/check.md#check-faults", "plugins/track/odometry.md#track-scores",
 }  # fmt: skip
 MAPPED = SCORED | LEARNED | {"docs/baselines.md#esvo", "plugins/cuda/cuda.md#gpu"}
@@ -31,7 +31,8 @@ SIMULATED = MAPPED | {
     "docs/simulator.md#fidelity-drawn",
 }  # fmt: skip
 PLANES = SUITES | LEARNED | {
-    "docs/paper.md#paper", "docs/scenes.md#figures", "docs/studies.md#studies",
+    "docs/gate.md#recipe", "docs/paper.md#paper", "docs/scenes.md#figures",
+    "docs/studies.md#studies",
 }  # fmt: skip
 EDITS = {
     "emvs/dsi/fusion_kernels.py": MAPPED | REAL,
