@@ -22,7 +22,7 @@ COMMITTED = {"README.md#results", "plugins/ranking/ranking.md#ranking"}
 SUITES = COMMITTED | {"docs/gate.md#first-runs"}
 SCORED = SUITES | {
     "docs/paper.md#paper", "docs/studies.md#reproduction", "docs/studies.md#studies",
-    "docs/baselines.md#baselines",
+    "docs/baselines.md#baselines", "docs/gate.md#recipe",
     "plugins/diagnose/check.md#check-faults", "plugins/track/odometry.md#track-scores",
 }  # fmt: skip
 MAPPED = SCORED | LEARNED | {"docs/baselines.md#esvo", "plugins/cuda/cuda.md#gpu"}
@@ -32,7 +32,8 @@ SIMULATED = MAPPED | {
     "docs/simulator.md#fidelity-drawn",
 }  # fmt: skip
 PLANES = SUITES | LEARNED | {
-    "docs/paper.md#paper", "docs/scenes.md#figures", "docs/studies.md#studies",
+    "docs/gate.md#recipe", "docs/paper.md#paper", "docs/scenes.md#figures",
+    "docs/studies.md#studies",
 }  # fmt: skip
 EDITS = {
     "emvs/dsi/fusion_kernels.py": MAPPED | REAL,
