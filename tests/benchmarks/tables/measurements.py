@@ -64,6 +64,10 @@ PARTS = (
         ("docs/performance.md#simulate-stages",),
         f"{_TOOL} simulate_stages --page docs/performance.md",
     ),
+    Part(
+        ("plugins/raster/raster.md#raster",),
+        f"{_TOOL} bench_raster --page plugins/raster/raster.md",
+    ),
     Part(("docs/simulator.md#fidelity-rays",), f"{_FIDELITY} --rays"),
     Part(("docs/simulator.md#fidelity-drawn",), f"{_FIDELITY} --drawn 2028"),
     Part(("docs/studies.md#studies",), "make studies", 19.4),
