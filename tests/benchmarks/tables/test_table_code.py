@@ -29,7 +29,7 @@ MAPPED = SCORED | LEARNED | {"docs/baselines.md#esvo", "plugins/cuda/cuda.md#gpu
 SIMULATED = MAPPED | {
     "docs/performance.md#simulate-stages", "docs/scenes.md#figures", "docs/twins.md#figures",
     "docs/simulator.md#fidelity", "docs/simulator.md#fidelity-rays",
-    "docs/simulator.md#fidelity-drawn",
+    "docs/simulator.md#fidelity-drawn", "plugins/raster/raster.md#raster",
 }  # fmt: skip
 PLANES = SUITES | LEARNED | {
     "docs/gate.md#recipe", "docs/paper.md#paper", "docs/scenes.md#figures",
@@ -47,6 +47,7 @@ EDITS = {
         "docs/paper.md#paper", "plugins/track/odometry.md#track-scores",
     },
     "plugins/cuda/voting_kernels.py": {"plugins/cuda/cuda.md#gpu"},
+    "plugins/raster/shading_kernels.py": {"plugins/raster/raster.md#raster"},
     "plugins/video/film.py": set(),
     "eval/report/run_page.py": set(),
     "eval/report/templates/page.html.j2": set(),
