@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
+from functools import reduce
 from pathlib import Path
 from typing import Annotated
 
@@ -47,6 +48,33 @@ class Baseline(FrozenModel):
             numbers.key: numbers.model_copy(update={"origins": self.origins.get(numbers.case, {})})
             for numbers in self.series
         }
+
+
+def together(parts: Iterable[Measured]) -> Measured:
+    """Several results as one.
+
+    Raises:
+        InputError: two results of the same case, or of other seeds.
+    """
+    return reduce(_joined, parts)
+
+
+def _joined(one: Measured, other: Measured) -> Measured:
+    if both := sorted({*one.cases} & {*other.cases}):
+        raise InputError(f"two results of case {both[0]}: name one result for each case")
+    if one.seeds != other.seeds:
+        raise InputError(
+            f"results of seeds {list(one.seeds)} and {list(other.seeds)}: needs results of the "
+            "same seeds; keep a baseline for each"
+        )
+    return Measured(
+        one.name if one.name == other.name else f"{one.name}, {other.name}",
+        {**one.series, **other.series},
+        one.seeds,
+        (*one.cases, *other.cases),
+        {**one.failures, **other.failures},
+        {**one.versions, **other.versions},
+    )
 
 
 def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> Baseline:

@@ -7,7 +7,6 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -123,33 +122,6 @@ class Measured:
 def read_measured(path: Path) -> Measured:
     """Reads the numbers of a run or suite."""
     return read_results(path, measured_of)
-
-
-def together(parts: Iterable[Measured]) -> Measured:
-    """Several results as one.
-
-    Raises:
-        InputError: two results of the same case, or of other seeds.
-    """
-    return reduce(_joined, parts)
-
-
-def _joined(one: Measured, other: Measured) -> Measured:
-    if both := sorted({*one.cases} & {*other.cases}):
-        raise InputError(f"two results of case {both[0]}: name one result for each case")
-    if one.seeds != other.seeds:
-        raise InputError(
-            f"results of seeds {list(one.seeds)} and {list(other.seeds)}: needs results of the "
-            "same seeds; keep a baseline for each"
-        )
-    return Measured(
-        one.name if one.name == other.name else f"{one.name}, {other.name}",
-        {**one.series, **other.series},
-        one.seeds,
-        (*one.cases, *other.cases),
-        {**one.failures, **other.failures},
-        {**one.versions, **other.versions},
-    )
 
 
 def measured_of(results: Results) -> Measured:

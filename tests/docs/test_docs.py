@@ -73,6 +73,8 @@ LONG = {
     "api.md", "install.md", "baselines.md", "sequences.md", "howto_model.md", "predictions.md",
     "truth.md", "simulator.md",
 }  # fmt: skip
+ECHO = re.compile(r"^echo '([^']*)' > (\S+)$", re.MULTILINE)
+"""A small file that a block writes for its commands."""
 
 
 @pytest.mark.parametrize("page", often_named(CODE.keys() - LONG, CODE))
@@ -85,6 +87,8 @@ def test_code_runs(page, sequences, tmp_path, monkeypatch):
     for language, text in blocks(page):
         if language == "python":
             exec(compile(text, page.name, "exec"), names)
+        for words, name in ECHO.findall(text) if language == "sh" else ():
+            Path(name).write_text(words, encoding="utf-8")
         for arguments in commands(text) if language == "sh" else ():
             if page.name == "README.md" and without_folder(arguments) in run_by_the_tutorial():
                 continue  # the whole main job once more

@@ -154,7 +154,8 @@ def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = 
 
 
 def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured:
-    from eventsweep.eval.results.series import measured_of, read_measured, together
+    from eventsweep.eval.gate.baseline import together
+    from eventsweep.eval.results.series import measured_of, read_measured
     from eventsweep.eval.suite import output
     from eventsweep.eval.suite.definition import load
 

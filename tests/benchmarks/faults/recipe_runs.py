@@ -29,7 +29,7 @@ from markdown_blocks import show
 from mutations import drawn
 from planted_faults import ROOT, Edit, Fault, broken_copy
 from recipe_child import SAME
-from table_code import FOREIGN, Code
+from table_code import Code, of_scenes
 
 PAGE, MARK = "docs/gate.md", "recipe"
 ONCE = """\
@@ -146,15 +146,17 @@ WARM = tuple(one.name for one in UNCHANGED[:3])
 
 def code():
     """What decides the numbers of the table."""
-    stages = ("stages.map", "stages.score", "gate.compare", "results.series")
-    return {
-        f"{PAGE}#{MARK}": Code(
-            functions=("recipe_runs:judge_all", "recipe_runs:table", "recipe_child:held",
-                       "recipe_child:differs"),
-            modules=tuple(f"eventsweep.eval.{name}" for name in stages),
-            without=FOREIGN,
-        )
-    }  # fmt: skip
+    names = (
+        "stages.simulate", "stages.map", "stages.score", "gate.baseline", "gate.compare",
+        "results.series",
+    )  # fmt: skip
+    own = Code(
+        functions=("recipe_runs:judge_all", "recipe_runs:table", "recipe_runs:Bench",
+                   "recipe_child:held", "recipe_child:differs"),
+        modules=tuple(f"eventsweep.eval.{name}" for name in names),
+        without=("eventsweep.eval.cli",),
+    )  # fmt: skip
+    return {f"{PAGE}#{MARK}": own + of_scenes(("desk", "planes", "boxes"))}
 
 
 def main():

@@ -26,8 +26,10 @@ from eventsweep.sim.rendering.drawing import MUJOCO
 from eventsweep.sim.rigs import rig
 from eventsweep.sim.sampling import border_px, with_sampling
 from markdown_blocks import show
+from table_code import Code, of_scenes
 
 TIMES, AT_S = 7, 0.1
+CASES = "desk", "mvsec-flying", "tumvie-6dof"
 
 
 class Row(NamedTuple):
@@ -95,6 +97,12 @@ def table(rows: list[Row]) -> str:
     return "\n".join(head + lines)
 
 
+def code() -> dict[str, Code]:
+    """What the numbers depend on."""
+    its = Code(("bench_raster:timed", "bench_raster:table"))
+    return {"plugins/raster/raster.md#raster": its + of_scenes(CASES)}
+
+
 def save(row: Row, folder: Path) -> None:
     """Writes both pictures and sixteen times their difference, side by side."""
     import cv2
@@ -110,7 +118,7 @@ def save(row: Row, folder: Path) -> None:
 def main() -> None:
     """See the module."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("cases", nargs="*", default=["desk", "mvsec-flying", "tumvie-6dof"])
+    parser.add_argument("cases", nargs="*", default=list(CASES))
     parser.add_argument("--page", type=Path)
     parser.add_argument("--pictures", type=Path, help="folder for pictures of both renderers")
     wanted = parser.parse_args()
@@ -118,7 +126,7 @@ def main() -> None:
     rows = [timed(case) for case in wanted.cases]
     for row in rows if wanted.pictures else ():
         save(row, wanted.pictures)
-    show(table(rows) + "\n", wanted.page, "raster")
+    show(table(rows) + "\n", wanted.page, "raster", code)
 
 
 if __name__ == "__main__":

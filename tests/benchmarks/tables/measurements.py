@@ -65,6 +65,11 @@ PARTS = (
         f"{_TOOL} simulate_stages --page docs/performance.md",
     ),
     Part(("docs/gate.md#first-runs",), f"{_TOOL} first_runs --page docs/gate.md"),
+    Part(("docs/gate.md#recipe",), f"{_TOOL} recipe_runs --work OUT --page docs/gate.md"),
+    Part(
+        ("plugins/raster/raster.md#raster",),
+        f"{_TOOL} bench_raster --page plugins/raster/raster.md",
+    ),
     Part(("docs/simulator.md#fidelity-rays",), f"{_FIDELITY} --rays"),
     Part(("docs/simulator.md#fidelity-drawn",), f"{_FIDELITY} --drawn 2028"),
     Part(("docs/studies.md#studies",), "make studies", 19.4),

@@ -22,17 +22,18 @@ COMMITTED = {"README.md#results", "plugins/ranking/ranking.md#ranking"}
 SUITES = COMMITTED | {"docs/gate.md#first-runs"}
 SCORED = SUITES | {
     "docs/paper.md#paper", "docs/studies.md#reproduction", "docs/studies.md#studies",
-    "docs/baselines.md#baselines",
+    "docs/baselines.md#baselines", "docs/gate.md#recipe",
     "plugins/diagnose/check.md#check-faults", "plugins/track/odometry.md#track-scores",
 }  # fmt: skip
 MAPPED = SCORED | LEARNED | {"docs/baselines.md#esvo", "plugins/cuda/cuda.md#gpu"}
 SIMULATED = MAPPED | {
     "docs/performance.md#simulate-stages", "docs/scenes.md#figures", "docs/twins.md#figures",
     "docs/simulator.md#fidelity", "docs/simulator.md#fidelity-rays",
-    "docs/simulator.md#fidelity-drawn",
+    "docs/simulator.md#fidelity-drawn", "plugins/raster/raster.md#raster",
 }  # fmt: skip
 PLANES = SUITES | LEARNED | {
-    "docs/paper.md#paper", "docs/scenes.md#figures", "docs/studies.md#studies",
+    "docs/gate.md#recipe", "docs/paper.md#paper", "docs/scenes.md#figures",
+    "docs/studies.md#studies",
 }  # fmt: skip
 EDITS = {
     "emvs/dsi/fusion_kernels.py": MAPPED | REAL,
@@ -46,6 +47,7 @@ EDITS = {
         "docs/paper.md#paper", "plugins/track/odometry.md#track-scores",
     },
     "plugins/cuda/voting_kernels.py": {"plugins/cuda/cuda.md#gpu"},
+    "plugins/raster/shading_kernels.py": {"plugins/raster/raster.md#raster"},
     "plugins/video/film.py": set(),
     "eval/report/run_page.py": set(),
     "eval/report/templates/page.html.j2": set(),
