@@ -102,7 +102,7 @@ def table(page: str) -> str:
 
 def code() -> dict[str, Code]:
     """What the numbers depend on."""
-    return {f"docs/gate.md#{MARK}": Code(("first_runs:table",)) + of_suite("suite-v4")}
+    return {f"docs/gate.md#{MARK}": Code(("first_runs:table",)) + of_suite("suite-v5")}
 
 
 def _children_s() -> float:
