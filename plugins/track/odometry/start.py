@@ -36,8 +36,8 @@ from eventsweep.plugins.track.odometry.batches import (
     never_fired,
     without_lone,
 )
+from eventsweep.plugins.track.odometry.maps import points_of
 from eventsweep.plugins.track.odometry.motion import Motion
-from eventsweep.plugins.track.odometry.online import points_of
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.registration.fit import (
     AGREES,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,17 +31,14 @@ from eventsweep.plugins.track.odometry.batches import (
 )
 from eventsweep.plugins.track.odometry.checkpoint import State
 from eventsweep.plugins.track.odometry.config import TrackConfig
-from eventsweep.plugins.track.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion, reach_for
-from eventsweep.plugins.track.odometry.online import (
+from eventsweep.plugins.track.odometry.maps import (
     BackgroundMaps,
     MapCloud,
-    OnlineMap,
-    OnlineMapper,
-    check_packet,
     map_config,
     points_of,
-    window_us,
 )
+from eventsweep.plugins.track.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion, reach_for
+from eventsweep.plugins.track.odometry.online import OnlineMap, check_packet
 from eventsweep.plugins.track.odometry.pose import Pose, Status
 from eventsweep.plugins.track.odometry.registration.fit import (
     AGREES,
@@ -64,6 +62,7 @@ from eventsweep.plugins.track.odometry.stream import Arrived
 Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
 _COAST_US = 100_000
+_POSE_PX, _FASTEST_US = 5.0, 2000  # that the images move from pose to pose at most; least time
 END_US = 1 << 62
 _NOISE = "events lie anywhere alike: noise, no edges"
 _PLAIN = (
@@ -163,7 +162,7 @@ class Tracker:
                 self._step_over(end_us)
                 continue
             newest = self._step(self._next_us) or newest
-            self._next_us += self._step_us
+            self._next_us += self._pace_us()
         return newest
 
     def state(self) -> State | None:
@@ -182,7 +181,7 @@ class Tracker:
             "occupied_us": self._silence.spans,
             "gyroscope": self._gyroscope.state(),
             "cloud": self._cloud.state(),
-            "mapper": None if maps is None else maps.mapper.state(),
+            "mapper": None if maps is None else maps.state(),
             "registration": self._registration.state(),
             "motion": None if self._motion is None else vars(self._motion),
             "seen_from": list(self._seen_from),
@@ -204,8 +203,8 @@ class Tracker:
         self._gyroscope.restore(state["gyroscope"])
         self._cloud.restore(state["cloud"])
         if state["mapper"] is not None:
-            self._maps = self._background(0)
-            self._maps.mapper.restore(state["mapper"])
+            self._maps = self._background()
+            self._maps.restore(state["mapper"])
         self._registration.restore(state["registration"])
         self._motion = state["motion"] and Motion(**state["motion"])
         self._seen_from.extend(state["seen_from"])
@@ -294,12 +293,12 @@ class Tracker:
         motions = [motion for motion, _, _ in stretch[len(before) :]]
         self._cloud.replace(points)
         self._use_points(self._cloud.chosen(self._sizes.lines))
-        self._maps = self._background(motions[0].t_us)
+        self._maps = self._background()
         self._fed_us = begin_us
         self._change(Status.TRACKING, "", stretch[0][0].t_us)
         for motion, fit, status in stretch:
             self._found(motion, fit, status)
-        self._feed_mapper(t_us, trajectory_of(motions))
+        self._feed_mapper(t_us, motions[0], motions, is_mapped=True)
         return self._poses[-1]
 
     def _before(self, first: Motion, t_us: int) -> list[Found]:
@@ -371,11 +370,15 @@ class Tracker:
     def _go_on(
         self, motion: Motion, fit: Fit, status: Status, t_us: int, *, filtered: bool = False
     ) -> Pose:
+        before = motion if self.status is Status.LOST else self._motion
+        assert before is not None
+        assert self._maps is not None
+        if before is motion:
+            self._maps.pace.restart()
         if status is not Status.COASTING:
             self._change(status, "", motion.t_us)
-        pose = self._found(motion, fit, status, filtered=filtered)
-        self._feed_mapper(t_us, trajectory_of([motion]))
-        return pose
+        self._feed_mapper(t_us, before, [motion])
+        return self._found(motion, fit, status, filtered=filtered)
 
     def _found(self, motion: Motion, fit: Fit, status: Status, *, filtered: bool = False) -> Pose:
         belief = motion if filtered else None
@@ -391,11 +394,18 @@ class Tracker:
         if status is not self.status:
             self.status, self.reason, self.since_us = status, reason, t_us
 
-    def _feed_mapper(self, t_us: int, poses: Trajectory) -> None:
+    def _feed_mapper(
+        self, t_us: int, before: Motion, motions: Sequence[Motion], *, is_mapped: bool = False
+    ) -> None:
+        """Hands over what has come up to `t_us`, and the motions since the one `before`."""
         assert self._maps is not None
+        for last, motion in pairwise([before, *motions]):
+            self._maps.pace.add(motion.t_us, self._registration.between_px(last, motion))
+        if is_mapped:
+            self._maps.pace.begin()
         packets = tuple(s.between(self._fed_us, t_us) for s in self._arrived.streams)
         self._fed_us = t_us
-        self._maps.push(packets, t_us, poses)
+        self._maps.push(packets, t_us, trajectory_of(motions))
 
     def _take_maps(self, t_us: int) -> None:
         """Tracks the maps from now on that are due."""
@@ -409,16 +419,21 @@ class Tracker:
     def _use_points(self, points: Matrix) -> None:
         self._registration.use_map(points, few(points, self._sizes))
 
-    def _background(self, start_us: int) -> BackgroundMaps:
+    def _background(self) -> BackgroundMaps:
         config = map_config(self._config, self._arrived)
         threads = thread_count(config.threads)
-        mapper = OnlineMapper(
-            self._rig, config.model_copy(update={"threads": max(1, threads - 1)}),
-            depth_range_m=self._arrived.depth_range_m, start_us=start_us,
-            most_events=self._map_events,
+        return BackgroundMaps(
+            self._rig, config.model_copy(update={"threads": max(1, threads - 1)}), self._cloud,
+            depth_range_m=self._arrived.depth_range_m, most_events=self._map_events,
+            most_points=self._sizes.lines, alone=threads == 1,
         )  # fmt: skip
-        stride_us = window_us(config)[1]
-        return BackgroundMaps(mapper, self._cloud, self._sizes.lines, stride_us, alone=threads == 1)
+
+    def _pace_us(self) -> int:
+        """From here to the next pose: less where the images move fast."""
+        if self._motion is None or self.status is not Status.TRACKING:
+            return self._step_us
+        wanted_us = 1e6 * _POSE_PX / max(self._registration.speed_px_s(self._motion), 1e-3)
+        return round(min(self._step_us, max(wanted_us, _FASTEST_US)))
 
     @property
     def _reach(self) -> float:

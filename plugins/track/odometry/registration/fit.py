@@ -158,9 +158,23 @@ class Registration:
         self._normals = self._map.normals(self._few, T_body_world)
         return T_body_world
 
+    def between_px(self, before: Motion, after: Motion) -> float:
+        """How far the images moved on the way that shows depth; turns show none, and count half."""
+        by_way, by_turn = self._parts_px(se3.inverse(before.T_world_body) @ after.T_world_body)
+        return max(by_way, (by_way + by_turn) / 2)
+
+    def speed_px_s(self, motion: Motion) -> float:
+        """About how fast the images move."""
+        return self._focal_px * float(
+            self._map.rho * np.linalg.norm(motion.twist[:3]) + np.linalg.norm(motion.twist[3:])
+        )
+
     def _moved_px(self, T_body_world: Matrix, drawn_at: Matrix) -> float:
         """About how far the map has moved in the images since it was drawn."""
-        xi = se3.log(T_body_world @ se3.inverse(drawn_at))
-        return self._focal_px * float(
-            self._map.rho * np.linalg.norm(xi[:3]) + np.linalg.norm(xi[3:])
-        )
+        return sum(self._parts_px(T_body_world @ se3.inverse(drawn_at)))
+
+    def _parts_px(self, T: Matrix) -> tuple[float, float]:
+        """About how far a motion moves the images, by its way and by its turn."""
+        xi = se3.log(T)
+        way, turn = np.linalg.norm(xi[:3]), np.linalg.norm(xi[3:])
+        return float(self._focal_px * self._map.rho * way), float(self._focal_px * turn)
