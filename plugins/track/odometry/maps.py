@@ -34,11 +34,11 @@ from eventsweep.plugins.track.odometry.online import OnlineMap, window_us
 from eventsweep.plugins.track.odometry.stream import Arrived
 
 Matrix = NDArray[np.float64]
-_DELAY_US, _DELAY_OF_STRIDE = 120_000, 0.6
+_DELAY_US, _DELAY_OF_WINDOW = 120_000, 0.3
 _PLANES = 40, 100
 _MOST_VIEW_COLUMNS = 640
 _FADE = 0.8  # weight of each older map among the points that are tracked
-_WINDOW_COLUMNS = 0.25  # of the image, by which it moves over a map's window
+_WINDOW_COLUMNS = 0.15  # of the image, by which it moves over a map's window
 _LEAST_PX = 2.0  # what has not moved by so much shows no map
 
 
@@ -70,8 +70,10 @@ class Pace:
         self._middle_px = self._end_px = 0.0
 
     def begin(self) -> None:
-        """Says that there is a map of all so far."""
-        self._made(self._way[0][1])
+        """Says that there is a map of all so far; of a window's length the next one shows it too."""
+        begin_us, begin_px = self._way[0]
+        self._made(begin_px)
+        self._end_us = min(self._end_us, begin_us + self._longest_us - self._stride_us)
 
     def due(self) -> tuple[int, int] | None:
         """The stretch of time of a map that is due now, µs."""
@@ -180,7 +182,7 @@ class BackgroundMaps:
         self.pace, self.cloud = Pace(columns, longest_us, stride_us), cloud
         self._config, self._longest_us, self._most = config, longest_us, most_points
         self._arrived = Arrived(rig, depth_range_m, most_events=most_events)
-        self._end_us = self._due_us = 0
+        self._due_us = 0
         self._thread = None if alone else ThreadPoolExecutor(1, "mapper")
         self._coming: deque[tuple[int, Future[list[Made]]]] = deque()
 
@@ -197,19 +199,18 @@ class BackgroundMaps:
         else:
             coming = self._thread.submit(self._made, events, t_us, poses, window_us)
         if window_us is not None:
-            stride_us = max(window_us[1] - self._end_us, 0)
-            delay_us = min(_DELAY_US, round(_DELAY_OF_STRIDE * stride_us))
-            self._end_us, self._due_us = window_us[1], max(self._due_us, t_us + delay_us)
+            delay_us = round(_DELAY_OF_WINDOW * (window_us[1] - window_us[0]))
+            self._due_us = max(self._due_us, t_us + min(_DELAY_US, delay_us))
         self._coming.append((self._due_us, coming))
 
     def state(self) -> State:
         """All that decides what it does from now on, but for the cloud, while it is idle."""
-        times = {"end_us": self._end_us, "due_us": self._due_us}
-        return {**times, "arrived": self._arrived.state(), "pace": self.pace.state()}
+        state = {"arrived": self._arrived.state(), "pace": self.pace.state()}
+        return {**state, "due_us": self._due_us}
 
     def restore(self, state: State) -> None:
         """Goes on from a `state` of the same rig and settings, where nothing was pushed yet."""
-        self._end_us, self._due_us = state["end_us"], state["due_us"]
+        self._due_us = state["due_us"]
         self._arrived.restore(state["arrived"])
         self.pace.restore(state["pace"])
 

@@ -62,7 +62,8 @@ from eventsweep.plugins.track.odometry.stream import Arrived
 Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
 _COAST_US = 100_000
-_POSE_PX, _FASTEST_US = 5.0, 2000  # that the images move from pose to pose at most; least time
+_POSE_PX, _FASTEST_US = 2.5, 2000  # that the images move from pose to pose at most; least time
+_BATCHES_TO_BEGIN, _SHORTEST_START_US, _LEAST_STEPS = 30, 60_000, 20
 END_US = 1 << 62
 _NOISE = "events lie anywhere alike: noise, no edges"
 _PLAIN = (
@@ -154,7 +155,7 @@ class Tracker:
             if not first:
                 return None
             self._begin_us = min(first)
-            self._next_us = self._begin_us + START_US
+            self._next_us = self._begin_us + _SHORTEST_START_US
         newest = None
         while self._next_us <= t_us:
             end_us = self._silence.end_us(self._next_us, t_us + 1)
@@ -266,11 +267,17 @@ class Tracker:
     def _start(self, t_us: int) -> Pose | None:
         """Tries to find the first map and the poses of the stretch that ends at `t_us`."""
         assert self._begin_us is not None
-        streams, begin_us = self._arrived.streams, max(self._begin_us, t_us - LONGEST_START_US)
-        ends = range(begin_us + self._step_us, t_us + 1, self._step_us)
+        streams, length_us = self._arrived.streams, self._stretch_us(t_us)
+        begin_us = max(self._begin_us, t_us - length_us)
+        missing_us = self._begin_us + min(START_US, length_us) - t_us
+        if missing_us > 0:
+            self._wait("too short a time", missing_us)
+            return None
+        step_us = min(self._step_us, length_us // _LEAST_STEPS)
+        ends = range(begin_us + step_us, t_us + 1, step_us)
         batches = rising([batch_before(streams, end, self._sizes.events, begin_us) for end in ends])
         batches = [batch for batch in batches if len(batch) >= self._sizes.still]
-        if len(batches) < START_US // self._step_us // 2:
+        if len(batches) < min(START_US, length_us) // step_us // 2:
             self._wait("too few events: nothing moves")
             return None
         if not any(map(shows_edges, batches)):
@@ -284,7 +291,7 @@ class Tracker:
             self._wait(begun)
             return None
         motions, fits, points = begun
-        before = self._before(motions[0], t_us)
+        before = self._before(motions[0], t_us, step_us)
         stretch = [*before, *((m, f, Status.TRACKING) for m, f in zip(motions, fits, strict=True))]
         if self._first_map is None:
             T_new_old = self._origin @ se3.inverse(stretch[0][0].T_world_body)
@@ -301,17 +308,23 @@ class Tracker:
         self._feed_mapper(t_us, motions[0], motions, is_mapped=True)
         return self._poses[-1]
 
-    def _before(self, first: Motion, t_us: int) -> list[Found]:
+    def _stretch_us(self, t_us: int) -> int:
+        """How much before `t_us` the beginning looks at: less where events say that all is fast."""
+        batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
+        fast_us = max(_BATCHES_TO_BEGIN * 2 * (t_us - batch.t_us), _SHORTEST_START_US)
+        return fast_us if fast_us < START_US else LONGEST_START_US
+
+    def _before(self, first: Motion, t_us: int, step_us: int) -> list[Found]:
         """Motions of the events before the `first` one's, on the map that registers now."""
         assert self._begin_us is not None
-        if self._past is None or first.t_us < self._begin_us + self._step_us:
+        if self._past is None or first.t_us < self._begin_us + step_us:
             return []
-        ends_us = range(t_us, self._begin_us, -self._step_us)
+        ends_us = range(t_us, self._begin_us, -step_us)
         return earlier(self._past, self._rig, self._registration, self._sizes, first, ends_us)
 
-    def _wait(self, reason: str) -> None:
+    def _wait(self, reason: str, wait_us: int = START_US // 4) -> None:
         self.reason = reason
-        self._next_us += START_US // 4 - self._step_us
+        self._next_us += wait_us - self._step_us
 
     def _given(self, batches: Sequence[Batch]) -> tuple[Motion, Matrix] | None:
         first_map = self._first_map
