@@ -70,7 +70,7 @@ class Pace:
         self._middle_px = self._end_px = 0.0
 
     def begin(self) -> None:
-        """Says that there is a map of all so far; of a window's length the next one shows it too."""
+        """Says that there is a map of all so far; the next window may reach back into it."""
         begin_us, begin_px = self._way[0]
         self._made(begin_px)
         self._end_us = min(self._end_us, begin_us + self._longest_us - self._stride_us)

@@ -58,6 +58,7 @@ from eventsweep.plugins.track.odometry.start import (
     trajectory_of,
 )
 from eventsweep.plugins.track.odometry.stream import Arrived
+from eventsweep.plugins.track.odometry.trust import Trust
 
 Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
@@ -66,6 +67,7 @@ _POSE_PX, _FASTEST_US = 2.5, 2000  # that the images move from pose to pose at m
 _BATCHES_TO_BEGIN, _SHORTEST_START_US, _LEAST_STEPS = 30, 60_000, 20
 END_US = 1 << 62
 _NOISE = "events lie anywhere alike: noise, no edges"
+_FOLLOWS = Status.TRACKING, Status.UNCERTAIN
 _PLAIN = (
     "_searched", "_until_us", "_begin_us", "_next_us", "_fed_us", "reason", "since_us",
 )  # fmt: skip
@@ -115,9 +117,11 @@ class Tracker:
         self._silence, self._gyroscope = Silence(), Gyroscope()
         self._cloud = MapCloud(self._config.maps)
         self._maps: BackgroundMaps | None = None
+        self._trust = Trust(stereo=len(rig) > 1)
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
         self._motion: Motion | None = None
         self._seen_from: deque[Matrix] = deque(maxlen=self._config.maps)
+        self.changes: deque[tuple[int, Status, str]] = deque(maxlen=_KEPT_POSES)
         self._searched = 0
         self._until_us: int | None = None
         self._begin_us: int | None = None
@@ -184,6 +188,7 @@ class Tracker:
             "cloud": self._cloud.state(),
             "mapper": None if maps is None else maps.state(),
             "registration": self._registration.state(),
+            "trust": self._trust.state(),
             "motion": None if self._motion is None else vars(self._motion),
             "seen_from": list(self._seen_from),
         }
@@ -207,6 +212,7 @@ class Tracker:
             self._maps = self._background()
             self._maps.restore(state["mapper"])
         self._registration.restore(state["registration"])
+        self._trust.restore(state["trust"])
         self._motion = state["motion"] and Motion(**state["motion"])
         self._seen_from.extend(state["seen_from"])
         self._poses.extend(poses)
@@ -232,7 +238,7 @@ class Tracker:
         """
         end_us = self._until_us or 0
         for since_us in range(end_us - LONGEST_US, end_us, self._step_us):
-            if self.status is Status.TRACKING:
+            if self.status in _FOLLOWS:
                 self._track_last(since_us, end_us)
         self._take_maps(END_US)
 
@@ -244,7 +250,7 @@ class Tracker:
             return
         motion, fit = self._registered(batch, end_us)
         if fit.is_good(AGREES) and shows_edges(batch):
-            self._found(motion, fit, Status.TRACKING, filtered=True)
+            self._found(motion, fit, self.status, filtered=True)
 
     def _step_over(self, end_us: int) -> None:
         """Goes to the end of a long silence: a body that nothing was seen of stands, or jumped."""
@@ -291,8 +297,9 @@ class Tracker:
             self._wait(begun)
             return None
         motions, fits, points = begun
-        before = self._before(motions[0], t_us, step_us)
-        stretch = [*before, *((m, f, Status.TRACKING) for m, f in zip(motions, fits, strict=True))]
+        status = self._judged(motions[0], fits[0])  # the batch that was registered last
+        before = self._before(motions[0], t_us, step_us, status)
+        stretch = [*before, *((m, f, status) for m, f in zip(motions, fits, strict=True))]
         if self._first_map is None:
             T_new_old = self._origin @ se3.inverse(stretch[0][0].T_world_body)
             stretch = [(m.seen_from(T_new_old), fit, status) for m, fit, status in stretch]
@@ -302,7 +309,7 @@ class Tracker:
         self._use_points(self._cloud.chosen(self._sizes.lines))
         self._maps = self._background()
         self._fed_us = begin_us
-        self._change(Status.TRACKING, "", stretch[0][0].t_us)
+        self._change(status, self._trust.reason, stretch[0][0].t_us)
         for motion, fit, status in stretch:
             self._found(motion, fit, status)
         self._feed_mapper(t_us, motions[0], motions, is_mapped=True)
@@ -314,13 +321,14 @@ class Tracker:
         fast_us = max(_BATCHES_TO_BEGIN * 2 * (t_us - batch.t_us), _SHORTEST_START_US)
         return fast_us if fast_us < START_US else LONGEST_START_US
 
-    def _before(self, first: Motion, t_us: int, step_us: int) -> list[Found]:
+    def _before(self, first: Motion, t_us: int, step_us: int, status: Status) -> list[Found]:
         """Motions of the events before the `first` one's, on the map that registers now."""
         assert self._begin_us is not None
         if self._past is None or first.t_us < self._begin_us + step_us:
             return []
         ends_us = range(t_us, self._begin_us, -step_us)
-        return earlier(self._past, self._rig, self._registration, self._sizes, first, ends_us)
+        rig, sizes = self._rig, self._sizes
+        return earlier(self._past, rig, self._registration, sizes, first, ends_us, status)
 
     def _wait(self, reason: str, wait_us: int = START_US // 4) -> None:
         self.reason = reason
@@ -343,8 +351,13 @@ class Tracker:
             return self._go_on(self._motion.held(batch.t_us), Fit(), Status.STILL, t_us)
         motion, fit = self._registered(batch, t_us)
         if fit.is_good(AGREES) and shows_edges(batch):
-            return self._go_on(motion, fit, Status.TRACKING, t_us, filtered=True)
+            return self._go_on(motion, fit, self._judged(motion, fit), t_us, filtered=True)
         return self._doubt(batch, fit, t_us)
+
+    def _judged(self, motion: Motion, fit: Fit) -> Status:
+        """Whether the motion that was just registered can be believed."""
+        doubt = self._trust.judge(fit, self._registration.scale(motion))
+        return Status.UNCERTAIN if doubt else Status.TRACKING
 
     def _registered(self, batch: Batch, t_us: int) -> tuple[Motion, Fit]:
         """The motion that fits a batch, near that which the last one and the gyroscope say."""
@@ -378,7 +391,7 @@ class Tracker:
         motion, fit = self._registration(batch.events, near, wide=True)
         if not fit.is_good(FOUND_AGAIN):
             return None
-        return self._go_on(motion, fit, Status.TRACKING, t_us)
+        return self._go_on(motion, fit, self._judged(motion, fit), t_us)
 
     def _go_on(
         self, motion: Motion, fit: Fit, status: Status, t_us: int, *, filtered: bool = False
@@ -389,7 +402,8 @@ class Tracker:
         if before is motion:
             self._maps.pace.restart()
         if status is not Status.COASTING:
-            self._change(status, "", motion.t_us)
+            reason = self._trust.reason if status is Status.UNCERTAIN else ""
+            self._change(status, reason, motion.t_us)
         self._feed_mapper(t_us, before, [motion])
         return self._found(motion, fit, status, filtered=filtered)
 
@@ -406,6 +420,7 @@ class Tracker:
     def _change(self, status: Status, reason: str, t_us: int) -> None:
         if status is not self.status:
             self.status, self.reason, self.since_us = status, reason, t_us
+            self.changes.append((t_us, status, reason))
 
     def _feed_mapper(
         self, t_us: int, before: Motion, motions: Sequence[Motion], *, is_mapped: bool = False
@@ -443,7 +458,7 @@ class Tracker:
 
     def _pace_us(self) -> int:
         """From here to the next pose: less where the images move fast."""
-        if self._motion is None or self.status is not Status.TRACKING:
+        if self._motion is None or self.status not in _FOLLOWS:
             return self._step_us
         wanted_us = 1e6 * _POSE_PX / max(self._registration.speed_px_s(self._motion), 1e-3)
         return round(min(self._step_us, max(wanted_us, _FASTEST_US)))
