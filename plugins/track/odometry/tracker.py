@@ -297,7 +297,9 @@ class Tracker:
             self._wait(begun)
             return None
         motions, fits, points = begun
-        status = self._judged(motions[0], fits[0])  # the batch that was registered last
+        middle = motions[len(motions) // 2]  # what is seen there the map shows best
+        seen = next(batch for batch in batches if batch.t_us == middle.t_us)
+        status = self._judged(*self._registration(seen.events, middle))
         before = self._before(motions[0], t_us, step_us, status)
         stretch = [*before, *((m, f, status) for m, f in zip(motions, fits, strict=True))]
         if self._first_map is None:
