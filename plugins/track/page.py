@@ -35,6 +35,7 @@ _MOST_STEPS = 200  # of the slider
 _VIEWS = (("from above", 0, 2), ("from the side", 2, 1))
 _COLOURS = {
     Status.TRACKING: "#009e73",
+    Status.UNCERTAIN: "#cc79a7",
     Status.STILL: "#56b4e9",
     Status.COASTING: "#e69f00",
     Status.LOST: "#d55e00",
@@ -45,6 +46,7 @@ _COLOURS = {
 def track_page(name: str, tracked: Tracked, cloud: PointCloud) -> str:
     """The page as HTML."""
     lost = sum(change.status is Status.LOST for change in tracked.changes)
+    uncertain = sum(status is Status.UNCERTAIN for status in tracked.statuses)
     first_us, last_us = tracked.span_us
     figure = _overview(tracked, cloud)
     text = Text(
@@ -58,7 +60,8 @@ def track_page(name: str, tracked: Tracked, cloud: PointCloud) -> str:
         title=f"{name}, tracked",
         subtitle=f"{len(tracked.trajectory):,} poses over {(last_us - first_us) / 1e6:.2f} s, "
         f"{100 * tracked.covered:.1f} % of the time covered, {plural(tracked.maps, 'map')}, "
-        + (f"lost {plural(lost, 'time')}" if lost else "never lost"),
+        + (f"lost {plural(lost, 'time')}" if lost else "never lost")
+        + (f", {plural(uncertain, 'pose')} uncertain" if uncertain else ""),
         sections=(
             Section("path", "Path", (text, plot, _changes(tracked))),
             Section("status", "Status", (_counts(tracked),)),

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 TrackFlags = Annotated[TrackConfig, Parameter(name="*", group=Group("Tracking parameters"))]
 _DEFAULT = TrackConfig()
+_MOST_UNCERTAIN = 0.1  # of the poses
 
 
 def track(
@@ -33,8 +34,9 @@ def track(
 ) -> int:
     """Find the poses of a recording from its events and calibration alone.
 
-    The recording's own poses are not used. Exit code 1 means that the track was lost and not found
-    again. After an interrupt or a kill the same command continues.
+    The recording's own poses are not used. Exit code 1 means that the track ended lost or
+    uncertain, or that over a tenth of its poses are uncertain. After an interrupt or a kill the
+    same command continues.
 
     Args:
         recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
@@ -55,7 +57,8 @@ def track(
         first_map=_depth_map(first_map), T_world_body=_first_pose(start), force=force,
     )  # fmt: skip
     facts = facts_of(tracked)
-    lost = [change for change in tracked.changes if change.status is Status.LOST]
+    doubts = Status.LOST, Status.UNCERTAIN
+    doubted = [change for change in tracked.changes if change.status in doubts]
     lines = [
         f"{facts['poses']:,} poses over a path of {facts['way_m']:.3f} m, "
         f"{100 * tracked.covered:.1f} % of the time covered, {tracked.maps} maps"
@@ -66,10 +69,14 @@ def track(
             "clock jumps, or these are several takes"
         )
     first_us = tracked.span_us[0]
-    lines += [f"lost at {(each.t_us - first_us) / 1e6:.3f} s: {each.reason}" for each in lost]
+    lines += [
+        f"{each.status.value} at {(each.t_us - first_us) / 1e6:.3f} s: {each.reason}"
+        for each in doubted
+    ]
     console.result({"track": str(out), **facts}, lines)
     console.wrote(out / "report.html")
-    return int(tracked.changes[-1].status is Status.LOST)
+    uncertain = facts["poses_by_status"][Status.UNCERTAIN.value]
+    return int(tracked.changes[-1].status in doubts or uncertain > _MOST_UNCERTAIN * facts["poses"])
 
 
 def _depth_map(folder: Path | None) -> DepthMap | None:

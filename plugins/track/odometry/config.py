@@ -11,9 +11,9 @@ from eventsweep.emvs.parameters import ParameterGroup
 class TrackConfig(ParameterGroup):
     """How poses are found and maps made; every field has a default that works."""
 
-    rate_hz: Positive = Field(default=100.0, le=10_000, description="poses per second, Hz")
-    map_rate_hz: Positive = Field(default=5.0, le=1000, description="maps per second, Hz")
-    map_s: Positive = Field(default=0.4, description="length of a map's window, s")
+    rate_hz: Positive = Field(default=100.0, le=10_000, description="fewest poses per second, Hz")
+    map_rate_hz: Positive = Field(default=5.0, le=1000, description="fewest maps per second, Hz")
+    map_s: Positive = Field(default=0.4, description="longest window of a map, s")
     maps: int = Field(default=8, ge=1, le=1000, description="maps whose points are tracked")
     planes: int | None = Field(
         default=None, ge=2, le=100_000,

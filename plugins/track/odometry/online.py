@@ -1,44 +1,23 @@
-"""Maps while events and poses arrive: the batch mapper's windows, each once it is covered.
-
-Beside tracking they are made in a thread of their own and taken a fixed time later. When a map is
-taken depends on the times of events alone, never on how fast it was made: the poses are the same on
-every machine. Who asks for a map that is not finished waits for it.
-"""
+"""Maps while events and poses arrive: the batch mapper's windows, each once it is covered."""
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal
-
-import numpy as np
-from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.occupied import Silence
-from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
-from eventsweep.emvs.reference_view import depth_range_m
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.emvs.windows import Window, check_poses
-from eventsweep.plugins.track.odometry.checkpoint import State
-from eventsweep.plugins.track.odometry.config import TrackConfig
 from eventsweep.plugins.track.odometry.stream import Arrived
 
-Matrix = NDArray[np.float64]
-_DELAY_US, _DELAY_OF_STRIDE = 120_000, 0.6
-_PLANES = 40, 100
-_MOST_VIEW_COLUMNS = 640
 _MOST_WAITING, _MOST_POSES = 5_000_000, 1_000_000  # events of a camera, poses
-_FADE = 0.8  # weight of each older map among the points that are tracked
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,17 +109,6 @@ class OnlineMapper:
         self._let_go(t_us)
         return maps
 
-    def state(self) -> State:
-        """All that decides what it does from now on."""
-        times = {"next_us": self._next_us, "until_us": self._until_us}
-        return {**times, "arrived": self._arrived.state(), "occupied_us": self._silence.spans}
-
-    def restore(self, state: State) -> None:
-        """Goes on from a `state` of the same rig and settings, where nothing was pushed yet."""
-        self._next_us, self._until_us = state["next_us"], state["until_us"]
-        self._arrived.restore(state["arrived"])
-        self._silence.spans = [(first_us, last_us) for first_us, last_us in state["occupied_us"]]
-
     def _completed(self) -> Iterator[OnlineMap]:
         length_us, stride_us = window_us(self._config)
         while (window := self._next_window(length_us)) is not None:
@@ -212,156 +180,6 @@ class OnlineMapper:
             reason = str(error)
         assert self._until_us is not None
         return OnlineMap(window, result, reason, self._until_us - window.t1_us)
-
-
-class MapCloud:
-    """Points of at most `maps` depth maps."""
-
-    def __init__(self, maps: int) -> None:
-        self._maps: deque[Matrix] = deque(maxlen=maps)
-        self._added = 0
-
-    def __len__(self) -> int:
-        """Points of all maps."""
-        return sum(map(len, self._maps))
-
-    def add(self, points_world: Matrix) -> None:
-        """Takes the (N, 3) points of a further map; the oldest may go for it."""
-        self._maps.append(points_world)
-        self._added += 1
-
-    def replace(self, points_world: Matrix) -> None:
-        """Takes a map instead of all before."""
-        self._maps.clear()
-        self.add(points_world)
-
-    def state(self) -> State:
-        """All points, map by map."""
-        return {"maps": list(self._maps), "added": self._added}
-
-    def restore(self, state: State) -> None:
-        """Takes what `state` gave."""
-        self._maps.clear()
-        self._maps.extend(state["maps"])
-        self._added = state["added"]
-
-    def chosen(self, most: int) -> Matrix:
-        """At most so many points, at random, but the same in every run; newer maps count more."""
-        points = np.concatenate(self._maps)
-        if len(points) <= most:
-            return points
-        newest_first = enumerate(reversed(self._maps))
-        shares = [np.full(len(m), _FADE**age / max(len(m), 1)) for age, m in newest_first]
-        weights = np.concatenate(shares[::-1])
-        rng = np.random.default_rng(self._added)
-        at = rng.choice(len(points), most, replace=False, p=weights / weights.sum(), shuffle=True)
-        return points[at]
-
-
-def points_of(depth_map: DepthMap) -> Matrix:
-    """The (N, 3) points of a depth map in the world, m."""
-    rows, columns = np.nonzero(depth_map.mask)
-    bearing = depth_map.camera.unproject(np.stack([columns, rows], axis=-1).astype(np.float64))
-    z_m = depth_map.depth_m[rows, columns].astype(np.float64)[:, None]
-    return se3.transform(depth_map.T_world_rv, np.hstack([bearing * z_m, z_m]))
-
-
-@dataclass(frozen=True, eq=False)
-class Made:
-    """A map, and the (N, 3) points to track from it on; None where there is nothing new."""
-
-    online: OnlineMap
-    points: Matrix | None
-
-
-class BackgroundMaps:
-    """Feeds an `OnlineMapper`, and gathers the points of its maps.
-
-    Args:
-        mapper: of one method.
-        cloud: gathers; nobody else may use it any more.
-        most_points: that are tracked.
-        stride_us: from map to map. They are taken 0.12 s after their window was covered, or, with
-            shorter strides, so early that none is under way when the next window ends.
-        alone: whether there is no thread to spare; maps are then made at once.
-    """
-
-    def __init__(
-        self, mapper: OnlineMapper, cloud: MapCloud, most_points: int, stride_us: int, *,
-        alone: bool,
-    ) -> None:  # fmt: skip
-        self.mapper, self.cloud, self._most = mapper, cloud, most_points
-        self._delay_us = min(_DELAY_US, round(_DELAY_OF_STRIDE * stride_us))
-        self._thread = None if alone else ThreadPoolExecutor(1, "mapper")
-        self._coming: deque[tuple[int, Future[list[Made]]]] = deque()
-
-    def push(self, events: Sequence[Events], t_us: int, poses: Trajectory) -> None:
-        """Hands over what has come up to `t_us`; see `OnlineMapper.push`."""
-        coming: Future[list[Made]]
-        if self._thread is None:
-            coming = Future()
-            coming.set_result(self._made(events, t_us, poses))
-        else:
-            coming = self._thread.submit(self._made, events, t_us, poses)
-        self._coming.append((t_us + self._delay_us, coming))
-
-    def is_idle(self) -> bool:
-        """Whether no map is under way: then nothing is left but what the mapper and cloud hold."""
-        return all(coming.done() and not coming.result() for _, coming in self._coming)
-
-    def due(self, t_us: int) -> list[Made]:
-        """The maps that are to be taken up to `t_us`, in order; waits for them."""
-        made: list[Made] = []
-        while self._coming and self._coming[0][0] <= t_us:
-            made += self._coming.popleft()[1].result()
-        return made
-
-    def _made(self, events: Sequence[Events], t_us: int, poses: Trajectory) -> list[Made]:
-        return [
-            Made(online, self._points(online)) for online in self.mapper.push(events, t_us, poses)
-        ]
-
-    def _points(self, online: OnlineMap) -> Matrix | None:
-        if online.result is None:
-            return None
-        for depth_map in online.result.depth_maps.values():
-            self.cloud.add(points_of(depth_map))
-        return self.cloud.chosen(self._most)
-
-
-def map_config(config: TrackConfig, arrived: Arrived) -> MapperConfig:
-    """Settings of the maps that are tracked, for the depths of what has arrived."""
-    rig = arrived.rig
-    settings = MapperConfig(
-        methods=("Focus/H" if len(rig) > 1 else "Focus/cam0",),
-        window_s=config.map_s, stride_s=1 / config.map_rate_hz,
-        min_depth_m=config.min_depth_m, max_depth_m=config.max_depth_m, threads=config.threads,
-    )  # fmt: skip
-    planes = config.planes or planes_for(rig, depth_range_m(arrived, settings))
-    return settings.model_copy(update={"planes": planes, **small_view(rig)})
-
-
-def planes_for(rig: Rig, range_m: tuple[float, float]) -> int:
-    """Depth planes of a map: one per pixel of disparity between both ends of the range, bounded."""
-    fewest, most = _PLANES
-    if len(rig) < 2:
-        return most
-    near_m, far_m = range_m
-    disparity_px = rig.cameras[0].fx_px * rig.baseline_m() * (1 / near_m - 1 / far_m)
-    return min(max(math.ceil(disparity_px), fewest), most)
-
-
-def small_view(rig: Rig) -> dict[str, float]:
-    """Settings of the view of maps, where camera 0 has more columns than lines are drawn from."""
-    camera = rig.cameras[0]
-    if camera.width_px <= _MOST_VIEW_COLUMNS:
-        return {}
-    scale = _MOST_VIEW_COLUMNS / camera.width_px
-    height_px = round(scale * camera.height_px)
-    return {
-        "view_width_px": _MOST_VIEW_COLUMNS, "view_height_px": height_px,
-        "view_focal_px": scale * camera.fx_px, "view_focal_y_px": scale * camera.fy_px,
-    }  # fmt: skip
 
 
 def window_us(config: MapperConfig) -> tuple[int, int]:

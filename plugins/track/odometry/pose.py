@@ -20,6 +20,7 @@ class Status(Enum):
 
     STARTING = "starting"
     TRACKING = "tracking"
+    UNCERTAIN = "uncertain"
     STILL = "still"
     COASTING = "coasting"
     LOST = "lost"

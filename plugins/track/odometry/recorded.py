@@ -192,9 +192,9 @@ class _Done:
         return count
 
     def note(self, tracker: Tracker) -> None:
-        """Notes a change of status."""
-        if tracker.status is not self.changes[-1].status:
-            self.changes.append(Change(tracker.since_us, tracker.status, tracker.reason))
+        """Notes changes of status."""
+        self.changes += [Change(*change) for change in tracker.changes]
+        tracker.changes.clear()
 
     def state(self) -> State:
         """As plain values and arrays."""

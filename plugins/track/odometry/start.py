@@ -36,8 +36,8 @@ from eventsweep.plugins.track.odometry.batches import (
     never_fired,
     without_lone,
 )
+from eventsweep.plugins.track.odometry.maps import points_of
 from eventsweep.plugins.track.odometry.motion import Motion
-from eventsweep.plugins.track.odometry.online import points_of
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.registration.fit import (
     AGREES,
@@ -178,8 +178,9 @@ def _both_ways(
 
 
 def earlier(
-    past: Past, rig: Rig, registration: Registration, sizes: Sizes, first: Motion, ends_us: range
-) -> list[Found]:
+    past: Past, rig: Rig, registration: Registration, sizes: Sizes, first: Motion, ends_us: range,
+    status: Status,
+) -> list[Found]:  # fmt: skip
     """Motions before the `first`, in order of time, as far as the map goes.
 
     Args:
@@ -189,6 +190,7 @@ def earlier(
         sizes: numbers that follow from the sensor.
         first: a motion on that map.
         ends_us: where batches may end, falling down to the first event.
+        status: of motions that agree with the map.
     """
     motions: list[Found] = []
     here = first
@@ -200,7 +202,7 @@ def earlier(
         here, fit = registration(batch.events, here.at(batch.t_us))
         if not fit.is_good(AGREES):
             break
-        motions.append((here, fit, Status.TRACKING))
+        motions.append((here, fit, status))
     return motions[::-1]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,17 +31,14 @@ from eventsweep.plugins.track.odometry.batches import (
 )
 from eventsweep.plugins.track.odometry.checkpoint import State
 from eventsweep.plugins.track.odometry.config import TrackConfig
-from eventsweep.plugins.track.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion, reach_for
-from eventsweep.plugins.track.odometry.online import (
+from eventsweep.plugins.track.odometry.maps import (
     BackgroundMaps,
     MapCloud,
-    OnlineMap,
-    OnlineMapper,
-    check_packet,
     map_config,
     points_of,
-    window_us,
 )
+from eventsweep.plugins.track.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion, reach_for
+from eventsweep.plugins.track.odometry.online import OnlineMap, check_packet
 from eventsweep.plugins.track.odometry.pose import Pose, Status
 from eventsweep.plugins.track.odometry.registration.fit import (
     AGREES,
@@ -60,12 +58,16 @@ from eventsweep.plugins.track.odometry.start import (
     trajectory_of,
 )
 from eventsweep.plugins.track.odometry.stream import Arrived
+from eventsweep.plugins.track.odometry.trust import Trust
 
 Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
 _COAST_US = 100_000
+_POSE_PX, _FASTEST_US = 2.5, 2000  # that the images move from pose to pose at most; least time
+_BATCHES_TO_BEGIN, _SHORTEST_START_US, _LEAST_STEPS = 30, 60_000, 20
 END_US = 1 << 62
 _NOISE = "events lie anywhere alike: noise, no edges"
+_FOLLOWS = Status.TRACKING, Status.UNCERTAIN
 _PLAIN = (
     "_searched", "_until_us", "_begin_us", "_next_us", "_fed_us", "reason", "since_us",
 )  # fmt: skip
@@ -115,9 +117,11 @@ class Tracker:
         self._silence, self._gyroscope = Silence(), Gyroscope()
         self._cloud = MapCloud(self._config.maps)
         self._maps: BackgroundMaps | None = None
+        self._trust = Trust(stereo=len(rig) > 1)
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
         self._motion: Motion | None = None
         self._seen_from: deque[Matrix] = deque(maxlen=self._config.maps)
+        self.changes: deque[tuple[int, Status, str]] = deque(maxlen=_KEPT_POSES)
         self._searched = 0
         self._until_us: int | None = None
         self._begin_us: int | None = None
@@ -155,7 +159,7 @@ class Tracker:
             if not first:
                 return None
             self._begin_us = min(first)
-            self._next_us = self._begin_us + START_US
+            self._next_us = self._begin_us + _SHORTEST_START_US
         newest = None
         while self._next_us <= t_us:
             end_us = self._silence.end_us(self._next_us, t_us + 1)
@@ -163,7 +167,7 @@ class Tracker:
                 self._step_over(end_us)
                 continue
             newest = self._step(self._next_us) or newest
-            self._next_us += self._step_us
+            self._next_us += self._pace_us()
         return newest
 
     def state(self) -> State | None:
@@ -182,8 +186,9 @@ class Tracker:
             "occupied_us": self._silence.spans,
             "gyroscope": self._gyroscope.state(),
             "cloud": self._cloud.state(),
-            "mapper": None if maps is None else maps.mapper.state(),
+            "mapper": None if maps is None else maps.state(),
             "registration": self._registration.state(),
+            "trust": self._trust.state(),
             "motion": None if self._motion is None else vars(self._motion),
             "seen_from": list(self._seen_from),
         }
@@ -204,9 +209,10 @@ class Tracker:
         self._gyroscope.restore(state["gyroscope"])
         self._cloud.restore(state["cloud"])
         if state["mapper"] is not None:
-            self._maps = self._background(0)
-            self._maps.mapper.restore(state["mapper"])
+            self._maps = self._background()
+            self._maps.restore(state["mapper"])
         self._registration.restore(state["registration"])
+        self._trust.restore(state["trust"])
         self._motion = state["motion"] and Motion(**state["motion"])
         self._seen_from.extend(state["seen_from"])
         self._poses.extend(poses)
@@ -232,7 +238,7 @@ class Tracker:
         """
         end_us = self._until_us or 0
         for since_us in range(end_us - LONGEST_US, end_us, self._step_us):
-            if self.status is Status.TRACKING:
+            if self.status in _FOLLOWS:
                 self._track_last(since_us, end_us)
         self._take_maps(END_US)
 
@@ -244,7 +250,7 @@ class Tracker:
             return
         motion, fit = self._registered(batch, end_us)
         if fit.is_good(AGREES) and shows_edges(batch):
-            self._found(motion, fit, Status.TRACKING, filtered=True)
+            self._found(motion, fit, self.status, filtered=True)
 
     def _step_over(self, end_us: int) -> None:
         """Goes to the end of a long silence: a body that nothing was seen of stands, or jumped."""
@@ -267,11 +273,17 @@ class Tracker:
     def _start(self, t_us: int) -> Pose | None:
         """Tries to find the first map and the poses of the stretch that ends at `t_us`."""
         assert self._begin_us is not None
-        streams, begin_us = self._arrived.streams, max(self._begin_us, t_us - LONGEST_START_US)
-        ends = range(begin_us + self._step_us, t_us + 1, self._step_us)
+        streams, length_us = self._arrived.streams, self._stretch_us(t_us)
+        begin_us = max(self._begin_us, t_us - length_us)
+        missing_us = self._begin_us + min(START_US, length_us) - t_us
+        if missing_us > 0:
+            self._wait("too short a time", missing_us)
+            return None
+        step_us = min(self._step_us, length_us // _LEAST_STEPS)
+        ends = range(begin_us + step_us, t_us + 1, step_us)
         batches = rising([batch_before(streams, end, self._sizes.events, begin_us) for end in ends])
         batches = [batch for batch in batches if len(batch) >= self._sizes.still]
-        if len(batches) < START_US // self._step_us // 2:
+        if len(batches) < min(START_US, length_us) // step_us // 2:
             self._wait("too few events: nothing moves")
             return None
         if not any(map(shows_edges, batches)):
@@ -285,8 +297,11 @@ class Tracker:
             self._wait(begun)
             return None
         motions, fits, points = begun
-        before = self._before(motions[0], t_us)
-        stretch = [*before, *((m, f, Status.TRACKING) for m, f in zip(motions, fits, strict=True))]
+        middle = motions[len(motions) // 2]  # what is seen there the map shows best
+        seen = next(batch for batch in batches if batch.t_us == middle.t_us)
+        status = self._judged(*self._registration(seen.events, middle))
+        before = self._before(motions[0], t_us, step_us, status)
+        stretch = [*before, *((m, f, status) for m, f in zip(motions, fits, strict=True))]
         if self._first_map is None:
             T_new_old = self._origin @ se3.inverse(stretch[0][0].T_world_body)
             stretch = [(m.seen_from(T_new_old), fit, status) for m, fit, status in stretch]
@@ -294,25 +309,32 @@ class Tracker:
         motions = [motion for motion, _, _ in stretch[len(before) :]]
         self._cloud.replace(points)
         self._use_points(self._cloud.chosen(self._sizes.lines))
-        self._maps = self._background(motions[0].t_us)
+        self._maps = self._background()
         self._fed_us = begin_us
-        self._change(Status.TRACKING, "", stretch[0][0].t_us)
+        self._change(status, self._trust.reason, stretch[0][0].t_us)
         for motion, fit, status in stretch:
             self._found(motion, fit, status)
-        self._feed_mapper(t_us, trajectory_of(motions))
+        self._feed_mapper(t_us, motions[0], motions, is_mapped=True)
         return self._poses[-1]
 
-    def _before(self, first: Motion, t_us: int) -> list[Found]:
+    def _stretch_us(self, t_us: int) -> int:
+        """How much before `t_us` the beginning looks at: less where events say that all is fast."""
+        batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
+        fast_us = max(_BATCHES_TO_BEGIN * 2 * (t_us - batch.t_us), _SHORTEST_START_US)
+        return fast_us if fast_us < START_US else LONGEST_START_US
+
+    def _before(self, first: Motion, t_us: int, step_us: int, status: Status) -> list[Found]:
         """Motions of the events before the `first` one's, on the map that registers now."""
         assert self._begin_us is not None
-        if self._past is None or first.t_us < self._begin_us + self._step_us:
+        if self._past is None or first.t_us < self._begin_us + step_us:
             return []
-        ends_us = range(t_us, self._begin_us, -self._step_us)
-        return earlier(self._past, self._rig, self._registration, self._sizes, first, ends_us)
+        ends_us = range(t_us, self._begin_us, -step_us)
+        rig, sizes = self._rig, self._sizes
+        return earlier(self._past, rig, self._registration, sizes, first, ends_us, status)
 
-    def _wait(self, reason: str) -> None:
+    def _wait(self, reason: str, wait_us: int = START_US // 4) -> None:
         self.reason = reason
-        self._next_us += START_US // 4 - self._step_us
+        self._next_us += wait_us - self._step_us
 
     def _given(self, batches: Sequence[Batch]) -> tuple[Motion, Matrix] | None:
         first_map = self._first_map
@@ -331,8 +353,13 @@ class Tracker:
             return self._go_on(self._motion.held(batch.t_us), Fit(), Status.STILL, t_us)
         motion, fit = self._registered(batch, t_us)
         if fit.is_good(AGREES) and shows_edges(batch):
-            return self._go_on(motion, fit, Status.TRACKING, t_us, filtered=True)
+            return self._go_on(motion, fit, self._judged(motion, fit), t_us, filtered=True)
         return self._doubt(batch, fit, t_us)
+
+    def _judged(self, motion: Motion, fit: Fit) -> Status:
+        """Whether the motion that was just registered can be believed."""
+        doubt = self._trust.judge(fit, self._registration.scale(motion))
+        return Status.UNCERTAIN if doubt else Status.TRACKING
 
     def _registered(self, batch: Batch, t_us: int) -> tuple[Motion, Fit]:
         """The motion that fits a batch, near that which the last one and the gyroscope say."""
@@ -366,16 +393,21 @@ class Tracker:
         motion, fit = self._registration(batch.events, near, wide=True)
         if not fit.is_good(FOUND_AGAIN):
             return None
-        return self._go_on(motion, fit, Status.TRACKING, t_us)
+        return self._go_on(motion, fit, self._judged(motion, fit), t_us)
 
     def _go_on(
         self, motion: Motion, fit: Fit, status: Status, t_us: int, *, filtered: bool = False
     ) -> Pose:
+        before = motion if self.status is Status.LOST else self._motion
+        assert before is not None
+        assert self._maps is not None
+        if before is motion:
+            self._maps.pace.restart()
         if status is not Status.COASTING:
-            self._change(status, "", motion.t_us)
-        pose = self._found(motion, fit, status, filtered=filtered)
-        self._feed_mapper(t_us, trajectory_of([motion]))
-        return pose
+            reason = self._trust.reason if status is Status.UNCERTAIN else ""
+            self._change(status, reason, motion.t_us)
+        self._feed_mapper(t_us, before, [motion])
+        return self._found(motion, fit, status, filtered=filtered)
 
     def _found(self, motion: Motion, fit: Fit, status: Status, *, filtered: bool = False) -> Pose:
         belief = motion if filtered else None
@@ -390,12 +422,20 @@ class Tracker:
     def _change(self, status: Status, reason: str, t_us: int) -> None:
         if status is not self.status:
             self.status, self.reason, self.since_us = status, reason, t_us
+            self.changes.append((t_us, status, reason))
 
-    def _feed_mapper(self, t_us: int, poses: Trajectory) -> None:
+    def _feed_mapper(
+        self, t_us: int, before: Motion, motions: Sequence[Motion], *, is_mapped: bool = False
+    ) -> None:
+        """Hands over what has come up to `t_us`, and the motions since the one `before`."""
         assert self._maps is not None
+        for last, motion in pairwise([before, *motions]):
+            self._maps.pace.add(motion.t_us, self._registration.between_px(last, motion))
+        if is_mapped:
+            self._maps.pace.begin()
         packets = tuple(s.between(self._fed_us, t_us) for s in self._arrived.streams)
         self._fed_us = t_us
-        self._maps.push(packets, t_us, poses)
+        self._maps.push(packets, t_us, trajectory_of(motions))
 
     def _take_maps(self, t_us: int) -> None:
         """Tracks the maps from now on that are due."""
@@ -409,16 +449,21 @@ class Tracker:
     def _use_points(self, points: Matrix) -> None:
         self._registration.use_map(points, few(points, self._sizes))
 
-    def _background(self, start_us: int) -> BackgroundMaps:
+    def _background(self) -> BackgroundMaps:
         config = map_config(self._config, self._arrived)
         threads = thread_count(config.threads)
-        mapper = OnlineMapper(
-            self._rig, config.model_copy(update={"threads": max(1, threads - 1)}),
-            depth_range_m=self._arrived.depth_range_m, start_us=start_us,
-            most_events=self._map_events,
+        return BackgroundMaps(
+            self._rig, config.model_copy(update={"threads": max(1, threads - 1)}), self._cloud,
+            depth_range_m=self._arrived.depth_range_m, most_events=self._map_events,
+            most_points=self._sizes.lines, alone=threads == 1,
         )  # fmt: skip
-        stride_us = window_us(config)[1]
-        return BackgroundMaps(mapper, self._cloud, self._sizes.lines, stride_us, alone=threads == 1)
+
+    def _pace_us(self) -> int:
+        """From here to the next pose: less where the images move fast."""
+        if self._motion is None or self.status not in _FOLLOWS:
+            return self._step_us
+        wanted_us = 1e6 * _POSE_PX / max(self._registration.speed_px_s(self._motion), 1e-3)
+        return round(min(self._step_us, max(wanted_us, _FASTEST_US)))
 
     @property
     def _reach(self) -> float:

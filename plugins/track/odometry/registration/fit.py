@@ -15,13 +15,21 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry import se3
 from eventsweep.plugins.track.odometry.checkpoint import State
 from eventsweep.plugins.track.odometry.motion import Motion
-from eventsweep.plugins.track.odometry.registration.gauss_newton_kernels import gauss_newton
+from eventsweep.plugins.track.odometry.registration.gauss_newton_kernels import (
+    CAUCHY_PX,
+    FARTHER,
+    GATE_PX,
+    TRUST,
+    gauss_newton,
+)
+from eventsweep.plugins.track.odometry.registration.residuals_kernels import depth_to_events
 from eventsweep.plugins.track.odometry.registration.views import DrawnEvents, DrawnMap, View
 
 Matrix = NDArray[np.float64]
 LEAST_INLIERS = 100
 AGREES, FOUND_AGAIN = 0.6, 0.65
 """Mean weight of residuals: 0.36 by chance. Once lost, more is needed to go on."""
+_ONE_CAMERA = 1e-9  # share of the information about scale that rounding leaves
 _NEAR_PX = 1.0  # so little beside what was expected needs no coarser level
 _REDRAW_PX = 6.0  # the map is drawn anew once it has moved by so much
 
@@ -158,9 +166,44 @@ class Registration:
         self._normals = self._map.normals(self._few, T_body_world)
         return T_body_world
 
+    def scale(self, motion: Motion) -> tuple[float, float]:
+        """By what share the map seems too small, by how the cameras see the last batch at once.
+
+        Returns:
+            The share, and its standard deviation: infinite where one camera sees all.
+        """
+        H, g = np.zeros((7, 7)), np.zeros(7)
+        T_body_world, lines = se3.inverse(motion.T_world_body), self._events.lines
+        T_cam_body, _, _, intrinsics, sizes = self._cameras
+        for k in np.flatnonzero(self._events.counts >= 0):
+            depth_to_events(
+                self._few, self._normals[k], T_cam_body[k], T_body_world, intrinsics[k], sizes[k],
+                lines.places[k, 0], lines.drawing, lines.field, CAUCHY_PX, GATE_PX, H, g,
+            )  # fmt: skip
+        gain = np.linalg.lstsq(H[:6, :6], H[:6, 6], rcond=None)[0]
+        information = H[6, 6] - gain @ H[:6, 6]
+        if information <= _ONE_CAMERA * max(H[6, 6], 1.0):
+            return 0.0, np.inf
+        off = FARTHER * (gain @ g[:6] - g[6]) / information
+        return float(off), float((TRUST * information) ** -0.5)
+
+    def between_px(self, before: Motion, after: Motion) -> float:
+        """How far the images moved on the way that shows depth; turns show none, and count half."""
+        by_way, by_turn = self._parts_px(se3.inverse(before.T_world_body) @ after.T_world_body)
+        return max(by_way, (by_way + by_turn) / 2)
+
+    def speed_px_s(self, motion: Motion) -> float:
+        """About how fast the images move."""
+        return self._focal_px * float(
+            self._map.rho * np.linalg.norm(motion.twist[:3]) + np.linalg.norm(motion.twist[3:])
+        )
+
     def _moved_px(self, T_body_world: Matrix, drawn_at: Matrix) -> float:
         """About how far the map has moved in the images since it was drawn."""
-        xi = se3.log(T_body_world @ se3.inverse(drawn_at))
-        return self._focal_px * float(
-            self._map.rho * np.linalg.norm(xi[:3]) + np.linalg.norm(xi[3:])
-        )
+        return sum(self._parts_px(T_body_world @ se3.inverse(drawn_at)))
+
+    def _parts_px(self, T: Matrix) -> tuple[float, float]:
+        """About how far a motion moves the images, by its way and by its turn."""
+        xi = se3.log(T)
+        way, turn = np.linalg.norm(xi[:3]), np.linalg.norm(xi[3:])
+        return float(self._focal_px * self._map.rho * way), float(self._focal_px * turn)

@@ -23,7 +23,7 @@ TRUST = 0.4
 together."""
 STEPS, COARSER_STEPS = 4, 1
 """Of Gauss-Newton per level, associations anew in each."""
-_FARTHER = 1.5
+FARTHER = 1.5
 """How much farther than a step says: weights that fall with the residual make it too short, by a
 nearly constant share."""
 _ENOUGH = 2e-5  # m, rad: a smaller step changes nothing
@@ -193,7 +193,7 @@ def gauss_newton(
                     )  # fmt: skip
             believe(H, g, belief, off)
             solve(H, g, factor, change)
-            off += _FARTHER * change
+            off += FARTHER * change
             twist[:] = expected_twist + off[6:]
             motion_of(off, T_off)
             product(T_off, T_expected_drawn, pose)

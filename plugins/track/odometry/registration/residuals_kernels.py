@@ -93,6 +93,43 @@ def map_to_events(
 
 
 @njit(cache=True, nogil=True)
+def depth_to_events(
+    points, normals, T_cam_body, T_body_world, intrinsics, size, place, drawing, field, width, gate,
+    H, g,
+):  # fmt: skip
+    """`mls` once more, by the body's pose and the logarithm of the map's scale about the body.
+
+    A camera at the body's origin does not see the scale; others do, by the depth that they and it
+    see together, whatever the motion was. Adds to (7, 7) H and (7,) g of (xi, log scale).
+    """
+    fx, fy, cx, cy = intrinsics
+    sums, _, made, lines, scratch = field
+    J, per_width = np.empty(7), 1 / width
+    for k in range(len(points)):
+        X, Y, Z = moved(T_body_world, points[k, 0], points[k, 1], points[k, 2])
+        x, y, z = moved(T_cam_body, X, Y, Z)
+        if z < NEAREST_M:
+            continue
+        inverse = 1 / z
+        u, v = fx * x * inverse + cx, fy * y * inverse + cy
+        if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
+            continue
+        weight, n_u, n_v, r, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
+        if weight < LEAST_WEIGHT or abs(r) > gate:
+            continue
+        weight *= likeness(n_u, n_v, normals[k, 0], normals[k, 1]) / (1 + (r * per_width) ** 2)
+        a, b, c, _, _, _ = slope(n_u * fx, n_v * fy, x, y, z, inverse)
+        for i in range(3):
+            J[i] = T_cam_body[0, i] * a + T_cam_body[1, i] * b + T_cam_body[2, i] * c
+        J[3], J[4], J[5] = Y * J[2] - Z * J[1], Z * J[0] - X * J[2], X * J[1] - Y * J[0]
+        J[6] = J[0] * X + J[1] * Y + J[2] * Z
+        for i in range(7):
+            g[i] += weight * J[i] * r
+            for j in range(7):
+                H[i, j] += weight * J[i] * J[j]
+
+
+@njit(cache=True, nogil=True)
 def events_to_map(
     events, count, place, drawing, field, T_now_drawn, twist, intrinsics, width, gate, H, g
 ):  # fmt: skip

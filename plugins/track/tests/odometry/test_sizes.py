@@ -5,7 +5,7 @@ import pytest
 import point_world as world
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.plugins.track.odometry.batches import Sizes
-from eventsweep.plugins.track.odometry.online import planes_for, small_view
+from eventsweep.plugins.track.odometry.maps import planes_for, small_view
 
 
 @pytest.mark.parametrize(
