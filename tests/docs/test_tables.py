@@ -60,7 +60,8 @@ def test_a_table_has_a_line_for_every_setting(model):
 
 def test_numbers_are_means_of_cases_and_seeds_and_of_the_real_recording():
     baseline = read_baseline(BASELINE)
-    chosen = [s for s in baseline.series if (s.method, s.metric) == ("Alg1/H", "mean_error")]
+    found = [s for s in baseline.series if (s.method, s.metric) == ("Alg1/H", "mean_error")]
+    chosen = [s for s in found if s.case != "desk-imperfect"]
     means = [sum(s.values.values()) / len(s.values) for s in chosen]
     line = next(x for x in results_block(baseline).splitlines() if x.startswith("| Alg1/H |"))
     assert f"{100 * sum(means) / len(means):.2f}" in line

@@ -67,7 +67,7 @@ def _with_column(grid: Grid, rows: pd.DataFrame, case: str) -> Grid:
     one = table(rows, RANKED_BY, (RANKED_BY,))
     cells = {line.method: line.cells[0] for line in one.lines}
     lines = ((*line, cells.get(line[0].text, GridCell("–"))) for line in grid.lines)
-    head = one.columns[0].head(f"{one.columns[0].title}, `{case}`")
+    head = one.columns[0].head(f"{one.columns[0].title}, {case}")
     return replace(grid, heads=(*grid.heads, head), lines=tuple(lines))
 
 
