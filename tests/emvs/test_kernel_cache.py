@@ -101,6 +101,23 @@ ALIGNED = """
 from eventsweep.emvs.utils.vectors_kernels import aligned
 print(aligned(2).tolist())
 """
+DRAWN = """
+import mujoco
+import numpy as np
+from eventsweep.plugins.raster.renderer import RasterRenderer
+from eventsweep.sim.rigs import rig
+spec = mujoco.MjSpec.from_string('''<mujoco><asset>
+  <texture name="flat" type="2d" builtin="checker" rgb1="1 .2 .2" width="64" height="64"/>
+  <texture name="cube" type="cube" builtin="gradient" rgb1="1 1 .2" width="64" height="64"/>
+  <material name="flat" texture="flat" texrepeat="3 2"/><material name="cube" texture="cube"/>
+</asset><worldbody><light pos=".5 -.5 0" dir="0 0 1"/>
+  <geom type="plane" size="2 2 .1" pos="0 0 3" euler="170 20 0" material="flat"/>
+  <geom type="box" size=".3 .2 .3" pos=".1 0 1.5" euler="20 30 0" material="cube"/>
+</worldbody></mujoco>''')
+with RasterRenderer(spec, rig("oblique"), 1, (0.2, 9.0)) as drawn:
+    seen = drawn.frame(0, np.eye(4))
+    print(float(seen.intensity.sum()), float((1 / seen.nearest_depth_m).sum()))
+"""
 STAGE = f"""
 import contextlib, io
 import eventsweep.emvs.dsi.focus_kernels
@@ -137,6 +154,9 @@ if HAS_PLUGINS:
     CALLERS |= {
         "plugins/track/odometry/registration/lines_kernels.py": LINES,
         "plugins/track/odometry/registration/residuals_kernels.py": EQUATIONS,
+        "plugins/raster/light_kernels.py": DRAWN,
+        "plugins/raster/shading_kernels.py": DRAWN,
+        "plugins/raster/visibility_kernels.py": DRAWN,
     }
 EDITS = {
     "add_points": ("np.float32(v - j)", "np.float32(v - j + 0.2)"),
@@ -156,6 +176,7 @@ EDITS = {
         "layers.low[k, m], layers.high[k, m]",
         "layers.low[k, m] + 0.3, layers.high[k, m] + 0.3",
     ),
+    "textured": ("near[k] += share *", "near[k] += 9 + share *"),
     "within_reach": ("if inside and away", "if inside and i % 2 and away"),
     "paths_of_row": ("rho_b[y], ways[0], lens", "rho_b[y], ways[0] + 0.1, lens"),
 }

@@ -2,7 +2,7 @@
 
 import pytest
 
-from eventsweep.sim.config import ImuConfig, LightConfig, PixelConfig, SimConfig
+from eventsweep.sim.config import ImuConfig, PixelConfig, SimConfig
 from eventsweep.sim.sensor_presets import SensorConfig
 from refusals import refused
 
@@ -73,7 +73,6 @@ BAD = (0, -0.1, float("nan"), float("inf"))
         ("leak_rate_hz", -1), ("hot_pixel_fraction", 1.1), ("bandwidth_order", 3),
         ("readout_queue_events", 0), ("latency_us", float("nan")),
         ("timestamp_resolution_us", 0))),
-    (LightConfig, {"renderer": "crayon"}, "renderer"),
 ])  # fmt: skip
 def test_impossible_settings_are_refused(kind, values, words):
     refused(words, kind, **values)

@@ -47,8 +47,8 @@ FAULTS = (
     Fault(
         "off by half a pixel",
         "emvs/dsi/rays.py",
-        "pose_us, _bearings(camera),",
-        "pose_us, _bearings(camera) + 0.5 / camera.fx_px,",
+        "        _bearings(camera), *poses,",
+        "        _bearings(camera) + 0.5 / camera.fx_px, *poses,",
     ),
     Fault(
         "swapped cameras",
