@@ -233,10 +233,11 @@ def load(name: str) -> tuple[Suite, str]:
     """
     place, _, subset = name.partition(":")
     path = Path(place) if place.endswith(".toml") else FOLDER / f"{place}.toml"
-    if not subset and not path.is_file() and not place.endswith(".toml"):
-        place, subset, path = GATED, place, FOLDER / f"{GATED}.toml"
+    of_gated = (ALL, *read(FOLDER / f"{GATED}.toml").subsets)
+    if name in of_gated:
+        place, subset, path = GATED, name, FOLDER / f"{GATED}.toml"
     if not path.is_file():
-        known = ", ".join(installed())
+        known = ", ".join([*(() if subset else of_gated[1:]), *installed()])
         raise InputError(f"unknown suite {place!r}: choose one of {known}, or name a TOML file")
     suite = read(path)
     suite.subset(subset or ALL)

@@ -44,10 +44,10 @@ def test_a_processor_that_can_do_less_gives_the_same_bytes(processor, tmp_path):
     older = NARROW[processor] | {
         "OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
     }  # fmt: skip
-    for name, told in (("own", {}), ("older", older)):
-        told = {**told, "EVENTSWEEP_CACHE": str(tmp_path / f"{name} textures")}
+    for name, settings in (("own", {}), ("older", older)):
+        env = {**settings, "EVENTSWEEP_CACHE": str(tmp_path / f"{name} textures")}
         asked = "--rig", "davis346", "--seconds", "0.01", "--seed", "0", "--out", tmp_path / name
-        python("-m", "eventsweep", "simulate", "desk", *asked, env=told, check=True)
+        python("-m", "eventsweep", "simulate", "desk", *asked, env=env, check=True)
     own, other = (Sequence.open(tmp_path / name) for name in ("own", "older"))
     assert min(own.event_count(0), own.event_count(1)) > 4000
     assert other.manifest.digest() == own.manifest.digest()

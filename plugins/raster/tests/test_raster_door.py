@@ -119,9 +119,9 @@ def test_every_processor_and_number_of_threads_gives_the_same_bytes(processor, t
         "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR X86_V3",
     }  # fmt: skip
     asked = "simulate", "desk", "--sim.light.renderer", "raster", "--seconds", "0.01", "--out"
-    for name, told in (("own", {"NUMBA_NUM_THREADS": "2"}), ("older", older)):
-        told = {**told, "EVENTSWEEP_CACHE": str(tmp_path / f"{name} textures")}
-        python("-m", "eventsweep", *asked, tmp_path / name, env=told, check=True, timeout=1500)
+    for name, settings in (("own", {"NUMBA_NUM_THREADS": "2"}), ("older", older)):
+        env = {**settings, "EVENTSWEEP_CACHE": str(tmp_path / f"{name} textures")}
+        python("-m", "eventsweep", *asked, tmp_path / name, env=env, check=True, timeout=1500)
     own, other = (Sequence.open(tmp_path / name) for name in ("own", "older"))
     assert min(own.event_count(0), own.event_count(1)) > 4000
     assert other.manifest.digest() == own.manifest.digest()

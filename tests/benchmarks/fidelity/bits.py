@@ -122,7 +122,7 @@ def difference(one: NDArray[Any], other: NDArray[Any]) -> str:
     return f"{np.count_nonzero(apart)} of {apart.size} values, by {most:.2g} at most"
 
 
-def told(first: Path, other: Path, *, everything: bool) -> Iterator[str]:
+def differences(first: Path, other: Path, *, everything: bool) -> Iterator[str]:
     """One line for the first stage that differs, and for each camera's first events that do."""
     shown: set[str] = set()
     for (stage, one), (name, another) in zip(read(first), read(other), strict=True):
@@ -155,7 +155,7 @@ def main() -> None:
             subprocess.run(command, env=os.environ | WAYS[name], check=True)
             for part in ("drawn", "given"):
                 first, other = (Path(folder, f"{which}.{part}") for which in (names[0], name))
-                lines = list(told(first, other, everything=args.all)) or ["the same bytes"]
+                lines = list(differences(first, other, everything=args.all)) or ["the same bytes"]
                 sys.stdout.write(f"{name}, pictures {part}: {'; '.join(lines)}\n")
                 sys.stdout.flush()
 

@@ -77,6 +77,15 @@ def test_every_suite_can_be_run_and_names_find_suites_and_subsets(tmp_path):
     assert {name: load(name)[1] for name in named} == named
 
 
+@pytest.mark.parametrize(("name", "words"), [
+    ("suite-v4", "unknown suite 'suite-v4': choose one of quick, mvsec-table-v1"),
+    ("quick:all", "unknown suite 'quick': choose one of mvsec-table-v1"),
+    ("suite-v5:slow", "suite-v5 has no subset 'slow': choose one of all, quick"),
+])  # fmt: skip
+def test_a_name_that_is_none_gets_those_that_are(name, words):
+    assert words in line_of(load, name)
+
+
 FROZEN = {
     "suite-v5": "3967cc6cbe3f0a92", "suite-v3": "9642ad682037972f",
     "mvsec-table-v1": "1ea46b539308529d", "mvsec-table-v2": "e91f11c179769327",
