@@ -544,7 +544,7 @@ def test_another_metric_is_not_comparable_and_a_repeated_update_adds_nothing(
     ("--update", "--update needs --reason"), ("--reason x", "--reason without --update"),
     ("--result r.json --seeds 1", "--result runs nothing"), ("--seeds a", "needs numbers"),
     ("--seeds 1,1", "without repeats"), ("--seeds 5-3", "at least one"),
-    ("--suite nosuch", "no subset 'nosuch'"), ("--result nosuch", "no such file"),
+    ("--suite nosuch", "unknown suite 'nosuch'"), ("--result nosuch", "no such file"),
     ("--workers 0 --suite mvsec-table-v1", "--workers 0"), ("--tolerance -0.1", "--tolerance -0.1"),
     ("--tolerance nan", "--tolerance nan"), ("--case hall", "no case 'hall': choose from room"),
     ("--method other", "no method 'other': choose from mine"),
