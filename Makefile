@@ -95,8 +95,6 @@ pictures-baselines: setup
 		--out out/baselines/mvsec --force --quiet
 	$(BIN)/python docs/figures/draw_baselines.py out/baselines/desk out/baselines/hdr \
 		out/baselines/mvsec # docs/images/baselines-*.png
-	$(BIN)/python docs/figures/draw_baselines_esvo.py out/baselines/mvsec \
-		mvsec-flying # docs/images/baselines_esvo-mvsec-flying.png
 
 pictures-methods: pictures-scenes pictures-baselines
 	$(BIN)/eventsweep map out/desk/desk/sequence --out out/windows --map.window-s 0.2 \

@@ -1,7 +1,7 @@
 """ESVO's mapping, with given poses: blocks matched on time surfaces, refined, and fused over time.
 
 Zhou, Gallego, Shen, *Event-based Stereo Visual Odometry*, TRO 2021, section IV, from its
-description; what that leaves open is as in the authors' program (page `baselines_esvo`). Each map
+description; what that leaves open is as in the authors' program (page `baselines`). Each map
 takes the newest events: zero-mean normalised cross-correlation (ZNCC) of blocks, coarse to fine,
 gives the inverse depth from which the refinement starts. Maps are carried into the reference view
 and fused there, the newest first.

@@ -24,7 +24,7 @@ Mask = NDArray[np.bool_]
 Pixels = tuple[NDArray[np.int64], ...]  # rows and columns
 # Chosen on simulated data by `python tests/benchmarks study_extraction` of commit 77cd9c78. Lengths
 # are pixels of the view, disparities those of the rig's baseline: both keep their meaning for other
-# sensors, baselines and depth planes (the page `extraction`).
+# sensors, baselines and depth planes.
 AGREEMENT_PX = 0.4
 """Disagreement between cameras that divides the reliability by e, px of disparity, where that is
 `_AGREEMENT_AT_PX`; elsewhere it grows with its square root."""

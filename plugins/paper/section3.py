@@ -196,7 +196,7 @@ def _mvsec(evidence: Evidence) -> Finding:
         f"H over one camera, mean error, median error, bad pixels, points: {'; '.join(parts)}",
         Verdict.of(all(m < 1 for m in means), abs(means[1] - 0.59) < 0.1),
         "What the exact twin lacks is the real flights' unequal thresholds, wandering poses and "
-        "vertical misalignment; see [studies](studies.md#imperfect-geometry).",
+        "vertical misalignment; see [below](#imperfect-geometry).",
     )
 
 

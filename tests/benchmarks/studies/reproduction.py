@@ -1,6 +1,6 @@
 """Sets the twin of MVSEC's flights beside the published table of its original.
 
-`python tests/benchmarks reproduction --out DIR --page docs/studies.md` runs the suite
+`python tests/benchmarks reproduction --out DIR --page docs/paper.md` runs the suite
 `mvsec-table-v2`, or another one with `--suite`, and writes the tables between the page's marks.
 """
 
@@ -54,7 +54,7 @@ Scores = Mapping[Key, Series]
 
 def code() -> dict[str, Code]:
     """What the numbers depend on."""
-    return {"docs/studies.md#reproduction": Code(("reproduction:report",)) + of_suite(SUITE)}
+    return {"docs/paper.md#reproduction": Code(("reproduction:report",)) + of_suite(SUITE)}
 
 
 def main() -> int:

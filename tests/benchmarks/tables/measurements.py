@@ -52,8 +52,7 @@ class Part:
 
 
 PARTS = (
-    Part(("docs/scenes.md#figures",), f"{_TOOL} scene_tables docs/scenes.md", 0.4),
-    Part(("docs/twins.md#figures",), f"{_TOOL} scene_tables docs/twins.md"),
+    Part(("docs/scenes.md#figures",), f"{_TOOL} scene_tables docs/scenes.md"),
     Part(("docs/install.md#sizes",), f"{_TOOL} install_page --page docs/install.md"),
     Part(
         ("docs/formats.md#speeds",),
@@ -75,13 +74,10 @@ PARTS = (
     Part(("docs/studies.md#studies",), "make studies", 19.4),
     Part(("docs/paper.md#paper",), "make paper"),
     Part(
-        ("docs/studies.md#reproduction",),
-        f"{_TOOL} reproduction --out OUT --page docs/studies.md",
+        ("docs/paper.md#reproduction",),
+        f"{_TOOL} reproduction --out OUT --page docs/paper.md",
     ),
-    Part(
-        ("docs/baselines.md#baselines", "docs/baselines.md#esvo"),
-        "make pictures-baselines",
-    ),
+    Part(("docs/baselines.md#baselines",), "make pictures-baselines"),
     Part(
         ("plugins/diagnose/check.md#check-faults",),
         f"{_TOOL} check_faults --out OUT --page plugins/diagnose/check.md",

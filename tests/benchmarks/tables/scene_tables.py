@@ -1,6 +1,6 @@
-"""Writes the tables of figures of the scenes' pages: every number is measured, none is typed.
+"""Writes the table of figures of the scenes' page: every number is measured, none is typed.
 
-python tests/benchmarks scene_tables docs/scenes.md docs/twins.md
+python tests/benchmarks scene_tables docs/scenes.md
 
 Each case is simulated for a short piece with its own rig at full resolution, and the true depth of
 its cameras is warped onto each other. About one minute a case at 1280x720 on two cores, ten
@@ -30,16 +30,14 @@ from markdown_blocks import into_page
 from table_code import Code, of_scenes
 from warped_depth import warped
 
-PAGES = {
-    "scenes.md": ("desk", "boxes", "planes"),
-    "twins.md": (
-        "tumvie-6dof", "tumvie-desk2", "tumvie-1d", "tumvie-3d", "mvsec-flying", "rpg-boxes",
-        "rpg-reader", "rpg-monitor", "rpg-bin", "hdr-window", "hdr-night", "trinocular-desk",
-        "tumvie-skate", "tumvie-run", "tumvie-bike", "dsec-street",
-        "moving-objects", "low-texture", "repetitive", "thin-structures", "reflective",
-    ),
-}  # fmt: skip
-"""Which cases a page of the documentation lists."""
+CASES = (
+    "desk", "boxes", "planes",
+    "tumvie-6dof", "tumvie-desk2", "tumvie-1d", "tumvie-3d", "mvsec-flying", "rpg-boxes",
+    "rpg-reader", "rpg-monitor", "rpg-bin", "hdr-window", "hdr-night", "trinocular-desk",
+    "tumvie-skate", "tumvie-run", "tumvie-bike", "dsec-street",
+    "moving-objects", "low-texture", "repetitive", "thin-structures", "reflective",
+)  # fmt: skip
+"""In the order of the page."""
 
 HEAD = (
     "| Case | Rig | Pixels | Baseline, cm | Depth seen, m | Moving by itself | Mev/s "
@@ -139,25 +137,21 @@ def rows(names: tuple[str, ...], seconds: float) -> str:
 
 def code() -> dict[str, Code]:
     """What the numbers depend on."""
-    return {
-        f"docs/{page}#figures": Code(("scene_tables:rows", "scene_tables:HEAD")) + of_scenes(cases)
-        for page, cases in PAGES.items()
-    }
+    written = Code(("scene_tables:rows", "scene_tables:HEAD"))
+    return {"docs/scenes.md#figures": written + of_scenes(CASES)}
 
 
 def main() -> None:
     """Measures what the command line names."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("pages", nargs="*", type=Path, help=f"some of {', '.join(PAGES)}")
+    parser.add_argument("page", nargs="?", type=Path, help="docs/scenes.md")
     parser.add_argument("--only", nargs="+", default=(), choices=scenes.names())
     parser.add_argument("--seconds", type=float, default=0.05, help="length of each piece")
     asked = parser.parse_args()
     if asked.only:
         print(HEAD + rows(tuple(asked.only), asked.seconds), end="")  # noqa: T201
-    for page in asked.pages:
-        if page.name not in PAGES:
-            parser.error(f"{page}: known pages are {', '.join(PAGES)}")
-        into_page(page, "figures", HEAD + rows(PAGES[page.name], asked.seconds), code)
+    if asked.page:
+        into_page(asked.page, "figures", HEAD + rows(CASES, asked.seconds), code)
 
 
 if __name__ == "__main__":

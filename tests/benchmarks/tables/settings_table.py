@@ -21,7 +21,7 @@ from markdown_blocks import refresh
 from table_code import Code
 
 TABLES: dict[str, type[BaseModel]] = {
-    "docs/mapper.md": MapperConfig, "docs/extraction.md": FocusParameters,
+    "docs/mapper.md": MapperConfig, "docs/methods.md": FocusParameters,
     "plugins/learned/learned.md": LearnedParameters, "docs/scores.md": EvalConfig,
     "docs/trajectories.md": TrajectoryConfig,
 }  # fmt: skip

@@ -21,13 +21,13 @@ REAL = {"README.md#real", "plugins/learned/learned.md#real"}
 COMMITTED = {"README.md#results", "plugins/ranking/ranking.md#ranking"}
 SUITES = COMMITTED | {"docs/gate.md#first-runs"}
 SCORED = SUITES | {
-    "docs/paper.md#paper", "docs/studies.md#reproduction", "docs/studies.md#studies",
+    "docs/paper.md#paper", "docs/paper.md#reproduction", "docs/studies.md#studies",
     "docs/baselines.md#baselines", "docs/gate.md#recipe",
     "plugins/diagnose/check.md#check-faults", "plugins/track/odometry.md#track-scores",
 }  # fmt: skip
-MAPPED = SCORED | LEARNED | {"docs/baselines.md#esvo", "plugins/cuda/cuda.md#gpu"}
+MAPPED = SCORED | LEARNED | {"plugins/cuda/cuda.md#gpu"}
 SIMULATED = MAPPED | {
-    "docs/performance.md#simulate-stages", "docs/scenes.md#figures", "docs/twins.md#figures",
+    "docs/performance.md#simulate-stages", "docs/scenes.md#figures",
     "docs/simulator.md#fidelity", "docs/simulator.md#fidelity-rays",
     "docs/simulator.md#fidelity-drawn", "plugins/raster/raster.md#raster",
 }  # fmt: skip
@@ -53,7 +53,7 @@ EDITS = {
     "eval/report/templates/page.html.j2": set(),
     "eval/cli/main.py": set(),
     "tests/benchmarks/tables/markdown_blocks.py": set(),
-    "tests/helpers/simulation/warped_depth.py": {"docs/scenes.md#figures", "docs/twins.md#figures"},
+    "tests/helpers/simulation/warped_depth.py": {"docs/scenes.md#figures"},
 }  # fmt: skip
 """A file -> the tables whose numbers a change of it can change, as a reader of their pages says."""
 
