@@ -68,6 +68,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the pages that lie outside of `docs/`."""
     for name, page in TOP.items():
         text = with_site_links((ROOT / name).read_text("utf-8"), "")
+        if page == "changelog.md":  # it names everything, and would come before the pages on it
+            text = f"---\nsearch:\n  exclude: true\n---\n\n{text}"
         files.append(File.generated(config, page, content=text))
     for name, page in PLUG_INS.items():
         text = with_site_links((ROOT / name).read_text("utf-8"), posixpath.dirname(name), "docs")
