@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -102,6 +102,13 @@ class JobFlags(CacheFlags):
         count = default_workers() if self.workers is None else self.workers
         return local_workers(count, Cache(self.cache_folder()).folder)
 
+    def found(self) -> AbstractContextManager[Workers]:
+        """Looks for what is done already."""
+        from eventsweep.emvs.utils.cache import Cache
+        from eventsweep.eval.jobs.local import FoundJobs
+
+        return nullcontext(FoundJobs(Cache(self.cache_folder()).folder))
+
 
 CACHE_FLAGS = CacheFlags()
 JOB_FLAGS = JobFlags()
@@ -126,16 +133,21 @@ def run_with_flags(
     suite: Suite, subset: str, flags: JobFlags, progress: Display, *,
     seeds: tuple[int, ...] | None = None, cases: tuple[str, ...] = (), speed: bool = True,
     predictions: Sequence[NamedFolder] = (), archive: SequenceSource | None = None,
+    so_far: bool = False,
 ) -> Results:  # fmt: skip
-    """Runs a suite's subset; `speed` times the mapper on its first case, always on this machine."""
+    """Runs a suite's subset; `speed` times the mapper on its first case, always on this machine.
+
+    With `so_far` nothing runs: the result is of the jobs that the cache has.
+    """
+    from eventsweep.eval.progress import SILENT
     from eventsweep.eval.suite.run import run_suite
     from eventsweep.eval.suite.speed import with_speed
 
     result = run_suite(
-        suite, subset, flags.open, progress,
+        suite, subset, flags.found if so_far else flags.open, SILENT if so_far else progress,
         seeds=seeds, cases=cases, predictions=predictions, archive=archive,
     )  # fmt: skip
-    if speed and result.samples:
+    if speed and result.samples and not so_far:
         with progress.stage("speed", 1):
             result = with_speed(result, suite, flags.cache_folder(), archive)
     return result

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import ipaddress
-import queue
-import socket
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from eventsweep.emvs.errors import InputError, heed_interrupt
 from eventsweep.emvs.utils.release import install_extra
-from eventsweep.eval.jobs.job import Failed, Job, Outcome, code_of, do
+from eventsweep.eval.jobs.executor import FutureWorkers, Result, do_same_code
+from eventsweep.eval.jobs.job import Job, code_of
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
 
 _CONNECT_S = 10
 _LEAVE_S = 5
@@ -116,13 +116,12 @@ def dask_workers(cluster: Cluster, cache: Path) -> Iterator[DaskWorkers]:
             client.close(timeout=_LEAVE_S)
 
 
-class DaskWorkers:
+class DaskWorkers(FutureWorkers):
     """The workers of a cluster; they may come and go."""
 
     def __init__(self, client: Client, cache: Path) -> None:
-        self._client, self._cache = client, str(cache)
-        self._over: queue.SimpleQueue[tuple[str, Future[Any]]] = queue.SimpleQueue()
-        self._futures: dict[str, Future[Any]] = {}
+        super().__init__(cache)
+        self._client, self._attempts = client, count()
 
     @property
     def count(self) -> int:
@@ -132,55 +131,21 @@ class DaskWorkers:
         except (OSError, RuntimeError, AttributeError):  # the last: the scheduler is gone
             return 0
 
-    def submit(self, job: Job) -> None:
+    def start(self, job: Job) -> Result:
         """Hands over a job; the scheduler replaces a worker that dies of it."""
-        self._check_connected()
-        future = self._client.submit(
-            _do_same_code, job, self._cache, code_of(job), key=f"eventsweep-{job.name}", pure=False
+        key = f"eventsweep-{job.name}-{next(self._attempts)}"
+        future: Result = self._client.submit(
+            do_same_code, job, self.cache, code_of(job), key=key, pure=False
         )
-        self._futures[job.name] = future
-        future.add_done_callback(lambda over, name=job.name: self._over.put((name, over)))
+        return future
 
-    def wait(self, timeout_s: float) -> list[Outcome]:
-        """The outcomes since the last call; waits for one, but no longer than that."""
-        try:
-            over = [self._over.get(timeout=timeout_s)]
-        except queue.Empty:
-            self._check_connected()
-            return []
-        self._check_connected()
-        while not self._over.empty():
-            over.append(self._over.get())
-        return [self._outcome(name, future) for name, future in over]
-
-    def _check_connected(self) -> None:
+    def check(self) -> None:
         """A scheduler that ends takes all its futures along; they would look like failed jobs."""
         if self._client.status != "running":
             raise InputError(
                 "the scheduler is gone: start it again and repeat the command; finished jobs "
                 "are in the cache"
             )
-
-    def _outcome(self, name: str, future: Future[Any]) -> Outcome:
-        self._futures.pop(name, None)
-        try:
-            outcome: Outcome = future.result(timeout=60)
-        except Exception as error:  # whatever a cluster can do to a job
-            reason = " ".join(str(error).split())[:300]
-            return Failed(name, f"{type(error).__name__}: {reason}")
-        return outcome
-
-
-def _do_same_code(job: Job, cache: str, code: str) -> Outcome:
-    """Does a job, unless this machine would do it with other code."""
-    here = code_of(job)
-    if here != code:
-        return Failed(
-            job.name,
-            f"worker {socket.gethostname()} runs different code ({here}, not {code}): install "
-            "the same version on all machines",
-        )
-    return do(job, cache)
 
 
 def _is_loopback(host: str) -> bool:

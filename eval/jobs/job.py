@@ -7,6 +7,7 @@ under a key that says all that decides it, so nothing is made twice.
 from __future__ import annotations
 
 import importlib
+import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache as once
@@ -22,6 +23,8 @@ from eventsweep.eval.progress import SILENT, Display
 
 SEQUENCE, MAP = "sequence", "map"
 """Folders that jobs leave."""
+NOT_YET = "not done yet"
+"""Why a job is missing where nothing was to be run."""
 RESULT = "result.json"
 """A file whose text travels back with the job's outcome."""
 
@@ -99,10 +102,18 @@ class Done:
 
 @dataclass(frozen=True)
 class Failed:
-    """A job that was not done: `reason` in one line."""
+    """A job that was not done.
+
+    Attributes:
+        reason: in one line.
+        log: where the error came from, if its code did not foresee it.
+        again: whether another try may end otherwise; bad input stays bad.
+    """
 
     name: str
     reason: str
+    log: str = ""
+    again: bool = False
 
 
 Outcome = Done | Failed
@@ -119,9 +130,10 @@ def do(job: Job, cache_folder: str) -> Outcome:
     except InputError as error:
         return Failed(job.name, str(error))
     except (OSError, MemoryError) as error:
-        return Failed(job.name, _one_line(error))
+        return Failed(job.name, _one_line(error), traceback.format_exc(), again=True)
     except Exception as error:  # a job that fails must not stop the others
-        return Failed(job.name, f"{type(error).__name__}: {_one_line(error)}")
+        reason = f"{type(error).__name__}: {_one_line(error)}"
+        return Failed(job.name, reason, traceback.format_exc(), again=True)
     return _done(job, made, text)
 
 
@@ -185,9 +197,15 @@ def code_of(job: Job) -> str:
 def order(jobs: Iterable[Job]) -> list[Job]:
     """The jobs and all that they need, each once, what is needed before what needs it."""
     found: dict[str, Job] = {}
+
+    def place(job: Job) -> None:
+        if job.name not in found:
+            for need in job.needs:
+                place(need)
+            found[job.name] = job
+
     for job in jobs:
-        for one in (*order(job.needs), job):
-            found.setdefault(one.name, one)
+        place(job)
     return list(found.values())
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 from eventsweep.eval.jobs.job import Failed, Job, Outcome, order
@@ -30,58 +31,122 @@ Open = Callable[[], AbstractContextManager[Workers]]
 _TICK_S = 0.5
 
 
-@dataclass
+ATTEMPTS = 2
+"""How often a job is tried that ends in an error which another try, elsewhere, might not meet."""
+
+
 class JobBoard:
     """Who waits for what, and how far everything is.
 
-    Jobs are in an order in which what is needed comes first; outcomes are those that are over, by
-    name.
+    Every step costs the same however many jobs there are: a hundred thousand must not take their
+    scheduler longer, each, than ten.
+
+    Attributes:
+        jobs: in an order in which what is needed comes first.
+        outcomes: those that are over, by name.
+        running: names of those handed over.
+        failures: every failure but those of jobs that could not start.
     """
 
-    jobs: Sequence[Job]
-    outcomes: dict[str, Outcome] = field(default_factory=dict)
-    running: set[str] = field(default_factory=set)
+    def __init__(self, jobs: Sequence[Job]) -> None:
+        self.jobs, self.outcomes, self.running = jobs, dict[str, Outcome](), set[str]()
+        self.failures: list[Failed] = []
+        self._by_name = {job.name: job for job in jobs}
+        self._missing = {job.name: len({need.name for need in job.needs}) for job in jobs}
+        self._users: dict[str, list[Job]] = {job.name: [] for job in jobs}
+        for job in jobs:
+            for need in {need.name for need in job.needs}:
+                self._users[need].append(job)
+        self._ready = deque(job for job in jobs if not job.needs)
+        self._tries: Counter[str] = Counter()
+        self._left = Counter(job.stage for job in jobs)
+        self._took: dict[str, _Mean] = {}
 
-    def ready(self) -> Iterator[Job]:
-        """Jobs that can start; those whose needs failed fail here."""
-        for job in self.jobs:
-            if job.name in self.outcomes or job.name in self.running:
-                continue
-            over = [self.outcomes.get(need.name) for need in job.needs]
-            failed = [outcome for outcome in over if isinstance(outcome, Failed)]
-            if failed:
-                reason = failed[0].reason.removeprefix("not started: ")
-                self.outcomes[job.name] = Failed(job.name, f"not started: {reason}")
-            elif None not in over:
-                yield job
+    def start(self) -> Iterator[Job]:
+        """Jobs that can start and are running from now on."""
+        while self._ready:
+            job = self._ready.popleft()
+            self.running.add(job.name)
+            yield job
 
-    def take(self, outcome: Outcome) -> None:
-        """Notes that a job is over."""
-        self.running.discard(outcome.name)
-        self.outcomes[outcome.name] = outcome
+    def take(self, outcome: Outcome) -> bool:
+        """Notes that a job is over, or is tried again; returns whether it is over."""
+        job = self._by_name[outcome.name]
+        self.running.discard(job.name)
+        if isinstance(outcome, Failed) and outcome.again:
+            self._tries[job.name] += 1
+            if self._tries[job.name] < ATTEMPTS:
+                self._ready.append(job)
+                return False
+        if isinstance(outcome, Failed):
+            self.failures.append(outcome)
+        else:
+            mean = self._took.setdefault(job.stage, _Mean())
+            mean.add(0.0 if outcome.found else outcome.seconds)
+        self._end(job, outcome)
+        return True
 
-    @property
-    def failed(self) -> list[Failed]:
-        """Every failure but those of jobs that could not start."""
-        failures = [outcome for outcome in self.outcomes.values() if isinstance(outcome, Failed)]
-        return [outcome for outcome in failures if not outcome.reason.startswith("not started: ")]
+    def _end(self, job: Job, outcome: Outcome) -> None:
+        """What waits for a job can start, or cannot any more."""
+        ended = deque([(job, outcome)])
+        while ended:
+            job, outcome = ended.popleft()
+            self.outcomes[job.name] = outcome
+            self._left[job.stage] -= 1
+            for user in self._users[job.name]:
+                self._missing[user.name] -= 1
+                if isinstance(outcome, Failed):
+                    if user.name not in self.outcomes:
+                        reason = outcome.reason.removeprefix("not started: ")
+                        self.outcomes[user.name] = Failed(user.name, f"not started: {reason}")
+                        ended.append((user, self.outcomes[user.name]))
+                elif not self._missing[user.name] and user.name not in self.outcomes:
+                    self._ready.append(user)
 
     def words(self, workers: int) -> str:
         """How far it is, in a few words."""
         done, total = len(self.outcomes), len(self.jobs)
-        words = f"{done}/{total} jobs, {len(self.running)} running, {len(self.failed)} failed"
+        words = f"{done}/{total} jobs, {len(self.running)} running, {len(self.failures)} failed"
         words += "" if workers else ", no worker yet"
-        left_s = _left_s(self, workers)
+        left_s = self._left_s(workers)
         return f"{words}, {left_s:.0f} s left" if done < total and left_s is not None else words
+
+    def _left_s(self, workers: int) -> float | None:
+        """From what jobs of each stage took so far; None before the first of them is done."""
+        if not self._took:
+            return None
+        everything = sum(mean.total for mean in self._took.values())
+        mean_s = everything / sum(mean.count for mean in self._took.values())
+        left_s = sum(
+            count * (self._took[stage].value if stage in self._took else mean_s)
+            for stage, count in self._left.items()
+        )
+        return left_s / max(workers, 1)
+
+
+@dataclass
+class _Mean:
+    total: float = 0.0
+    count: int = 0
+
+    def add(self, value: float) -> None:
+        self.total, self.count = self.total + value, self.count + 1
+
+    @property
+    def value(self) -> float:
+        return self.total / self.count
 
 
 def run_jobs(jobs: Iterable[Job], workers: Open, progress: Display) -> Mapping[str, Outcome]:
-    """Does jobs and all that they need; returns the outcome of each, by name."""
+    """Does jobs and all that they need; returns the outcome of each, by name.
+
+    A job that ends in an error which its code did not foresee is tried once more, by whichever
+    worker takes it; bad input is not.
+    """
     board = JobBoard(order(jobs))
     with workers() as crew, progress.stage("jobs", max(len(board.jobs), 1)) as update:
         while len(board.outcomes) < len(board.jobs):
-            for job in list(board.ready()):
-                board.running.add(job.name)
+            for job in board.start():
                 crew.submit(job)
             if board.running:
                 _collect(board, crew, progress)
@@ -91,23 +156,7 @@ def run_jobs(jobs: Iterable[Job], workers: Open, progress: Display) -> Mapping[s
 
 def _collect(board: JobBoard, crew: Workers, progress: Display) -> None:
     for outcome in crew.wait(_TICK_S):
-        board.take(outcome)
+        over = board.take(outcome)
         if isinstance(outcome, Failed):
-            progress.say(f"failed: {outcome.name}: {outcome.reason}")
-
-
-def _left_s(board: JobBoard, workers: int) -> float | None:
-    """From what jobs of each stage took so far; None before the first of them is done."""
-    took: dict[str, list[float]] = {}
-    stages = {job.name: job.stage for job in board.jobs}
-    for outcome in board.outcomes.values():
-        if not isinstance(outcome, Failed):
-            seconds = 0.0 if outcome.found else outcome.seconds
-            took.setdefault(stages[outcome.name], []).append(seconds)
-    if not took:
-        return None
-    everything = [seconds for group in took.values() for seconds in group]
-    mean_s = sum(everything) / len(everything)
-    left = [job for job in board.jobs if job.name not in board.outcomes]
-    each = (sum(took[j.stage]) / len(took[j.stage]) if j.stage in took else mean_s for j in left)
-    return sum(each) / max(workers, 1)
+            again = "" if over else "; it is tried again"
+            progress.say(f"failed: {outcome.name}: {outcome.reason}{again}")

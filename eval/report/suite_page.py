@@ -10,6 +10,7 @@ from eventsweep.emvs.utils.inputs import inside
 from eventsweep.emvs.utils.outputs import check_files
 from eventsweep.eval.config import EvalConfig, RankingMetric
 from eventsweep.eval.figures.images import data_uri
+from eventsweep.eval.jobs.job import NOT_YET
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
     REPORT_NAME,
@@ -118,11 +119,18 @@ def _verdict(
     if first:
         layer = Layer(pictures[first], "camera, depth, true depth")
         yield Pictures((Picture(first, (layer,)),), columns=1)
-    yield Sentences(tuple(f"failed: {job.name}: {job.failure}" for job in result.failures))
+    yield Sentences(tuple(_missing(result)))
     if len(by_case) > 1:  # the mean of a single case would repeat it
         about = f"Mean of {len(by_case)} cases, by {column(metric).title}. {_OVER_CASES}"
         yield table(mean, metric, ranks=ranks).grid(about)
     yield Text(f"{RULE.format(title=column(metric).title)} {_ABOUT}", "note")
+
+
+def _missing(result: Results) -> Iterator[str]:
+    failed = [job for job in result.failures if not job.failure.endswith(NOT_YET)]
+    if not_yet := len(result.failures) - len(failed):
+        yield f"{not_yet} of {len(result.jobs)} jobs are {NOT_YET}: this is of the others."
+    yield from (f"failed: {job.name}: {job.failure}" for job in failed)
 
 
 def _standings(result: Results, metric: str, cases: Collection[str]) -> tuple[Standing, ...]:

@@ -69,7 +69,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class JobNote:
-    """The outcome of one job: its key in the cache, or why it failed."""
+    """The outcome of one job: its key in the cache, or why it failed, and where in the code."""
 
     name: str
     key: str = ""
@@ -78,6 +78,7 @@ class JobNote:
     found: bool = False
     failure: str = ""
     cpu_seconds: float = 0.0
+    log: str = ""
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 

@@ -66,7 +66,7 @@ def collected(jobs: Sequence[Job], outcomes: Mapping[str, Outcome], **about: Any
 
 def _note(outcome: Outcome) -> JobNote:
     if isinstance(outcome, Failed):
-        return JobNote(outcome.name, failure=outcome.reason)
+        return JobNote(outcome.name, failure=outcome.reason, log=outcome.log)
     return JobNote(
         outcome.name, outcome.key, outcome.code, round(outcome.seconds, 3), outcome.found,
         cpu_seconds=round(outcome.cpu_seconds, 3),

@@ -37,6 +37,11 @@ def _fail(parameters, log):
     raise ZeroDivisionError("as asked")
 
 
+def _fail_once(parameters, log):
+    if runs(log, parameters["id"]) == 1:
+        _fail(parameters, log)
+
+
 def _refuse(parameters, log):
     raise InputError("3 came, needs 4: add one")
 
@@ -70,7 +75,7 @@ def _small_files(parameters, log):
 
 
 _ACTS = {
-    "write": lambda parameters, log: None, "die": _die, "die once": _die_once, "fail": _fail,
+    "write": lambda parameters, log: None, "die": _die, "die once": _die_once, "fail": _fail, "fail once": _fail_once,
     "refuse": _refuse, "sleep": _sleep, "full disk": _full_disk, "small files": _small_files,
     "threads": _threads,
 }  # fmt: skip

@@ -40,6 +40,7 @@ def suite(
     list_cases: Annotated[bool, NO_NEGATIVE] = False,
     speed: bool = True,
     cost: Annotated[bool, NO_NEGATIVE] = False,
+    so_far: Annotated[bool, NO_NEGATIVE] = False,
     force: Force = False,
     table: TableFlags = TABLE_FLAGS,
     job_flags: JobFlags = JOB_FLAGS,
@@ -58,6 +59,7 @@ def suite(
         list_cases: Only list what a prediction must hold; nothing is run.
         speed: Time the mapper at the end.
         cost: Measure time and memory of each method alone, for a ranking; takes two minutes more.
+        so_far: Run nothing, and write what is done by now, also while the suite runs elsewhere.
     """
     from eventsweep.eval.suite.definition import load
     from eventsweep.eval.suite.output import assignments
@@ -72,11 +74,15 @@ def suite(
         listed = assignments(*parts, cache=job_flags.cache_folder())
         common.console().result(listed, _assignments(listed))
         return 0
+    if so_far and cost:
+        raise InputError(
+            "--cost with --so-far: one measures, the other runs nothing; leave one out"
+        )
     if out is None:
         raise InputError("suite without --out: name a folder to write, or add --list-cases")
     return _run(
         parts, out, job_flags, common, table,
-        prediction=prediction, speed=speed, cost=cost, force=force,
+        prediction=prediction, speed=speed, cost=cost, so_far=so_far, force=force,
     )  # fmt: skip
 
 
@@ -108,6 +114,7 @@ def _run(
     prediction: tuple[str, ...],
     speed: bool,
     cost: bool,
+    so_far: bool,
     force: bool,
 ) -> int:
     from eventsweep.emvs.utils.cache import Cache
@@ -123,6 +130,7 @@ def _run(
         result = run_with_flags(
             suite, parts.subset, job_flags, console.progress, seeds=parts.seeds,
             cases=parts.cases, speed=speed, predictions=given, archive=parts.archive,
+            so_far=so_far,
         )  # fmt: skip
         result = replace(result, stated=stated)
         if cost:
@@ -155,17 +163,23 @@ def _summary(result: Results, cache: Path) -> Iterator[Part]:
 
     from eventsweep.emvs.utils.cache import Cache
     from eventsweep.emvs.utils.files import bytes_text
+    from eventsweep.eval.jobs.job import NOT_YET
     from eventsweep.eval.results.series import measured_of
 
     series = measured_of(result).series.values()
     for case in result.cases:
-        yield _table(case, [one for one in series if one.case == case], len(result.seeds))
-    for job in result.failures:
+        its = [one for one in series if one.case == case and one.metric in _SHOWN]
+        if its:
+            yield _table(case, its, max(len(one.values) for one in its))
+    failed = [job for job in result.failures if not job.failure.endswith(NOT_YET)]
+    for job in failed:
         yield Text(f"failed: {job.name}: {job.failure}", style="bold")
     made = sum(not job.found for job in result.jobs if not job.failure)
+    missing = len(result.failures) - len(failed)
+    not_yet = f", {missing} {NOT_YET}" if missing else ""
     yield (
         f"{result.suite} {result.subset}: {len(result.jobs)} jobs, {made} done now, "
-        f"{len(result.failures)} failed; the cache {cache} holds "
+        f"{len(failed)} failed{not_yet}; the cache {cache} holds "
         f"{bytes_text(Cache(cache).size_bytes())}"
     )
 
@@ -177,9 +191,8 @@ def _table(case: str, series: Iterable[Series], seeds: int) -> Table:
     cells: dict[str, dict[str, str]] = {}
     units: dict[str, str] = {}
     for numbers in series:
-        if numbers.metric in _SHOWN:
-            cells.setdefault(numbers.method, {})[numbers.metric] = _mean_and_spread(numbers)
-            units[numbers.metric] = display_unit(numbers.unit)
+        cells.setdefault(numbers.method, {})[numbers.metric] = _mean_and_spread(numbers)
+        units[numbers.metric] = display_unit(numbers.unit)
     many = f"mean over {seeds} seeds ± standard deviation"
     metrics = [metric for metric in _SHOWN if metric in units]
     headings = (f">{metric.replace('_', ' ')}\n{units[metric]}" for metric in metrics)

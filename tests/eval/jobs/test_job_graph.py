@@ -1,5 +1,6 @@
 """Jobs: nothing twice, nothing lost, and no failure that stops the others."""
 
+import cProfile
 import json
 import multiprocessing
 import os
@@ -10,6 +11,9 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -20,8 +24,9 @@ from eventsweep.eval.jobs import code_version as versions_of_code
 from eventsweep.eval.jobs import dask as schedule_dask
 from eventsweep.eval.jobs.code_version import closure, code_version, definition_digest
 from eventsweep.eval.jobs.dask import Cluster, dask_workers
-from eventsweep.eval.jobs.job import RESULT, Done, Failed, Job, do, order
-from eventsweep.eval.jobs.local import ATTEMPTS, local_workers
+from eventsweep.eval.jobs.executor import executor_workers
+from eventsweep.eval.jobs.job import NOT_YET, RESULT, Done, Failed, Job, do, order
+from eventsweep.eval.jobs.local import ATTEMPTS, FoundJobs, local_workers
 from eventsweep.eval.jobs.scheduler import JobBoard, run_jobs
 from eventsweep.eval.progress import Silent
 from eventsweep.sim.mjcf import files_of
@@ -399,11 +404,101 @@ def test_order_puts_needs_first_and_progress_says_how_many_are_left(make):
     assert names == ["a", "b", "c", "d"]
     board = JobBoard([make(name) for name in "abcd"])
     assert board.words(2) == "0/4 jobs, 0 running, 0 failed"
-    board.running.add("c")
+    assert [job.name for job in board.start()] == ["a", "b", "c", "d"]
+    board.running.remove("d")
     board.take(Done("a", "k", "d", 4.0, False, "v"))
     board.take(Failed("b", "why"))
     assert board.words(2) == "2/4 jobs, 1 running, 1 failed, 4 s left"
     assert "no worker yet" in board.words(0)
+
+
+def run_on(executor, jobs, folder, count=2):
+    return run_jobs(jobs, lambda: executor_workers(executor, folder, count), Silent())
+
+
+EXECUTORS = {
+    "threads": lambda: ThreadPoolExecutor(2),
+    "processes": lambda: ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")),
+}
+
+
+@pytest.mark.parametrize("executor", EXECUTORS.values(), ids=EXECUTORS)
+def test_any_executor_does_what_local_workers_do_and_stays_open(make, log, tmp_path, executor):
+    a = make("a")
+    jobs = [make("d", needs=(make("b", needs=(a,)), make("c", needs=(a,)))), make("x", "fail")]
+    local = run_here(jobs, tmp_path / "local")
+    with executor() as pool:
+        there = run_on(pool, jobs, tmp_path / "there")
+        assert pool.submit(int, "3").result() == 3
+        again = run_on(pool, jobs[:1], tmp_path / "there")
+    digests = {name: getattr(one, "digest", one) for name, one in there.items()}
+    assert digests.pop("x").reason == "ZeroDivisionError: as asked"
+    assert digests == {name: one.digest for name, one in local.items() if name != "x"}
+    assert all(one.found for one in again.values())
+    assert runs(log, "d") == 2, "once for each cache"
+
+
+def test_an_executor_whose_worker_dies_is_named_and_what_is_done_is_kept(make, log, tmp_path):
+    a = make("a")
+    with EXECUTORS["processes"]() as pool:
+        text = line_of(lambda: run_on(pool, [make("b", "die", needs=(a,))], tmp_path / "cache"))
+        assert text.startswith("the executor is broken")
+        assert "open a new one and call again" in text
+        assert "takes no job" in line_of(lambda: run_on(pool, [make("c")], tmp_path / "cache"))
+    with EXECUTORS["threads"]() as pool:
+        outcomes = run_on(pool, [make("b2", needs=(a,))], tmp_path / "cache")
+    assert outcomes["a"].found
+    assert runs(log, "a") == 1
+
+
+def test_an_error_that_may_pass_is_tried_once_more_and_its_log_kept_bad_input_is_not(
+    make, log, tmp_path
+):
+    jobs = [make("x", "fail"), make("y", "fail once"), make("z", "refuse"), make("w")]
+    outcomes = run_here(jobs, tmp_path / "cache")
+    assert {name: runs(log, name) for name in "wxyz"} == {"w": 1, "x": 2, "y": 2, "z": 1}
+    assert isinstance(outcomes["y"], Done)
+    assert "job_stages.py" in outcomes["x"].log
+    assert (outcomes["z"].log, outcomes["z"].again) == ("", False)
+
+
+def test_what_is_done_so_far_is_found_and_nothing_is_run(make, log, tmp_path):
+    a = make("a")
+    both = [make("b", needs=(a,)), make("c", needs=(make("b", needs=(a,)),))]
+    run_here(both[:1], tmp_path / "cache")
+    found = run_jobs(both, lambda: nullcontext(FoundJobs(tmp_path / "cache")), Silent())
+    assert (found["a"].found, found["b"].found) == (True, True)
+    assert found["c"].reason == NOT_YET
+    assert runs(log, "c") == 0
+
+
+class AtOnce:
+    """Workers that say that a job is done as soon as they have it, one at a time."""
+
+    count = 1
+
+    def __init__(self):
+        self.names = deque()
+
+    def submit(self, job):
+        self.names.append(job.name)
+
+    def wait(self, timeout_s):
+        return [Done(self.names.popleft(), "k", "d", 0.0, False, "v")]
+
+
+def test_steps_of_the_scheduler_do_not_grow_with_the_number_of_jobs():
+    """Calls of Python per job, which no other load on this machine changes."""
+
+    def calls(count):
+        first = [Job(f"a{k}", "job_stages", {}) for k in range(count)]
+        jobs = [Job(f"b{k}", "job_stages", {}, (first[k], first[k - 1])) for k in range(count)]
+        profile = cProfile.Profile()
+        outcomes = profile.runcall(run_jobs, jobs, lambda: nullcontext(AtOnce()), Silent())
+        assert len(outcomes) == 2 * count
+        return sum(entry.callcount for entry in profile.getstats()) / count
+
+    assert calls(2000) < 1.05 * calls(200)
 
 
 # Jobs on a cluster

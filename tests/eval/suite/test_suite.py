@@ -279,6 +279,25 @@ def test_running_again_does_nothing_again_and_keeps_what_there_is(run, tmp_path,
     assert "add --force" in command_refused(capsys, *words)
 
 
+def test_so_far_writes_what_is_done_and_runs_nothing(run, tmp_path, capsys):
+    file, cache, out = run
+    words = ["suite", str(file), "--so-far", "--cache", str(cache), "--out"]
+    assert main([*words, str(tmp_path / "part")]) == 1
+    text = capsys.readouterr().out
+    assert "0 done now, 0 failed, 6 not done yet" in text
+    assert "wall: one seed" in text
+    part = read_results(tmp_path / "part")
+    numbers = read_results(out).rows.query("metric != 'cpu_time_ratio' and method != 'events'")
+    there = part.rows.query("metric != 'cpu_time_ratio' and method != 'events'")
+    assert there.equals(numbers)
+    assert main(["report", str(tmp_path / "part"), "--quiet"]) == 0
+    page = (tmp_path / "part" / "report.html").read_text()
+    assert "6 of 12 jobs are not done yet" in page
+    assert "--cost" in command_refused(capsys, *words, tmp_path / "other", "--cost")
+    assert main([*words, str(tmp_path / "none"), "--case", "wall", "--seeds", "7"]) == 1
+    assert "6 not done yet" in capsys.readouterr().out
+
+
 @pytest.mark.slow
 def test_a_suite_gates_itself(run, tmp_path, capsys):
     """Green against its own numbers; red, with the culprit, against better ones."""

@@ -1,0 +1,136 @@
+"""Jobs on any `concurrent.futures.Executor`: threads, processes, MPI, loky, Ray, Parsl."""
+
+from __future__ import annotations
+
+import queue
+import socket
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor, Executor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.jobs.job import Failed, Job, Outcome, code_of, do
+
+
+class Result(Protocol):
+    """A future, as far as it is asked: `concurrent.futures` and Dask have it."""
+
+    def result(self, timeout: float | None = None) -> Any:
+        """What the call returned, or its error."""
+
+    def add_done_callback(self, call: Any, /) -> Any:
+        """Has it called with the future, once it is over."""
+
+
+class FutureWorkers(ABC):
+    """Workers that take a job and give a future.
+
+    Attributes:
+        cache: the jobs' cache, as a folder that the workers see; best one that they share.
+    """
+
+    def __init__(self, cache: Path) -> None:
+        self.cache = str(cache)
+        self._over: queue.SimpleQueue[tuple[str, Result]] = queue.SimpleQueue()
+        self._futures: dict[str, Result] = {}
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """How many work now."""
+
+    @abstractmethod
+    def start(self, job: Job) -> Result:
+        """Hands over `do_same_code` of a job."""
+
+    def check(self) -> None:  # noqa: B027 (most executors say it by their futures)
+        """Raises if nothing can come of the futures any more."""
+
+    def submit(self, job: Job) -> None:
+        """Hands over a job whose needs are done."""
+        self.check()
+        future = self._futures[job.name] = self.start(job)
+        future.add_done_callback(lambda over, name=job.name: self._over.put((name, over)))
+
+    def wait(self, timeout_s: float) -> list[Outcome]:
+        """The outcomes since the last call; waits for one, but no longer than that."""
+        try:
+            over = [self._over.get(timeout=timeout_s)]
+        except queue.Empty:
+            self.check()
+            return []
+        self.check()
+        while not self._over.empty():
+            over.append(self._over.get())
+        return [self._outcome(name, future) for name, future in over]
+
+    def _outcome(self, name: str, future: Result) -> Outcome:
+        self._futures.pop(name, None)
+        try:
+            outcome: Outcome = future.result(timeout=60)
+        except BrokenExecutor as error:
+            raise InputError(
+                f"the executor is broken ({' '.join(str(error).split()) or 'a worker died'}): open "
+                "a new one and call again; finished jobs are in the cache"
+            ) from error
+        except Exception as error:  # whatever workers elsewhere can do to a job
+            reason = " ".join(str(error).split())[:300]
+            return Failed(name, f"{type(error).__name__}: {reason}", again=True)
+        return outcome
+
+
+class ExecutorWorkers(FutureWorkers):
+    """Those of an executor, which stays open.
+
+    Attributes:
+        count: how many work at once, as its owner says: only the time left depends on it.
+    """
+
+    count: int = 1
+
+    def __init__(self, executor: Executor, cache: Path, count: int = 1) -> None:
+        super().__init__(cache)
+        self._executor, self.count = executor, count
+
+    def start(self, job: Job) -> Result:
+        """Hands over a job; it runs with this code or not at all."""
+        try:
+            return self._executor.submit(do_same_code, job, self.cache, code_of(job))
+        except RuntimeError as error:  # shut down, or broken
+            reason = " ".join(str(error).split())
+            raise InputError(
+                f"the executor takes no job ({reason}): open a new one and call again; finished "
+                "jobs are in the cache"
+            ) from error
+
+    def end(self) -> None:
+        """Takes back the jobs that did not begin."""
+        for future in self._futures.values():
+            cancel = getattr(future, "cancel", None)
+            if cancel is not None:
+                cancel()
+
+
+@contextmanager
+def executor_workers(executor: Executor, cache: Path, count: int = 1) -> Iterator[ExecutorWorkers]:
+    """Workers of an executor; what did not begin is taken back if the work ends before it."""
+    workers = ExecutorWorkers(executor, cache, count)
+    try:
+        yield workers
+    finally:
+        workers.end()
+
+
+def do_same_code(job: Job, cache: str, code: str) -> Outcome:
+    """Does a job, unless this machine would do it with other code."""
+    here = code_of(job)
+    if here != code:
+        return Failed(
+            job.name,
+            f"worker {socket.gethostname()} runs different code ({here}, not {code}): install "
+            "the same version on all machines",
+        )
+    return do(job, cache)
