@@ -48,14 +48,14 @@ def overview_png(
             axes = figure.add_subplot(rows, columns, k + 1, title=name, xlabel="x [px]")
             axes.set_ylabel("y [px]" if k % columns == 0 else "")
             axes.imshow(image.rgba(), interpolation="nearest")
-        _depth_bar(figure, depth_scale(window.depth_range_m))
+        _depth_bar(figure, depth_scale(window.shown_range_m))
         stream = io.BytesIO()
         figure.savefig(stream, format="png", metadata={"Software": None})
     return stream.getvalue()
 
 
 def _panels(window: WindowData, methods: Sequence[MethodData]) -> dict[str, IndexedImage]:
-    scale = depth_scale(window.depth_range_m)
+    scale = depth_scale(window.shown_range_m)
     seen = window.images(scale, events_scale(1))
     true = {name: seen.pop(name) for name in ("True depth",) if name in seen}
     return seen | {f"Depth, {m.name}": m.depth_image(scale) for m in methods} | true

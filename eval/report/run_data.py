@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -91,6 +92,13 @@ class CaseData:
     clock_us: int = 0
 
 
+def _two_digits(value: float, towards: int) -> float:
+    """The next number of two significant digits, below (-1) or above (1)."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    rounded = math.floor if towards < 0 else math.ceil
+    return float(f"{rounded(value / step - towards * 1e-9) * step:.2g}")
+
+
 @dataclass(frozen=True, slots=True)
 class WindowData:
     """One window: what the cameras saw, and every method's map; None for what there is not.
@@ -120,6 +128,25 @@ class WindowData:
     counts: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     photo: Photo | None = None
     camera: Camera | None = None
+
+    @property
+    def shown_range_m(self) -> tuple[float, float]:
+        """Nearest and farthest depth that colours tell apart, m.
+
+        Planes may reach far beyond the scene, and a scene with all of them is one colour. So these
+        are the depths that occur, of the truth or else of all points, but for half a per cent at
+        each end, rounded outwards to two digits; never beyond the planes.
+        """
+        if self.truth is not None and self.truth.scored.any():
+            depths_m = self.truth.depth_m[self.truth.scored]
+        else:
+            depths_m = np.concatenate([np.ravel(one.depth_m[one.mask]) for one in self.methods])
+        near_m, far_m = self.depth_range_m
+        if not depths_m.size:
+            return near_m, far_m
+        low_m, high_m = np.quantile(depths_m, [0.005, 0.995])
+        low_m, high_m = max(near_m, _two_digits(low_m, -1)), min(far_m, _two_digits(high_m, 1))
+        return (low_m, high_m) if low_m < high_m else (near_m, far_m)
 
     def images(self, depth: Scale, events: Scale) -> dict[str, IndexedImage]:
         """Frame, events and true depth, as far as they are known."""

@@ -236,7 +236,7 @@ def _film(data: RunData, case: CaseData) -> Iterator[Film]:
         ][:1]
     )
     if shown:
-        scale = depth_scale(shown[0].depth_range_m)
+        scale = depth_scale(shown[0].shown_range_m)
         yield Film(tuple(
             (f"{w.name}, {seconds(w.t_us - case.clock_us)}",
              Pictures(tuple(_still(w, scale)), COLUMNS))

@@ -177,7 +177,7 @@ def method_pictures(views: CaseViews, result: Results) -> dict[str, bytes]:
 def _strip(window: WindowData, method: MethodData) -> tuple[bytes, float]:
     """Depth, true depth and error side by side, as a WebP file; and where errors end, cm."""
     assert window.truth is not None  # asked for where it is drawn
-    truth, scale = window.truth, depth_scale(window.depth_range_m)
+    truth, scale = window.truth, depth_scale(window.shown_range_m)
     cap_cm = error_cap_cm(method.errors_cm(truth))
     panels = (
         method.depth_image(scale),

@@ -34,7 +34,7 @@ def window_json(window: WindowData, methods: Sequence[str], error: Scale, depth:
     data: dict[str, Any] = {
         "w": width_px,
         "h": height_px,
-        "range_m": window.depth_range_m,
+        "range_m": window.shown_range_m,
         "most": MOST_POINTS,
         "cap_cm": error.high,
         "depth_colours": depth.css_colours(64),

@@ -68,7 +68,7 @@ def window_blocks(
         methods: the options.
         rows: the scores of this window.
     """
-    depth = depth_scale(window.depth_range_m)
+    depth = depth_scale(window.shown_range_m)
     error = error_scale(_error_cap_cm(window))
     options = {method.name: methods.index(method.name) for method in window.methods}
     data = window_json(window, methods, error, depth)

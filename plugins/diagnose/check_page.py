@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import matplotlib as mpl
@@ -23,6 +23,7 @@ from eventsweep.eval.report.html import (
     REPORT_NAME,
     Block,
     Columns,
+    Details,
     Facts,
     Layer,
     Page,
@@ -57,6 +58,8 @@ def write_check_page(folder: Path, report: Report) -> Path:
 def check_page_text(report: Report, folder: Path | None = None) -> str:
     """The page as HTML: what is wrong first; it links to files of the folder."""
     ordered = sorted(report.findings, key=lambda f: -VERDICTS.index(f.verdict))
+    odd = [finding for finding in ordered if finding.verdict != "good"]
+    good = [finding for finding in ordered if finding.verdict == "good"]
     unchecked = (f"not checked: {name}, because {why}" for name, why in report.unchecked)
     page = Page(
         title=f"Check of {report.name}",
@@ -64,13 +67,24 @@ def check_page_text(report: Report, folder: Path | None = None) -> str:
         "and how to cure it if mapping has shown the cause. Faults come first.",
         blocks=(Text(summary(report), "lead"), Sentences(tuple(unchecked))),
         sections=(
-            *(_section(finding, k) for k, finding in enumerate(ordered)),
+            *(_section(finding, k) for k, finding in enumerate(odd)),
+            *_good(good, len(odd)),
             provenance(versions_grid([report.name], [versions()])),
         ),
         files=files_in(folder, (JSON_NAME,)) if folder else (),
         verdict=report.verdict,
     )
     return page_text(page)
+
+
+def _good(findings: Sequence[Finding], position: int) -> Iterator[Section]:
+    """What is as it should be, in one box that opens."""
+    if findings:
+        blocks: list[Block] = []
+        for k, finding in enumerate(findings):
+            blocks += [Text(f"{finding.name}: {finding.evidence}"), *_figure(finding, position + k)]
+        title = f"{plural(len(findings), 'check')} found nothing wrong"
+        yield Section("good", title, (Details("Evidence", tuple(blocks)),), "good")
 
 
 def _section(finding: Finding, position: int) -> Section:

@@ -23,7 +23,7 @@ from eventsweep.eval.report.run_data import _range_s
 from eventsweep.eval.report.run_page import run_page, write_report
 from eventsweep.eval.results.table import tidy, together
 from refusals import line_of
-from report_data import METHODS, SHAPE, WellFormed, report_data
+from report_data import METHODS, SHAPE, WellFormed, report_data, window_data
 from score_rows import score_row
 
 
@@ -114,6 +114,22 @@ def test_causes_are_drawn_as_categories_with_their_shares():
     legend = re.search(r'class="legend">(.*?)</p>', page)[1]
     assert re.findall(r"</i>([^<]*)<", legend) == ["occlusion 75 %", "other 25 %"]
     assert "Cause of the error" not in words_of(data)
+
+
+def test_colours_tell_the_depths_apart_that_occur_however_far_the_planes_reach():
+    window = replace(window_data("w000", 0), depth_range_m=(0.01, 1000.0))
+    near_m, far_m = window.shown_range_m
+    depths_m = window.truth.depth_m[window.truth.scored]
+    within = (depths_m >= near_m) & (depths_m <= far_m)
+    assert 0.98 < within.mean() <= 1
+    assert near_m > 0.8 * depths_m.min()
+    assert far_m < 1.2 * depths_m.max()
+    assert replace(window, depth_range_m=(near_m, near_m * 1.01)).shown_range_m[0] == near_m
+    blind = [replace(one, mask=np.zeros_like(one.mask)) for one in window.methods]
+    nothing = replace(window, truth=None, methods=tuple(blind))
+    assert nothing.shown_range_m == nothing.depth_range_m
+    points = replace(window, truth=None).shown_range_m
+    assert 0.01 < points[0] < points[1] < 1000
 
 
 def test_the_overview_draws_the_first_of_the_ranked_methods_that_has_a_map():
