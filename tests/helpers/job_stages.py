@@ -75,7 +75,7 @@ def _small_files(parameters, log):
 
 
 _ACTS = {
-    "write": lambda parameters, log: None, "die": _die, "die once": _die_once, "fail": _fail, "fail once": _fail_once,
-    "refuse": _refuse, "sleep": _sleep, "full disk": _full_disk, "small files": _small_files,
-    "threads": _threads,
+    "write": lambda parameters, log: None, "die": _die, "die once": _die_once, "fail": _fail,
+    "fail once": _fail_once, "refuse": _refuse, "sleep": _sleep, "full disk": _full_disk,
+    "small files": _small_files, "threads": _threads,
 }  # fmt: skip
