@@ -32,13 +32,14 @@ from eventsweep.eval.scoring.significance import (
     stratified_interval,
     stratified_p,
 )
+from eventsweep.eval.scoring.surfaces import PRIMARY_OF_GEOMETRIES
 from eventsweep.eval.scoring.trajectories.metrics import PRIMARY_OF_TRAJECTORIES
 
 Conclusion = Literal[
     "better", "worse", "no difference shown", "undecided", "equal", "not comparable", "not judged"
 ]
 Floats = NDArray[np.float64]
-JUDGED = (*PRIMARY, *PRIMARY_OF_TRAJECTORIES)
+JUDGED = (*PRIMARY, *PRIMARY_OF_TRAJECTORIES, *PRIMARY_OF_GEOMETRIES)
 """Numbers of which better and worse are said."""
 _NAN = math.nan
 
