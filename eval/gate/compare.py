@@ -29,8 +29,7 @@ from eventsweep.eval.results.series import (
     Series,
 )
 from eventsweep.eval.results.table import EVENTS
-from eventsweep.eval.scoring.metrics import PRIMARY
-from eventsweep.eval.scoring.surfaces import PRIMARY_OF_GEOMETRIES
+from eventsweep.eval.scoring.metrics import PRIMARY, PRIMARY_OF_GEOMETRIES
 from eventsweep.eval.scoring.trajectories.metrics import PRIMARY_OF_TRAJECTORIES
 
 Alike = Literal["sequence", "recipe", "seeds", "nothing"]

@@ -20,13 +20,13 @@ from eventsweep.eval.report.unknown import unsure_words
 from eventsweep.eval.results.direction import Direction, badness, best
 from eventsweep.eval.results.table import RIG, each, tidy
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
+from eventsweep.eval.scoring.metrics import PRIMARY_OF_GEOMETRIES, SURFACES
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import COMPARED, HARMONIC, REFERENCE, SHARED
 from eventsweep.eval.scoring.predictions import FAMILY
 from eventsweep.eval.scoring.regions import REGIONS
 from eventsweep.eval.scoring.score import BASELINE, TRAVEL
 from eventsweep.eval.scoring.standings import Standing, standings
-from eventsweep.eval.scoring.surfaces import PRIMARY_OF_GEOMETRIES, SURFACES
 from eventsweep.eval.scoring.trajectories.metrics import PRIMARY_OF_TRAJECTORIES, metric_named
 
 FUSED_PREFIX = "Alg1/"

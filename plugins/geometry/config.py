@@ -1,4 +1,4 @@
-"""How a geometry is scored: the settings, which are flags of `score`; imports nothing heavy."""
+"""Which geometries are scored, and how: settings, which are flags; imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -8,6 +8,13 @@ from pydantic import Field
 
 from eventsweep.emvs.parameters import ParameterGroup
 
+SUFFIXES = (".ply", ".pcd", ".obj", ".stl", ".off", ".glb", ".gltf")
+"""What is read."""
+OTHER_SUFFIXES = (
+    ".las", ".laz", ".e57", ".xyz", ".pts", ".splat", ".ksplat", ".spz", ".sog", ".fbx", ".usd",
+    ".usdz", ".dae", ".3ds",
+)  # fmt: skip
+"""Geometries in formats that are not read: refused as such, and not as poses."""
 Length = Annotated[float, Field(gt=0, le=1e3, allow_inf_nan=False)]
 
 

@@ -42,16 +42,18 @@ class Nearest:
         points: (N, 3) centres, m, finite; at least one.
         normals: (N, 3) float32 unit vectors across the discs; None for points.
         radius_m: (N,) float32 of the discs; None for points.
+        is_ordered: whether they are in the order of `along_curve`: then nothing is copied.
     """
 
     def __init__(
         self, points: Points, normals: NDArray[np.float32] | None = None,
-        radius_m: NDArray[np.float32] | None = None,
+        radius_m: NDArray[np.float32] | None = None, *, is_ordered: bool = False,
     ) -> None:  # fmt: skip
-        self._order = along_curve(points)
-        self._points = points[self._order]
-        self._normals = _NO_NORMALS if normals is None else normals[self._order]
-        self._radius_m = _NO_RADII if radius_m is None else radius_m[self._order]
+        self._order = None if is_ordered else along_curve(points)
+        order = slice(None) if self._order is None else self._order
+        self._points = points[order]
+        self._normals = _NO_NORMALS if normals is None else normals[order]
+        self._radius_m = _NO_RADII if radius_m is None else radius_m[order]
         leaves = -(-len(points) // _LEAF)
         full = 1 << (leaves - 1).bit_length()  # a whole tree has its children where they are sought
         self._first = full - 1
@@ -63,22 +65,22 @@ class Nearest:
         inner_boxes(self._boxes, self._first)
 
     def query(
-        self, queries: Points, order: NDArray[np.int64] | None = None
+        self, queries: Points, *, is_ordered: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """The distance of each place from the nearest disc, and which one that is.
 
         Args:
             queries: (Q, 3) places, m, finite.
-            order: what `along_curve` gave for them, where it is known.
+            is_ordered: whether they are in the order of `along_curve`.
 
         Returns:
             (Q,) distances, m, and (Q,) numbers of the discs, as they were given.
         """
         distance_m, found = np.empty(len(queries)), np.empty(len(queries), np.int64)
         if len(queries):
-            in_order = along_curve(queries) if order is None else order
+            in_order = np.arange(len(queries)) if is_ordered else along_curve(queries)
             in_threads(
                 nearest, len(queries), queries, in_order, self._points, self._normals,
                 self._radius_m, _LEAF, self._first, self._boxes, found, distance_m,
             )  # fmt: skip
-        return distance_m, self._order[found]
+        return distance_m, found if self._order is None else self._order[found]

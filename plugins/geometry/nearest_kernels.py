@@ -92,7 +92,7 @@ def nearest(start, stop, queries, order, points, normals, radius_m, size, first,
     """
     stack = np.empty(_MOST_STACKED, np.int64)
     bounds = np.empty(_MOST_STACKED)
-    best = np.int64(0)
+    best = 0
     for number in range(start, stop):
         q = order[number]
         x, y, z = queries[q, 0], queries[q, 1], queries[q, 2]

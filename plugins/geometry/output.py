@@ -2,71 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.errors import InputError, located, repeated
 from eventsweep.emvs.utils.outputs import atomic_dir, check_output
-from eventsweep.eval.numbers import displayed
 from eventsweep.eval.progress import SILENT, Display
 from eventsweep.eval.report.html import REPORT_NAME, files_in, page_text
-from eventsweep.eval.report.ranking import column
 from eventsweep.eval.results.results import Results, Sample, write_results
 from eventsweep.eval.results.table import tidy
-from eventsweep.eval.scoring.method_scores import Score, full_name
-from eventsweep.eval.scoring.surfaces import SURFACES
 from eventsweep.plugins.geometry.config import GeometryConfig
-from eventsweep.plugins.geometry.page import geometry_page
+from eventsweep.plugins.geometry.page import ScoredGeometry, WrittenGeometries, geometry_page
 from eventsweep.plugins.geometry.readers import Geometry, read_geometry
-from eventsweep.plugins.geometry.score import Align, GeometryScore, Judge, metric_versions, rows_of
+from eventsweep.plugins.geometry.score import Align, Judge, metric_versions, rows_of
 from eventsweep.plugins.geometry.surfels import Surfels
 from eventsweep.plugins.geometry.truth import cached_surfaces, open_sequence, write_truth
 
 TRUTH_FILE = "truth.ply"
-SHOWN = (
-    "accuracy", "completion", "surface_precision_5cm", "surface_recall_5cm", "surface_f1_5cm",
-)  # fmt: skip
-OF_CLASSES = ("accuracy", "surface_precision_5cm", "surface_recall_5cm", "surface_f1_5cm")
-_ARROWS = {"lower": "↓", "higher": "↑", "none": ""}
-Lines = list[list[str]]
-
-
-@dataclass(frozen=True, eq=False)
-class ScoredGeometry:
-    """A geometry, its distances from the truth, and its scores by metric."""
-
-    geometry: Geometry
-    found: GeometryScore
-    scores: Mapping[str, Score]
-
-
-@dataclass(frozen=True, eq=False)
-class WrittenGeometries:
-    """Scores of geometries of one case, and how they came about."""
-
-    case: str
-    results: Results
-    scored: tuple[ScoredGeometry, ...]
-    how: str
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What a reader of the numbers must know."""
-        return tuple(
-            f"{one.geometry.name}: {note}" for one in self.scored for note in one.found.notes
-        )
-
-    def tables(self) -> Iterator[tuple[str, list[str], Lines]]:
-        """Title, headings and lines: of all surfaces, then by class."""
-        heads = [_heading(name) for name in SHOWN]
-        lines = [[one.geometry.name, *_cells(one, SHOWN, "all")] for one in self.scored]
-        yield f"{self.case}, all surfaces", ["geometry", *heads], lines
-        for one in self.scored:
-            heads = [_heading(name) for name in OF_CLASSES]
-            lines = [[name, *_cells(one, OF_CLASSES, name)] for name in SURFACES]
-            yield f"{one.geometry.name}, by class of surface", ["surfaces", *heads], lines
 
 
 def score_files(
@@ -99,8 +52,8 @@ def score_files(
     geometries = [read_geometry(one, config) for one in asked]
     if (twice := repeated([one.name for one in geometries])) is not None:
         raise InputError(f"two geometries are called {twice}: give them names as in NAME=FILE")
-    surfaces = _surfaces(sequence, config, progress)
-    scored = _scored(surfaces, geometries, align, progress)
+    judge = Judge(_surfaces(sequence, config, progress))
+    surfaces, scored = judge.truth, _scored(judge, geometries, align, progress)
     written = _written(case or sequence.name, sequence, surfaces, scored, config, align)
     if out is not None:
         inputs = (truth, *(one.path for one in geometries))
@@ -118,9 +71,9 @@ def _surfaces(sequence: EventSequence, config: GeometryConfig, progress: Display
 
 
 def _scored(
-    surfaces: Surfels, geometries: Sequence[Geometry], align: Align, progress: Display
+    judge: Judge, geometries: Sequence[Geometry], align: Align, progress: Display
 ) -> tuple[ScoredGeometry, ...]:
-    judge, scored = Judge(surfaces), []
+    scored = []
     with progress.stage("score", len(geometries)) as update:
         for done, one in enumerate(geometries):
             update(done, one.name)
@@ -163,13 +116,3 @@ def _write(
     files = files_in(folder, ("results.json", "results.csv", TRUTH_FILE))
     page = geometry_page(written, sequence, surfaces, command, files)
     (folder / REPORT_NAME).write_text(page_text(page), encoding="utf-8")
-
-
-def _heading(name: str) -> str:
-    head = column(name)
-    return f">{head.title.removeprefix('surface ')} {_ARROWS[head.direction]}\n{head.unit}"
-
-
-def _cells(one: ScoredGeometry, names: Sequence[str], region: str) -> list[str]:
-    found = [one.scores[full_name(name, region)] for name in names]
-    return [displayed(score.value, score.unit) for score in found]

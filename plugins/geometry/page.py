@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
+from collections.abc import Sequence as Several
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.geometry import se3
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import svg
+from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
     Grid,
     GridCell,
@@ -28,13 +32,12 @@ from eventsweep.eval.report.html import (
 )
 from eventsweep.eval.report.ranking import column, named_cell, value_cell
 from eventsweep.eval.results.direction import best
-from eventsweep.eval.scoring.method_scores import full_name
-from eventsweep.eval.scoring.surfaces import GEOMETRY_METRICS, SURFACES
-from eventsweep.plugins.geometry.score import classes
+from eventsweep.eval.results.results import Results
+from eventsweep.eval.scoring.method_scores import Score, full_name
+from eventsweep.eval.scoring.metrics import GEOMETRY_METRICS, SURFACES
+from eventsweep.plugins.geometry.readers import Geometry
+from eventsweep.plugins.geometry.score import GeometryScore, classes
 from eventsweep.plugins.geometry.surfels import Surfels
-
-if TYPE_CHECKING:
-    from eventsweep.plugins.geometry.output import ScoredGeometry, WrittenGeometries
 
 Floats = NDArray[np.float64]
 OVERVIEW = (
@@ -47,6 +50,49 @@ _OF_CLASSES = (
 _WORST_M = 0.10  # what has the last colour
 _BINS = 160  # of a map's longer side
 _BEHIND = 0.03  # of the depth: what lies farther is hidden by what the camera saw
+
+SHOWN = (
+    "accuracy", "completion", "surface_precision_5cm", "surface_recall_5cm", "surface_f1_5cm",
+)  # fmt: skip
+OF_CLASSES = ("accuracy", "surface_precision_5cm", "surface_recall_5cm", "surface_f1_5cm")
+_ARROWS = {"lower": "↓", "higher": "↑", "none": ""}
+Lines = list[list[str]]
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredGeometry:
+    """A geometry, its distances from the truth, and its scores by metric."""
+
+    geometry: Geometry
+    found: GeometryScore
+    scores: Mapping[str, Score]
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenGeometries:
+    """Scores of geometries of one case, and how they came about."""
+
+    case: str
+    results: Results
+    scored: tuple[ScoredGeometry, ...]
+    how: str
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of the numbers must know."""
+        return tuple(
+            f"{one.geometry.name}: {note}" for one in self.scored for note in one.found.notes
+        )
+
+    def tables(self) -> Iterator[tuple[str, list[str], Lines]]:
+        """Title, headings and lines: of all surfaces, then by class."""
+        heads = [_heading(name) for name in SHOWN]
+        lines = [[one.geometry.name, *_cells(one, SHOWN, "all")] for one in self.scored]
+        yield f"{self.case}, all surfaces", ["geometry", *heads], lines
+        for one in self.scored:
+            heads = [_heading(name) for name in OF_CLASSES]
+            lines = [[name, *_cells(one, OF_CLASSES, name)] for name in SURFACES]
+            yield f"{one.geometry.name}, by class of surface", ["surfaces", *heads], lines
 
 
 def geometry_page(
@@ -163,7 +209,7 @@ def _padded(low: float, high: float) -> tuple[float, float]:
 
 def _show(
     axes: Axes, image: Floats, bounds: tuple[float, float, float, float], title: str
-) -> object:
+) -> AxesImage:
     axes.set_title(title)
     return axes.imshow(
         100 * image, extent=bounds, vmin=0, vmax=100 * _WORST_M, cmap="turbo",
@@ -206,3 +252,13 @@ def _seen(points: Floats, sequence: Sequence) -> tuple[Floats, NDArray[np.int64]
     column, row = place[chosen].astype(np.int64).T
     open_to = points_cam[chosen, 2] < (1 + _BEHIND) * depth_m[row, column]
     return uv_px[chosen[open_to]], chosen[open_to], (camera.width_px, camera.height_px)
+
+
+def _heading(name: str) -> str:
+    head = column(name)
+    return f">{head.title.removeprefix('surface ')} {_ARROWS[head.direction]}\n{head.unit}"
+
+
+def _cells(one: ScoredGeometry, names: Several[str], region: str) -> list[str]:
+    found = [one.scores[full_name(name, region)] for name in names]
+    return [displayed(score.value, score.unit) for score in found]

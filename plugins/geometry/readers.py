@@ -19,10 +19,9 @@ from eventsweep.emvs.depth.tsdf import load_open3d
 from eventsweep.emvs.errors import InputError, quoted
 from eventsweep.emvs.utils.inputs import check_file
 from eventsweep.eval.scoring.predictions import plain
-from eventsweep.plugins.geometry.config import GeometryConfig
+from eventsweep.plugins.geometry.config import SUFFIXES, GeometryConfig
 from eventsweep.plugins.geometry.pcd import read_pcd
 from eventsweep.plugins.geometry.ply import PlyFile, read_ply
-from eventsweep.plugins.geometry.scorer import SUFFIXES
 
 Points = NDArray[np.float64]
 MOST_SAMPLES = 10_000_000

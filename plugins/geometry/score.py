@@ -15,7 +15,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.alignment import Similarity
 from eventsweep.eval.results.table import POOLED
 from eventsweep.eval.scoring.method_scores import Score, full_name
-from eventsweep.eval.scoring.surfaces import (
+from eventsweep.eval.scoring.metrics import (
     GEOMETRY_METRICS,
     WITHIN_CM,
     WITHIN_PERCENT,
@@ -40,7 +40,7 @@ class GeometryScore:
     """Distances of one geometry and true surfaces, and what they were measured with.
 
     Attributes:
-        points: (N, 3) the geometry's points in the world, aligned, m.
+        points: (N, 3) the geometry's points in the world, aligned and in another order, m.
         to_truth_m: (N,) distance of each from the nearest true disc, m.
         nearest: (N,) number of that disc.
         to_points_m: (T,) distance of each true point from the geometry's nearest point, m.
@@ -70,14 +70,18 @@ class _Region:
 class Judge:
     """Holds true surfaces, and scores any number of geometries against them.
 
+    Attributes:
+        truth: the surfaces, in the order of a space-filling curve.
+
     Args:
-        truth: the surfaces; at least one.
+        truth: the surfaces, in any order; at least one.
     """
 
     def __init__(self, truth: Surfels) -> None:
-        self.truth = truth
-        self._order = along_curve(truth.points_world)
-        self._discs = Nearest(truth.points_world, truth.normals, truth.radius_m)
+        order = along_curve(truth.points_world)
+        self.truth = Surfels(*(values[order] for values in vars(truth).values()))
+        columns = self.truth.points_world, self.truth.normals, self.truth.radius_m
+        self._discs = Nearest(*columns, is_ordered=True)
 
     def score(self, points: Floats, align: Align = "none") -> GeometryScore:
         """Measures the distances of (N, 3) points, m, from the surfaces, and the other way round.
@@ -95,8 +99,10 @@ class Judge:
             motion = align_to(self.truth, points, with_scale=align == "sim3")
             points = motion.points(points)
         self._check_place(points, align)
-        a_m, found = self._discs.query(points)
-        c_m, _ = Nearest(points).query(self.truth.points_world, self._order)
+        points = points[along_curve(points)]
+        a_m, found = self._discs.query(points, is_ordered=True)
+        own = Nearest(points, is_ordered=True)
+        c_m, _ = own.query(self.truth.points_world, is_ordered=True)
         return GeometryScore(points, a_m, found, c_m, motion, tuple(_notes(a_m, motion, align)))
 
     def _check_place(self, points: Floats, align: Align) -> None:
@@ -209,7 +215,7 @@ def metric_versions() -> Mapping[str, str]:
     row, column = (grid.ravel() / 50 for grid in np.mgrid[:24, :24])
     number = np.arange(len(row))
     wave = np.round(np.sin(7 * row) * 64) / 2048
-    normals = np.tile(np.float32([0, 0, 1]), (len(row), 1))
+    normals = np.tile(np.array([0, 0, 1], np.float32), (len(row), 1))
     radius, depth = (np.full(len(row), value, np.float32) for value in (0.015, 2.0))
     kind, views = (number % len(KINDS)).astype(np.uint8), (number % 12 + 1).astype(np.int32)
     truth = Surfels(np.column_stack([row, column, wave]), normals, radius, depth, kind, views)

@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
-from eventsweep.plugins.geometry.config import GeometryConfig
+from eventsweep.plugins.geometry.config import OTHER_SUFFIXES, SUFFIXES, GeometryConfig
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from eventsweep.eval.cli.console import Console, Part
-    from eventsweep.plugins.geometry.output import WrittenGeometries
+    from eventsweep.plugins.geometry.page import WrittenGeometries
+    from eventsweep.plugins.geometry.score import Align
 
 Config = GeometryConfig
-SUFFIXES = (".ply", ".pcd", ".obj", ".stl", ".off", ".glb", ".gltf")
-"""What is read."""
-_OTHERS = (
-    ".las", ".laz", ".e57", ".xyz", ".pts", ".splat", ".ksplat", ".spz", ".sog", ".fbx", ".usd",
-    ".usdz", ".dae", ".3ds",
-)  # fmt: skip
-"""Geometries in formats that are not read: refused as such, and not as poses."""
 
 
 def takes(scored: str) -> bool:
     """Whether `FILE` or `NAME=FILE` is a geometry, by its name."""
-    return Path(scored).suffix.lower() in (*SUFFIXES, *_OTHERS)
+    return Path(scored).suffix.lower() in (*SUFFIXES, *OTHER_SUFFIXES)
 
 
 def score(
@@ -37,7 +31,7 @@ def score(
     from eventsweep.plugins.geometry.output import score_files
 
     written = score_files(
-        scored, truth, out, config, align=align or "none", case=case, force=force,
+        scored, truth, out, config, align=cast("Align", align or "none"), case=case, force=force,
         command=command, progress=console.progress,
     )  # fmt: skip
     console.result(to_json(written.results), _printed(written))

@@ -11,7 +11,7 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.eval.scoring.regions import near_boundary
 
 KINDS = ("plane", "curved", "edge", "thin", "far")
-"""Classes of surfaces, by their number; `eval.scoring.surfaces` says what each is."""
+"""Classes of surfaces, by their number; `eval.scoring.metrics` says what each is."""
 EDGE_PX, THIN_PX = 2, 5
 """Half-width of the band beside a discontinuity, and width of the widest thin thing, px."""
 _THIN_JUMP = 0.05  # of inverse depth: more than a ridge changes over a few pixels
@@ -88,7 +88,8 @@ def _normals(points_cam: NDArray[np.float64]) -> NDArray[np.float64]:
     with np.errstate(invalid="ignore", divide="ignore"):
         normals = np.where(length > 0, normals / length, sight)
     away = np.sum(normals * points_cam, axis=-1, keepdims=True) > 0
-    return np.where(away, -normals, normals)
+    facing: NDArray[np.float64] = np.where(away, -normals, normals)
+    return facing
 
 
 def _smaller_step(points_cam: NDArray[np.float64], axis: int) -> NDArray[np.float64]:

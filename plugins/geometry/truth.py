@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +97,9 @@ def cached_surfaces(
 
 def write_truth(path: Path, truth: Surfels) -> None:
     """Writes a PLY with every attribute; `kind` is a number in `KINDS`."""
-    columns = {axis: truth.points_world[:, k] for k, axis in enumerate("xyz")}
+    columns: dict[str, NDArray[Any]] = {
+        axis: truth.points_world[:, k] for k, axis in enumerate("xyz")
+    }
     columns |= {f"n{axis}": truth.normals[:, k] for k, axis in enumerate("xyz")}
     columns |= {name: getattr(truth, name) for name in ("radius_m", "depth_m", "kind", "views")}
     write_points(path, columns, (f"kind: {' '.join(f'{k} {n}' for k, n in enumerate(KINDS))}",))

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from eventsweep.eval.report.compare.results import WHOLE, CaseResult, ComparedResult, Number
+from eventsweep.eval.scoring.metrics import GEOMETRY_METRICS
 from eventsweep.eval.scoring.pairing import OF_ALL_METHODS
-from eventsweep.eval.scoring.surfaces import GEOMETRY_METRICS
 from eventsweep.eval.scoring.trajectories.metrics import TRAJECTORY_METRICS
 
 _OF_ALL_METHODS = tuple(f"{region}_" for region in OF_ALL_METHODS)

@@ -24,7 +24,7 @@ from eventsweep.eval.report.compare.comparability import (
 from eventsweep.eval.report.compare.results import CaseResult, ComparedResult, Number
 from eventsweep.eval.report.ranking import RANKING_COLUMNS
 from eventsweep.eval.results.direction import Direction, change_of
-from eventsweep.eval.scoring.metrics import PRIMARY
+from eventsweep.eval.scoring.metrics import PRIMARY, PRIMARY_OF_GEOMETRIES
 from eventsweep.eval.scoring.significance import (
     ALPHA,
     holm,
@@ -32,7 +32,6 @@ from eventsweep.eval.scoring.significance import (
     stratified_interval,
     stratified_p,
 )
-from eventsweep.eval.scoring.surfaces import PRIMARY_OF_GEOMETRIES
 from eventsweep.eval.scoring.trajectories.metrics import PRIMARY_OF_TRAJECTORIES
 
 Conclusion = Literal[

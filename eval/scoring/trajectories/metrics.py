@@ -17,8 +17,7 @@ from eventsweep.emvs.errors import ByName
 from eventsweep.eval.config import TrajectoryConfig
 from eventsweep.eval.results.direction import Direction
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, Score
-from eventsweep.eval.scoring.metrics import NAN, Quantity
-from eventsweep.eval.scoring.surfaces import GEOMETRY_METRICS
+from eventsweep.eval.scoring.metrics import GEOMETRY_METRICS, NAN, Quantity
 from eventsweep.eval.scoring.trajectories.errors import PoseErrors, Step, StepErrors
 
 Floats = NDArray[np.float64]

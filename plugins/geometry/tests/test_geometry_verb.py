@@ -8,7 +8,7 @@ import pytest
 
 import eventsweep as es
 from eventsweep.eval.cli.main import main
-from eventsweep.eval.scoring.surfaces import PRIMARY_OF_GEOMETRIES
+from eventsweep.eval.scoring.metrics import PRIMARY_OF_GEOMETRIES
 from eventsweep.plugins.geometry.ply import read_ply, write_points
 from refusals import command_refused, untouched
 from report_data import WellFormed
