@@ -80,7 +80,9 @@ if TYPE_CHECKING:
     FurtherFlags = ParameterGroup
 else:  # what plug-ins bring is known when the program starts
     _GROUP = Group.create_ordered("Geometries")
-    FurtherFlags = Annotated[_Further, Parameter(name="*", group=_GROUP), RARE]
+    _ANY = bool(_Further.model_fields)
+    _TAKEN = Parameter(name="*", group=_GROUP, parse=_ANY, show=_ANY)
+    FurtherFlags = Annotated[_Further, _TAKEN, RARE]
 
 
 @app.command
