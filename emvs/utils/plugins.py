@@ -25,9 +25,10 @@ Value = TypeVar("Value")
 FUNCTION = "MODULE:FUNCTION or FILE.py:FUNCTION"
 _NAMES = (
     "verbs", "methods", "devices", "trackers", "checks", "sequences", "predictions", "renderers",
+    "scorers",
 )  # fmt: skip
 GROUPS = tuple(f"eventsweep.{name}" for name in _NAMES)
-VERBS, METHODS, DEVICES, TRACKERS, CHECKS, SEQUENCES, PREDICTIONS, RENDERERS = GROUPS
+VERBS, METHODS, DEVICES, TRACKERS, CHECKS, SEQUENCES, PREDICTIONS, RENDERERS, SCORERS = GROUPS
 """Groups of entry points that the core reads; each is described where it is read."""
 _OURS, _FOLDER = "eventsweep.plugins.", Path(__file__).parents[2] / "plugins"
 

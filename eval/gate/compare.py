@@ -29,7 +29,7 @@ from eventsweep.eval.results.series import (
     Series,
 )
 from eventsweep.eval.results.table import EVENTS
-from eventsweep.eval.scoring.metrics import PRIMARY
+from eventsweep.eval.scoring.metrics import PRIMARY, PRIMARY_OF_GEOMETRIES
 from eventsweep.eval.scoring.trajectories.metrics import PRIMARY_OF_TRAJECTORIES
 
 Alike = Literal["sequence", "recipe", "seeds", "nothing"]
@@ -48,12 +48,13 @@ WITHOUT_TRUTH = ("reported", "median_depth")
 """Of maps without ground truth: how many depths there are, and how far away."""
 DECIDING = (
     *PRIMARY, *SIGNED_ERRORS, *WITHOUT_TRUTH, "voting_share", "dropped_tail", *INPUT,
-    SPEED_METRIC, *PRIMARY_OF_TRAJECTORIES,
+    SPEED_METRIC, *PRIMARY_OF_TRAJECTORIES, *PRIMARY_OF_GEOMETRIES,
 )  # fmt: skip
 """What decides unless others are chosen: how many depths and how wrong they are, in metres and as
 the share that the field calls bad; whether they lie too near or too far, which makes some of them
 better; how many events took part; what went in; and what it cost. Of trajectories, how far off they
-are, how fast they drift, and how much of the time they cover."""
+are, how fast they drift, and how much of the time they cover; of geometries, how
+wrong, how much is missing, and both."""
 
 
 @dataclass(frozen=True)

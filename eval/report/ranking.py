@@ -20,6 +20,7 @@ from eventsweep.eval.report.unknown import unsure_words
 from eventsweep.eval.results.direction import Direction, badness, best
 from eventsweep.eval.results.table import RIG, each, tidy
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
+from eventsweep.eval.scoring.metrics import PRIMARY_OF_GEOMETRIES, SURFACES
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import COMPARED, HARMONIC, REFERENCE, SHARED
 from eventsweep.eval.scoring.predictions import FAMILY
@@ -35,6 +36,7 @@ RANKING_COLUMNS = (
     "median_error",
     "rmse", "abs_rel", "silog", "bad_published", "outlier_share", "delta_1", "f1_5cm",
     *PRIMARY_OF_TRAJECTORIES, "ate_share", "drift_rotation", "scale_error",
+    *PRIMARY_OF_GEOMETRIES, "chamfer",
 )  # fmt: skip
 _OF_POSES = ("time_covered", "ate_rmse", "ate_share", "drift", "ate_rotation_rmse")
 _ARROWS = {"lower": "↓", "higher": "↑", "none": ""}
@@ -47,7 +49,7 @@ _CONTEXT = {
     BASELINE: ("baseline", "cm", "distance between the first two cameras"),
     TRAVEL: ("lateral travel", "cm", "how far camera 0 moves across its view in a window"),
 }
-_REGIONS = REGIONS | COMPARED
+_REGIONS = REGIONS | COMPARED | SURFACES
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,24 @@
-"""`eventsweep score`: maps against ground truth, trajectories against true poses."""
+"""`eventsweep score`: maps against ground truth, trajectories against true poses.
+
+A plug-in scores files of other kinds; its module, which is light, is a `Scorer`:
+
+    [project.entry-points."eventsweep.scorers"]
+    mine = "my_package.scorer"
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
+
+from cyclopts import Group, Parameter
+from pydantic import create_model
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.parameters import ParameterGroup
+from eventsweep.emvs.utils.plugins import SCORERS, loaded, points
 from eventsweep.eval.cli.app import (
     CONFIGURED,
     NO_NEGATIVE,
@@ -21,6 +33,7 @@ from eventsweep.eval.cli.app import (
     command_line,
 )
 from eventsweep.eval.cli.flag_names import with_flags
+from eventsweep.eval.cli.help import RARE
 from eventsweep.eval.config import EvalConfig, TrajectoryConfig
 
 if TYPE_CHECKING:
@@ -34,6 +47,42 @@ if TYPE_CHECKING:
 # As many as fit 80 characters; the report has them all.
 _COLUMNS = ("points", "mean_error", "common_mean_error", "median_error", "abs_rel", "bad_published")
 _ARROWS = {"lower": "↓", "higher": "↑", "none": ""}
+_CANNOT = "its scores {} cannot be used"
+
+
+class Scorer(Protocol):
+    """What scores files of a kind against a sequence; `Config` has fields that become flags."""
+
+    Config: type[ParameterGroup]
+
+    def takes(self, scored: str) -> bool:
+        """Whether `FILE` or `NAME=FILE` is of its kind, by the name alone."""
+
+    def score(
+        self, scored: tuple[str, ...], truth: Path, out: Path | None, console: Console, *,
+        config: Any, align: str | None, case: str | None, force: bool, command: str,
+    ) -> None:  # fmt: skip
+        """Prints scores, and writes a folder if asked; `align` is None where nobody set it."""
+
+
+def _flags() -> Any:
+    """The flags of all scorers; one that cannot be loaded says so where a file is scored."""
+    groups: list[type[ParameterGroup]] = []
+    for point in points(SCORERS):
+        with suppress(InputError):
+            groups.append(loaded(point, _CANNOT).Config)
+    return create_model("Further", __base__=(*groups, ParameterGroup))
+
+
+_Further = _flags()
+_FURTHER = _Further()
+if TYPE_CHECKING:
+    FurtherFlags = ParameterGroup
+else:  # what plug-ins bring is known when the program starts
+    _GROUP = Group.create_ordered("Geometries")
+    _ANY = bool(_Further.model_fields)
+    _TAKEN = Parameter(name="*", group=_GROUP, parse=_ANY, show=_ANY)
+    FurtherFlags = Annotated[_Further, _TAKEN, RARE]
 
 
 @app.command
@@ -49,13 +98,16 @@ def score(
     trajectory: TrajectoryFlags = TRAJECTORY,
     common: Configured = CONFIGURED,
     score: ScoreFlags = SCORE,
+    further: FurtherFlags = _FURTHER,
 ) -> None:
-    """Score maps against ground truth, or with --truth trajectories against true poses.
+    """Score maps against ground truth; with --truth trajectories, clouds, meshes or splats.
 
     Args:
         scored: Folder that `run` or `map` wrote; its results.json and results.csv are replaced.
-            With --truth: poses in TUM format, one or more, as FILE, FOLDER or NAME=FILE.
-        truth: True poses of the same body: a TUM file, or a recording's folder.
+            With --truth: poses in TUM format or geometries, one or more, as FILE or NAME=FILE; of
+            poses also a FOLDER.
+        truth: True poses of the same body, a TUM file or a recording's folder; of a geometry a
+            sequence.
         out: Folder to write with --truth: results.json, results.csv, report.html.
         case: Name of the recording in the results; by default the truth's.
         prediction: NAME=DIR or DIR with depth maps of another method, scored too; repeatable.
@@ -66,8 +118,14 @@ def score(
             ("--score.", score != SCORE),
             of="maps: leave out --truth",
         )
+        scorer = _scorer(scored)
+        if scorer is not None:
+            _score_by(scorer, scored, truth, out, case, trajectory, further, common, force=force)
+            return
+        _refuse(("the flags of geometries", further != _FURTHER), of="geometries: name one")
         _score_trajectories(scored, truth, out, case, trajectory, common, force=force)
         return
+    _refuse(("the flags of geometries", further != _FURTHER), of="geometries: add --truth")
     _refuse(
         ("--out", out is not None), ("--case", case is not None), ("--force", force),
         ("the flags of trajectories", trajectory != TRAJECTORY), of="trajectories: add --truth",
@@ -82,6 +140,30 @@ def _refuse(*flags: tuple[str, bool], of: str) -> None:
         if is_given:
             is_ = "are" if name.startswith("the ") else "is"
             raise InputError(f"{name} {is_} for {of}, or leave out {name}")
+
+
+def _scorer(scored: tuple[str, ...]) -> Scorer | None:
+    """The plug-in that one of the files is for."""
+    for point in points(SCORERS):
+        scorer: Scorer = loaded(point, _CANNOT)
+        if any(map(scorer.takes, scored)):
+            return scorer
+    return None
+
+
+def _score_by(
+    scorer: Scorer, scored: tuple[str, ...], truth: Path, out: Path | None, case: str | None,
+    trajectory: TrajectoryConfig, further: ParameterGroup, common: Configured, *, force: bool,
+) -> None:  # fmt: skip
+    given = trajectory.model_fields_set
+    others = [(f"--{name.replace('_', '-')}", True) for name in given - {"align"}]
+    _refuse(*others, of="trajectories: leave the geometries out")
+    own = further.model_dump(include={*scorer.Config.model_fields}, exclude_unset=True)
+    common.settings()
+    scorer.score(
+        scored, truth, out, common.console(), config=scorer.Config(**own), case=case, force=force,
+        align=trajectory.align if "align" in given else None, command=command_line(),
+    )  # fmt: skip
 
 
 def _score_maps(

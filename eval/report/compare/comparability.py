@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from eventsweep.eval.report.compare.results import WHOLE, CaseResult, ComparedResult, Number
+from eventsweep.eval.scoring.metrics import GEOMETRY_METRICS
 from eventsweep.eval.scoring.pairing import OF_ALL_METHODS
 from eventsweep.eval.scoring.trajectories.metrics import TRAJECTORY_METRICS
 
@@ -32,7 +33,9 @@ def not_comparable(
     differing = _differing_scores(one.settings, two.settings)
     if differing:
         what = (
-            "scored otherwise" if number.metric in TRAJECTORY_METRICS else "other pixels are scored"
+            "scored otherwise"
+            if number.metric in {**TRAJECTORY_METRICS, **GEOMETRY_METRICS}
+            else "other pixels are scored"
         )
         return f"{what}: {', '.join(differing)}"
     if number.metric.startswith(_OF_ALL_METHODS) and set(one.methods) != set(two.methods):

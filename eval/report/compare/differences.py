@@ -24,7 +24,7 @@ from eventsweep.eval.report.compare.comparability import (
 from eventsweep.eval.report.compare.results import CaseResult, ComparedResult, Number
 from eventsweep.eval.report.ranking import RANKING_COLUMNS
 from eventsweep.eval.results.direction import Direction, change_of
-from eventsweep.eval.scoring.metrics import PRIMARY
+from eventsweep.eval.scoring.metrics import PRIMARY, PRIMARY_OF_GEOMETRIES
 from eventsweep.eval.scoring.significance import (
     ALPHA,
     holm,
@@ -38,7 +38,7 @@ Conclusion = Literal[
     "better", "worse", "no difference shown", "undecided", "equal", "not comparable", "not judged"
 ]
 Floats = NDArray[np.float64]
-JUDGED = (*PRIMARY, *PRIMARY_OF_TRAJECTORIES)
+JUDGED = (*PRIMARY, *PRIMARY_OF_TRAJECTORIES, *PRIMARY_OF_GEOMETRIES)
 """Numbers of which better and worse are said."""
 _NAN = math.nan
 

@@ -17,7 +17,7 @@ from eventsweep.emvs.errors import ByName
 from eventsweep.eval.config import TrajectoryConfig
 from eventsweep.eval.results.direction import Direction
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, Score
-from eventsweep.eval.scoring.metrics import NAN, Quantity
+from eventsweep.eval.scoring.metrics import GEOMETRY_METRICS, NAN, Quantity
 from eventsweep.eval.scoring.trajectories.errors import PoseErrors, Step, StepErrors
 
 Floats = NDArray[np.float64]
@@ -95,7 +95,7 @@ def metrics_of(steps: Iterable[Step]) -> tuple[TrajectoryMetric, ...]:
 
 
 def metric_named(name: str) -> Quantity:
-    """A metric of depth maps or trajectories; relative errors may be over any step.
+    """A metric of depth maps, trajectories or geometries; relative errors may be over any step.
 
     Raises:
         InputError: there is none of this name.
@@ -229,5 +229,7 @@ _CONTEXT = (
 TRAJECTORY_METRICS: dict[str, TrajectoryMetric] = {
     one.name: one for one in metrics_of(steps_of_config(TrajectoryConfig()))
 }
-KNOWN_METRICS: dict[str, Quantity] = ByName("metric", {**ALL_METRICS, **TRAJECTORY_METRICS})
-"""Every metric of depth maps and of trajectories, by name."""
+KNOWN_METRICS: dict[str, Quantity] = ByName(
+    "metric", {**ALL_METRICS, **TRAJECTORY_METRICS, **GEOMETRY_METRICS}
+)
+"""Every metric of depth maps, of trajectories and of geometries, by name."""

@@ -36,6 +36,7 @@ from eventsweep.eval.results.series import (
     read_measured,
 )
 from eventsweep.eval.results.table import tidy
+from eventsweep.eval.scoring.metrics import PRIMARY_OF_GEOMETRIES
 from eventsweep.eval.scoring.trajectories.metrics import KNOWN_METRICS, PRIMARY_OF_TRAJECTORIES
 from places import ROOT
 from refusals import command_refused, line_of
@@ -270,7 +271,7 @@ def test_every_direction_of_the_projects_primary_numbers_is_known():
     """Only the input and signed errors have none: of all else, more or less is better."""
     known = read_baseline(BASELINE).series
     trajectories = set(PRIMARY_OF_TRAJECTORIES)
-    elsewhere = {*trajectories, *WITHOUT_TRUTH}
+    elsewhere = {*trajectories, *PRIMARY_OF_GEOMETRIES, *WITHOUT_TRUTH}
     assert {one.metric for one in known} >= set(DECIDING) - elsewhere
     assert "none" not in {KNOWN_METRICS[name].direction for name in trajectories}
     undirected = {one.metric for one in known if one.metric in DECIDING and one.direction == "none"}

@@ -1,0 +1,49 @@
+"""Geometries as `score` takes them, for the group `eventsweep.scorers`; imports nothing heavy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+from eventsweep.plugins.geometry.config import OTHER_SUFFIXES, SUFFIXES, GeometryConfig
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from eventsweep.eval.cli.console import Console, Part
+    from eventsweep.plugins.geometry.page import WrittenGeometries
+    from eventsweep.plugins.geometry.score import Align
+
+Config = GeometryConfig
+
+
+def takes(scored: str) -> bool:
+    """Whether `FILE` or `NAME=FILE` is a geometry, by its name."""
+    return Path(scored).suffix.lower() in (*SUFFIXES, *OTHER_SUFFIXES)
+
+
+def score(
+    scored: tuple[str, ...], truth: Path, out: Path | None, console: Console, *,
+    config: GeometryConfig, align: str | None, case: str | None, force: bool, command: str,
+) -> None:  # fmt: skip
+    """Scores geometries against a sequence; prints a table, and writes a folder if asked."""
+    from eventsweep.eval.results.results import to_json
+    from eventsweep.plugins.geometry.output import score_files
+
+    written = score_files(
+        scored, truth, out, config, align=cast("Align", align or "none"), case=case, force=force,
+        command=command, progress=console.progress,
+    )  # fmt: skip
+    console.result(to_json(written.results), _printed(written))
+    for note in written.notes:
+        console.warn(note)
+    if out is not None:
+        console.wrote(out / "report.html")
+
+
+def _printed(written: WrittenGeometries) -> Iterator[Part]:
+    from eventsweep.eval.cli.console import table
+
+    for title, heads, lines in written.tables():
+        yield table(title, heads, lines)
+    yield written.how
