@@ -99,8 +99,11 @@ def _written(
         row for one in scored for row in rows_of(case, one.geometry.name, iter(one.scores.values()))
     )
     results = Results(rows, {"score": settings, case: about}, (sample,))
+    left_out = all("segmentation" in sequence.truth_names(k) for k in range(len(sequence.rig)))
+    moving = "left out" if left_out else "included, smeared, as no segmentation is stored"
     how = (
-        f"{len(surfaces):,} true points, one per cell of {100 * config.cell_m:g} cm; "
+        f"{len(surfaces):,} true points, one per cell of {100 * config.cell_m:g} cm; what moves by "
+        f"itself is {moving}; "
         + "; ".join(f"{one.geometry.name}: {one.geometry.about}" for one in scored)
     )
     return WrittenGeometries(case, results, scored, how)
