@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events, count_late
+from eventsweep.emvs.data.frame_cameras import FrameCamera
 from eventsweep.emvs.data.occupied import Span
 from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.recording import no_poses, summary
@@ -116,6 +117,7 @@ class PosedRecording:
         sources: events per camera, in the order of the rig.
         truth: ground truth of camera 0, if there is some.
         depth_range_m: nearest and farthest depth, where known.
+        frame_cameras: ordinary cameras beside the event cameras.
     """
 
     path: Path
@@ -126,6 +128,7 @@ class PosedRecording:
     sources: tuple[EventSource, ...]
     truth: DepthTruth | None = None
     depth_range_m: tuple[float, float] | None = None
+    frame_cameras: tuple[FrameCamera, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.sources) != len(self.rig):
