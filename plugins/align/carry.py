@@ -71,7 +71,9 @@ def aligned_frame(setup: Setup, index: int, t_us: float | None = None) -> Aligne
     return AlignedFrame(round(at_us), image, mask, known_depth_m(rho))
 
 
-def aligned_events(setup: Setup, first_us: int, last_us: int) -> Iterator[tuple[int, AlignedEvents]]:
+def aligned_events(
+    setup: Setup, first_us: int, last_us: int
+) -> Iterator[tuple[int, AlignedEvents]]:
     """The event camera's events of a span as the target would see them at their own times.
 
     Both cameras sit on one body, so that poses only carry depth.
@@ -114,5 +116,7 @@ def _seen(events: Events, uv_px: Array, rho: Array, hides: Array) -> AlignedEven
     lost = [int(np.count_nonzero(mask == kind)) for kind in (UNKNOWN, OUTSIDE, OCCLUDED)]
     with np.errstate(divide="ignore"):
         depth_m = (1 / deep).astype(np.float32)
-    moved = Events(np.ascontiguousarray(x), np.ascontiguousarray(y), events.t_us[good], events.p[good])
+    moved = Events(
+        np.ascontiguousarray(x), np.ascontiguousarray(y), events.t_us[good], events.p[good]
+    )
     return AlignedEvents(moved, xy_px.astype(np.float32), depth_m, (lost[0], lost[1], lost[2]))

@@ -124,9 +124,7 @@ def _file(recording: Recording, path: Path, name: str, t_us: int) -> DepthSource
 
     rig = recording.rig
     known = {each.name: (each.camera, each.T_body_cam) for each in frame_cameras(recording)}
-    known |= {
-        each: (rig.cameras[k], rig.T_body_cam[k]) for k, each in enumerate(rig.camera_names)
-    }
+    known |= {each: (rig.cameras[k], rig.T_body_cam[k]) for k, each in enumerate(rig.camera_names)}
     if name not in known:
         raise InputError(f"{recording.name}: no camera {name!r}, it has {', '.join(known)}")
     camera, T_body_cam = known[name]
@@ -137,9 +135,7 @@ def _file(recording: Recording, path: Path, name: str, t_us: int) -> DepthSource
             "name the camera that it is depth of"
         )
     view = View(camera, recording.trajectory.at(t_us) @ T_body_cam)
-    return DepthSource(
-        str(path), np.array([t_us], np.int64), lambda _: [(inverse(depth_m), view)]
-    )
+    return DepthSource(str(path), np.array([t_us], np.int64), lambda _: [(inverse(depth_m), view)])
 
 
 def _dense(path: Path) -> NDArray[np.float32]:

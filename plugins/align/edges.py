@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 Array = NDArray[np.float64]
-_SMOOTH_PX = 1.0
+_SMOOTH_PX = 0.7
 _DARK = 0.02  # of full scale: added before the logarithm, as the sensor's own is
 _LEAST_SLOPE = 0.04
 """Least change of log intensity per pixel that counts as an edge."""
@@ -48,8 +48,12 @@ class Matches(NamedTuple):
     off_px: Array
 
 
-def find_edges(image: NDArray[np.uint8]) -> Edges:
-    """Finds where log intensity changes most along its gradient; events come at such places."""
+def find_edges(image: NDArray[np.float32]) -> Edges:
+    """Finds where log intensity changes most along its gradient; events come at such places.
+
+    `image` (H, W) is grey levels, 0 to 255, as blurred as pixels of the event camera's size see it:
+    blur moves edges of log intensity towards their dark side.
+    """
     log = np.log(image.astype(np.float64) / 255 + _DARK)
     smooth = cv2.GaussianBlur(log, (0, 0), _SMOOTH_PX)
     by_row, by_column = np.gradient(smooth)

@@ -1,10 +1,10 @@
 """Clock and rotation of a frame camera that bring edges of frames and events together.
 
 Gauss-Newton over the events' distances from the edges of the frames. A sensor sends an event only
-when the light has changed by a threshold: on average its edges lag behind those of the frames, by a
-part of the threshold over the edge's slope. That part is fitted as well, since it looks like a late
-clock. Intervals come from the scatter between patches of the frames, whose events depend on each
-other.
+when the light has changed by a threshold: its edges lag behind those of the frames, as with a late
+clock. So three nuisances are fitted as well: a lag in pixels, one over the edge's slope, and a
+shift towards the bright side. Intervals come from the scatter between patches of the frames, whose
+events depend on each other, and from what these three leave: `COHERENT_PX`.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ MARGIN_US = 20_000
 """No clock is found to be later or earlier than this."""
 _GATES_PX = (8.0, 6.0, 4.0, 3.0, 2.0, 2.0, 2.0, 2.0, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5)
 _STEPS = np.array([100.0, 1e-4, 1e-4, 1e-4])  # µs, rad
+_ALL = 7  # four values, three nuisances
+COHERENT_PX = 0.05
+"""Edges of events and frames may be off by so much all together, px; the page says whence."""
 _HUBER_PX = 0.7
 _PATCH_PX = 48
 _NAMES = ("clock", "rotation about x", "rotation about y", "rotation about z")
@@ -60,25 +63,40 @@ class Found:
     estimates: tuple[Estimate, ...]
 
 
+@dataclass
+class _Equations:
+    """Sums over all events beside edges.
+
+    Attributes:
+        normal: (7, 7) normal matrix of the four values and three nuisances.
+        pull: (7,) gradient.
+        coherent: (4, P) what a shift of 1 px of each pattern pulls at the four values.
+        patches: normal matrix and gradient (7, 8) of each patch of a frame.
+    """
+
+    normal: Array
+    pull: Array
+    coherent: Array
+    patches: list[Array]
+
+
 def find_offset(setup: Setup, found: Sequence[Sample]) -> Found:
     """Finds what the clock and rotation of the frame camera lack.
 
     Raises:
         InputError: too few events beside edges, or a correction that runs away.
     """
-    values, scale = np.zeros(5), 1.0
+    values = np.zeros(_ALL)
     for gate_px in _GATES_PX:
-        moved = setup.corrected(_correction(values))
-        normal, pull, patches = _equations(moved, found, gate_px)
-        scale = np.maximum(np.sqrt(np.diag(normal)), 1e-12)
-        step = np.linalg.lstsq(normal / np.outer(scale, scale), -pull / scale, rcond=1e-9)[0] / scale
-        values = np.append(values[:4] + step[:4], step[4])
+        sums = _equations(setup.corrected(_correction(values)), found, gate_px)
+        step = -_inverse(sums.normal) @ sums.pull
+        values = np.append(values[:4] + step[:4], step[4:])
         if abs(values[0]) > MARGIN_US:
             raise InputError(
                 f"{setup.recording.name}: no clock within {MARGIN_US / 1000:g} ms brings frames "
                 "and events together: check that both use one clock"
             )
-    return Found(_correction(values), _estimates(values, normal, patches))
+    return Found(_correction(values), _estimates(values, sums))
 
 
 def _correction(values: Array) -> Correction:
@@ -86,39 +104,55 @@ def _correction(values: Array) -> Correction:
     return Correction(late_us, (x, y, z))
 
 
-def _equations(
-    setup: Setup, found: Sequence[Sample], gate_px: float
-) -> tuple[Array, Array, list[Array]]:
-    """Normal matrix (5, 5), gradient (5,), and the gradient of each patch of the frames."""
-    normal, pull, patches = np.zeros((5, 5)), np.zeros(5), []
+def _inverse(normal: Array) -> Array:
+    """The inverse, of values in units that differ by powers of ten."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10, hermitian=True)
+    return np.asarray(inverse / np.outer(scale, scale), np.float64)
+
+
+def _equations(setup: Setup, found: Sequence[Sample], gate_px: float) -> _Equations:
+    sums = _Equations(np.zeros((_ALL, _ALL)), np.zeros(_ALL), np.zeros((4, 4)), [])
     for sample in found:
-        uv_px, moving_px, _ = places(setup, sample)
-        pairs = match(sample.edges, uv_px, moving_px, sample.brighter, gate_px)
-        if len(pairs.points) < 10:
-            continue
-        edge_normal = sample.edges.normal[pairs.edges]
-        rows = [_change(setup, sample, uv_px, k)[pairs.points] for k in range(4)]
-        J = np.stack([(edge_normal * row).sum(-1) for row in rows], -1)
-        across = np.sign((edge_normal * moving_px[pairs.points]).sum(-1))
-        J = np.column_stack([J, across / sample.edges.slope[pairs.edges]])
-        weight = np.minimum(1.0, _HUBER_PX / np.maximum(np.abs(pairs.off_px), 1e-9))
-        good = np.isfinite(J).all(-1)
-        J, r, weight = J[good], pairs.off_px[good], weight[good]
-        normal += (J * weight[:, None]).T @ J
-        each = J * (weight * r)[:, None]
-        pull += each.sum(0)
-        tiles = (sample.edges.uv_px[pairs.edges[good]] // _PATCH_PX).astype(np.int64)
-        _, patch = np.unique(tiles[:, 1] * 10_000 + tiles[:, 0], return_inverse=True)
-        sums = np.zeros((patch.max() + 1, 5, 6))
-        np.add.at(sums, patch, np.concatenate(
-            [(J * weight[:, None])[:, :, None] * J[:, None, :], each[:, :, None]], -1
-        ))  # fmt: skip
-        patches += list(sums)
-    if len(patches) < 10:
+        _add(sums, setup, sample, gate_px)
+    if len(sums.patches) <= _ALL:
         raise InputError(
             f"{setup.recording.name}: too few events lie beside edges of frames to compare clocks"
         )
-    return normal, pull, patches
+    return sums
+
+
+def _add(sums: _Equations, setup: Setup, sample: Sample, gate_px: float) -> None:
+    uv_px, moving_px, _ = places(setup, sample)
+    pairs = match(sample.edges, uv_px, moving_px, sample.brighter, gate_px)
+    if not len(pairs.points):
+        return
+    normal, slope = sample.edges.normal[pairs.edges], sample.edges.slope[pairs.edges]
+    changes = [_change(setup, sample, uv_px, k)[pairs.points] for k in range(4)]
+    across = np.sign((normal * moving_px[pairs.points]).sum(-1))
+    columns = [(normal * change).sum(-1) for change in changes]
+    J = np.stack([*columns, across, across / slope, np.ones(len(slope))], -1)
+    weight = np.minimum(1.0, _HUBER_PX / np.maximum(np.abs(pairs.off_px), 1e-9))
+    weight = np.where(np.isfinite(J).all(-1), weight, 0.0)
+    J = np.where(np.isfinite(J), J, 0.0)
+    edge_px = sample.edges.uv_px[pairs.edges]
+    each = (J * weight[:, None])[:, :, None] * np.column_stack([J, pairs.off_px])[:, None, :]
+    sums.normal += each[..., :_ALL].sum(0)
+    sums.pull += each[..., _ALL].sum(0)
+    sums.coherent += (J[:, :4] * weight[:, None]).T @ _patterns(edge_px, normal, across)
+    tiles = (edge_px // _PATCH_PX).astype(np.int64)
+    _, patch = np.unique(tiles[:, 1] * 10_000 + tiles[:, 0], return_inverse=True)
+    parts = np.zeros((patch.max() + 1, *each.shape[1:]))
+    np.add.at(parts, patch, each)
+    sums.patches += list(parts)
+
+
+def _patterns(edge_px: Array, normal: Array, across: Array) -> Array:
+    """(M, 4) distance from edges where all are 1 px off: behind, right, down, and turned."""
+    arm = edge_px - edge_px.mean(0)
+    arm /= max(np.sqrt((arm**2).sum(-1).mean()), 1.0)
+    turned = arm[:, 0] * normal[:, 1] - arm[:, 1] * normal[:, 0]
+    return np.stack([across, normal[:, 0], normal[:, 1], turned], -1)
 
 
 def _change(setup: Setup, sample: Sample, uv_px: Array, k: int) -> Array:
@@ -132,18 +166,18 @@ def _change(setup: Setup, sample: Sample, uv_px: Array, k: int) -> Array:
     return (there - uv_px) / _STEPS[k]
 
 
-def _estimates(values: Array, normal: Array, patches: list[Array]) -> tuple[Estimate, ...]:
-    """Intervals of 95 %, from how patches differ: their events are not independent."""
-    inverse = np.linalg.pinv(normal, rcond=1e-14, hermitian=True)
-    # The lag was fitted anew, so each patch's gradient is what is left of it at the end.
-    lag = np.zeros(5)
-    lag[4] = values[4]
-    left = np.array([each[:, 5] + each[:, :5] @ lag for each in patches])
-    covariance = inverse @ (left.T @ left) @ inverse
-    half = student.ppf(0.975, len(patches) - 5) * np.sqrt(np.maximum(np.diag(covariance), 0))
+def _estimates(values: Array, sums: _Equations) -> tuple[Estimate, ...]:
+    """Intervals of 95 %: scatter of patches, whose events are not independent; `COHERENT_PX`."""
+    inverse = _inverse(sums.normal)
+    nuisance = np.append(np.zeros(4), values[4:])  # fitted anew: patches have it in their gradients
+    left = np.array([each[:, _ALL] + each[:, :_ALL] @ nuisance for each in sums.patches])
+    scatter = np.diag(inverse @ (left.T @ left) @ inverse)[:4]
+    coherent = COHERENT_PX * _inverse(sums.normal[:4, :4]) @ sums.coherent
+    spread = student.ppf(0.975, len(left) - _ALL) ** 2 * scatter
+    half = np.sqrt(np.maximum(spread, 0) + (coherent**2).sum(-1))
     found = []
     for k, (name, unit) in enumerate(zip(_NAMES, _UNITS, strict=True)):
         width = float(half[k] * _SCALE[k])
-        known = np.isfinite(width) and 0 < width <= _LOOSE[k]
-        found.append(Estimate(name, unit, float(values[k] * _SCALE[k]), width, bool(known)))
+        known = bool(np.isfinite(width) and 0 < width <= _LOOSE[k])
+        found.append(Estimate(name, unit, float(values[k] * _SCALE[k]), width, known))
     return tuple(found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.plugins.align.carry import event_rho
 from eventsweep.plugins.align.edges import Edges, find_edges, match
 from eventsweep.plugins.align.rig import Setup
-from eventsweep.plugins.align.views import Array, View, bearings
+from eventsweep.plugins.align.views import Array, as_large, bearings
 
 SPAN_US = 10_000
 """Events so long before and after a frame are compared with it, µs."""
@@ -106,7 +107,8 @@ def _sample(setup: Setup, index: int) -> Sample | None:
     if not len(rho):
         return None
     some = slice(None, None, -(-len(rho) // _MOST_EVENTS))
-    edges = find_edges(setup.frames.photo(index).image)
+    image = setup.frames.photo(index).image.astype(np.float32)
+    edges = find_edges(as_large(image, setup.frames.camera, setup.event_camera.camera))
     return Sample(index, edges, points[some], rho[some], brighter[some])
 
 
@@ -121,25 +123,12 @@ def _points(setup: Setup, events: Events, rho: Array) -> Array:
 
 def places(setup: Setup, sample: Sample) -> tuple[Array, Array, Array]:
     """Where a frame's camera has the events' points: (N, 2) px, (N, 2) px/ms, (N,) 1/m."""
-    view = setup.frame_view(sample.index)
-    uv_px, rho = view.seen(sample.points, sample.rho)
-    return uv_px, (later(setup, sample, view) - uv_px) * 1000 / _FLOW_US, rho
-
-
-def later(setup: Setup, sample: Sample, view: View) -> Array:
-    """(N, 2) pixels where the points are a moment later; at the end of the poses, mirrored."""
-    from eventsweep.plugins.align.rig import Mounted
-
-    t_us, last_us = setup.frame_time_us(sample.index), setup.recording.trajectory.span_us[1]
-    step_us = _FLOW_US if t_us + _FLOW_US <= last_us else -_FLOW_US
-    assert setup.frames is not None
-    place = setup.correction.placed(setup.frames.T_body_cam)
-    mounted = Mounted(setup.frames.name, view.camera, place)
-    uv_px, _ = setup.view(mounted, t_us + step_us).seen(sample.points, sample.rho)
-    if step_us > 0:
-        return uv_px
-    here, _ = view.seen(sample.points, sample.rho)
-    return 2 * here - uv_px
+    last_us = setup.recording.trajectory.span_us[1]
+    step_us = _FLOW_US if setup.frame_time_us(sample.index) + _FLOW_US <= last_us else -_FLOW_US
+    later = setup.corrected(replace(setup.correction, late_us=setup.correction.late_us + step_us))
+    uv_px, rho = setup.frame_view(sample.index).seen(sample.points, sample.rho)
+    there_px, _ = later.frame_view(sample.index).seen(sample.points, sample.rho)
+    return uv_px, (there_px - uv_px) * 1000 / step_us, rho
 
 
 def apart(setup: Setup, found: Sequence[Sample]) -> Apart:

@@ -12,8 +12,8 @@ from eventsweep.emvs.data.frame_cameras import FrameCamera, frame_cameras
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.plugins.align.depths import DepthSource, Depths
-from eventsweep.plugins.align.views import Array, View, carried, view_places
+from eventsweep.plugins.align.depths import Depths, DepthSource
+from eventsweep.plugins.align.views import Array, View, bearings, carried
 
 _STILL_PX = 1.0
 """Depth is carried anew where it would move further than this."""
@@ -127,13 +127,17 @@ class Setup:
             t0_us = t1_us
 
     def _step_us(self, t0_us: int, last_us: int) -> int:
+        """How long the event camera moves what it sees by less than `_STILL_PX`, µs."""
         later_us = min(t0_us + _TRIED_US, last_us)
         before, after = (self.view(self.event_camera, t) for t in (t0_us, later_us))
-        rho = self.carried(before, t0_us)
-        columns, rows = np.meshgrid(np.arange(rho.shape[1]), np.arange(rho.shape[0]))
-        uv_px, _ = view_places(before, rho, after)
-        moved = np.hypot(uv_px[..., 0] - columns, uv_px[..., 1] - rows)[::_EVERY, ::_EVERY]
-        far = moved[(rho[::_EVERY, ::_EVERY] >= 0) & np.isfinite(moved)]
+        moved = []
+        for rho, source in self.depth.nearest(t0_us):
+            some = rho[::_EVERY, ::_EVERY]
+            bearing = bearings(source.camera)[::_EVERY, ::_EVERY][some >= 0]
+            points, scale = source.points(bearing, some[some >= 0]), some[some >= 0]
+            moved.append(after.seen(points, scale)[0] - before.seen(points, scale)[0])
+        far = np.linalg.norm(np.concatenate(moved), axis=-1)
+        far = far[np.isfinite(far)]
         most_px = float(np.percentile(far, 95)) if len(far) else 0.0
         wanted_us = (later_us - t0_us) * _STILL_PX / max(most_px, 1e-9)
         return int(np.clip(wanted_us, _SHORTEST_US, _LONGEST_US))

@@ -84,7 +84,7 @@ def _corner_bearings(camera: Camera) -> Array:
 
 @lru_cache(maxsize=16)
 def _reach(camera: Camera) -> float:
-    """No pixel's bearing is longer: beyond it a lens's polynomial may fold back into the picture."""
+    """No pixel's bearing is longer: beyond it a lens's polynomial may fold back."""
     edge = _corner_bearings(camera)
     return float(np.nanmax(np.hypot(edge[..., 0], edge[..., 1]), initial=0.0)) * 1.02
 
@@ -127,7 +127,7 @@ def shown_in(
     Returns:
         (H, W) values, 0 where nothing is seen, and (H, W) mask: see `views_kernels`.
     """
-    smooth = _as_large(picture, taken.camera, view.camera)
+    smooth = as_large(picture, taken.camera, view.camera)
     uv_px, seen_rho = view_places(view, rho, taken)
     value, mask = np.empty(rho.size, np.float32), np.empty(rho.size, np.uint8)
     views_kernels.look_up(
@@ -146,7 +146,7 @@ def view_places(view: View, rho: Array, other: View) -> tuple[Array, Array]:
     return uv_px, np.where(rho >= 0, np.maximum(seen_rho, 0.0), -1.0)
 
 
-def _as_large(picture: NDArray[np.float32], fine: Camera, coarse: Camera) -> NDArray[np.float32]:
+def as_large(picture: NDArray[np.float32], fine: Camera, coarse: Camera) -> NDArray[np.float32]:
     """The picture as pixels of the other camera's size would see it, where those are larger."""
     ratio = fine.fx_px / coarse.fx_px
     if ratio <= 1:

@@ -28,26 +28,31 @@ def slopes(rho: NDArray[np.float64], same: float, out: NDArray[np.float64]) -> N
     for y in range(height):
         for x in range(width):
             out[y, x] = 0.0
-            here = rho[y, x]
-            if here < 0.0:
-                continue
-            for axis in range(2):
-                dx, dy = (1, 0) if axis == 0 else (0, 1)
-                steps = np.full(2, np.nan)
-                if x >= dx and y >= dy and rho[y - dy, x - dx] >= 0.0:
-                    steps[0] = here - rho[y - dy, x - dx]
-                if x + dx < width and y + dy < height and rho[y + dy, x + dx] >= 0.0:
-                    steps[1] = rho[y + dy, x + dx] - here
-                alike = abs(steps[0] - steps[1]) <= same * here
-                for k in range(2):
-                    if not (alike or abs(steps[k]) <= same * here):
-                        steps[k] = np.nan
-                if steps[0] * steps[1] < 0.0:
-                    continue
-                if np.isnan(steps[0]) or abs(steps[1]) < abs(steps[0]):
-                    steps[0] = steps[1]
-                if not np.isnan(steps[0]):
-                    out[y, x, axis] = steps[0]
+            if rho[y, x] >= 0.0:
+                out[y, x, 0] = _slope(
+                    rho[y, x - 1] if x > 0 else -1.0, rho[y, x],
+                    rho[y, x + 1] if x + 1 < width else -1.0, same,
+                )  # fmt: skip
+                out[y, x, 1] = _slope(
+                    rho[y - 1, x] if y > 0 else -1.0, rho[y, x],
+                    rho[y + 1, x] if y + 1 < height else -1.0, same,
+                )  # fmt: skip
+
+
+@numba.njit(cache=True, nogil=True)
+def _slope(before: float, here: float, behind: float, same: float) -> float:
+    back = here - before if before >= 0.0 else np.nan
+    ahead = behind - here if behind >= 0.0 else np.nan
+    if not abs(back - ahead) <= same * here:  # no plane goes through all three
+        back = back if abs(back) <= same * here else np.nan
+        ahead = ahead if abs(ahead) <= same * here else np.nan
+    if np.isnan(back) and np.isnan(ahead):
+        return 0.0
+    if np.isnan(back) or np.isnan(ahead):
+        return ahead if np.isnan(back) else back
+    if back * ahead < 0.0:
+        return 0.0
+    return back if abs(back) < abs(ahead) else ahead
 
 
 @numba.njit(cache=True, nogil=True)
