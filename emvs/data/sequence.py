@@ -13,8 +13,13 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data import manifest
 from eventsweep.emvs.data.event_store import EventStoreReader
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.data.frame_cameras import FrameCamera
-from eventsweep.emvs.data.image_stores import FRAMES_FILE, FrameReader, Photo, TruthReader
+from eventsweep.emvs.data.image_stores import (
+    FRAMES_FILE,
+    FrameCamera,
+    FrameReader,
+    Photo,
+    TruthReader,
+)
 from eventsweep.emvs.data.occupied import Span
 from eventsweep.emvs.data.poses import POSES_FILE, read_poses
 from eventsweep.emvs.data.recording import no_poses, summary

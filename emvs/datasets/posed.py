@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events, count_late
-from eventsweep.emvs.data.frame_cameras import FrameCamera
+from eventsweep.emvs.data.image_stores import FrameCamera
 from eventsweep.emvs.data.occupied import Span
 from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.recording import no_poses, summary
@@ -252,3 +252,9 @@ def find_optional(folder: Path, patterns: Iterable[str], what: str) -> Path | No
         if matches:
             return matches[0]
     return None
+
+
+def find_folder(folder: Path, patterns: Iterable[str], side: str) -> Path | None:
+    """The first folder that matches; `{}` in a pattern stands for the side."""
+    places = (path for name in patterns for path in sorted(folder.glob(name.format(side))))
+    return next((path for path in places if path.is_dir()), None)

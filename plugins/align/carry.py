@@ -65,7 +65,9 @@ def aligned_frame(setup: Setup, index: int, t_us: float | None = None) -> Aligne
     view = setup.view(setup.target, at_us)
     rho = setup.carried(view, at_us)
     if t_us is None and setup.target.name == setup.frames.name:
-        return AlignedFrame(round(at_us), picture, np.full(view.shape, SEEN), known_depth_m(rho))
+        return AlignedFrame(
+            round(at_us), picture, np.full(view.shape, SEEN, np.uint8), known_depth_m(rho)
+        )
     taken = setup.frame_view(index)
     image, mask = shown_in(view, rho, picture, taken, setup.carried(taken, taken_us))
     return AlignedFrame(round(at_us), image, mask, known_depth_m(rho))

@@ -120,7 +120,7 @@ def _map(path: Path, method: str) -> DepthSource:
 
 
 def _file(recording: Recording, path: Path, name: str, t_us: int) -> DepthSource:
-    from eventsweep.emvs.data.frame_cameras import frame_cameras
+    from eventsweep.emvs.data.image_stores import frame_cameras
 
     rig = recording.rig
     known = {each.name: (each.camera, each.T_body_cam) for each in frame_cameras(recording)}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from eventsweep.emvs.data.frame_cameras import FrameCamera, frame_cameras
+from eventsweep.emvs.data.image_stores import FrameCamera, frame_cameras
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera

@@ -86,7 +86,7 @@ def _corner_bearings(camera: Camera) -> Array:
 def _reach(camera: Camera) -> float:
     """No pixel's bearing is longer: beyond it a lens's polynomial may fold back."""
     edge = _corner_bearings(camera)
-    return float(np.nanmax(np.hypot(edge[..., 0], edge[..., 1]), initial=0.0)) * 1.02
+    return float(np.nanmax(np.hypot(edge[..., 0], edge[..., 1]), initial=0.0))
 
 
 def carried(depths: list[tuple[Array, View]], view: View) -> Array:
