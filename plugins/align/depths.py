@@ -63,7 +63,7 @@ def depth_source(
     if not path.exists():
         raise InputError(f"{path}: no such map folder or depth file; name one, or {TRUTH!r}")
     if taken is None:
-        raise InputError(f"{path}: whose depth, and when? set depth_camera and depth_at_us")
+        raise InputError(f"{path}: when was it seen, and by whom? set depth_at_s, set depth_camera")
     return _file(recording, path, *taken)
 
 
@@ -73,8 +73,8 @@ def _truth(recording: Any) -> DepthSource:
     t_us = [np.asarray(times(k)) for k in cameras] if times is not None else []
     if not sum(map(len, t_us)):
         raise InputError(
-            f"{recording.name}: has no ground truth of depth: set depth to a map folder, as `map` "
-            "writes, or to a depth file"
+            f"{recording.name}: has no ground truth of depth: set depth, to a map folder, as `map` "
+            "writes, or a depth file"
         )
     with_depth = [k for k in cameras if len(t_us[k])]
     at_sensor = hasattr(recording, "truth_depth_m")

@@ -15,7 +15,7 @@ BEYOND = Camera(640, 480, 130.0, 129.0, 320.0, 240.0)
 
 @pytest.fixture(scope="module")
 def seen():
-    """Both cameras; exact depth and light of each; and the grey one's picture as the eye sees it."""
+    """Both cameras; exact depth and light; and the grey one's picture as the eye sees it."""
     eye, grey = View(world.EYE, T_EYE), View(world.GREY, T_GREY)
     depth_m, light, _ = world.hits(world.EYE, T_EYE)
     # The panel hides things from the grey camera that the eye does not look at: both know.
