@@ -83,7 +83,8 @@ def _times_us(
     if job.scene.animate is not None:
         count = max(count, -(-length_us // job.scene.animate.max_interval_us))
     count = min(max(count, 1), _MOST_PICTURES, length_us)
-    return np.linspace(*span_us, count + 1).astype(np.int64).tolist()
+    times_us: list[int] = np.linspace(*span_us, count + 1).astype(np.int64).tolist()
+    return times_us
 
 
 def silent_beside(job: RenderJob) -> str:

@@ -8,6 +8,7 @@ et al., CVPR 2022): one event camera, Kalibr's chain, its poses.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -68,8 +69,7 @@ def open_tumvie(folder: Path) -> PosedRecording:
         poses=poses,
         events=[{"file": left.name}, {"file": right.name}],
     )
-    frames = _tumvie_frames(folder, folder / calibration)
-    recording = replace(recording, frame_cameras=frames)
+    recording = replace(recording, beside=partial(_tumvie_frames, folder, folder / calibration))
     if mocap is not None:
         return recording
     T_imu_cam = read_imu_cam(folder / calibration)  # VIO poses are the IMU's

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +67,7 @@ def open_dsec(folder: Path) -> PosedRecording:
         poses=None if poses is None else {"file": poses.relative_to(folder).as_posix()},
         events=[{"file": LEFT}, {"file": names[1]}],
     )
-    recording = replace(recording, frame_cameras=_frame_cameras(folder, calibration))
+    recording = replace(recording, beside=partial(_frame_cameras, folder, calibration))
     camera = recording.rig.cameras[0]
     if (folder / _RECTIFY).exists():
         check_rectify_map(folder / _RECTIFY, calibration, camera)

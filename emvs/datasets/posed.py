@@ -5,7 +5,7 @@ Every data set is one of these; the modules beside this one only say which file 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -117,7 +117,7 @@ class PosedRecording:
         sources: events per camera, in the order of the rig.
         truth: ground truth of camera 0, if there is some.
         depth_range_m: nearest and farthest depth, where known.
-        frame_cameras: ordinary cameras beside the event cameras.
+        beside: finds ordinary cameras beside the event cameras, when somebody asks for them.
     """
 
     path: Path
@@ -128,7 +128,7 @@ class PosedRecording:
     sources: tuple[EventSource, ...]
     truth: DepthTruth | None = None
     depth_range_m: tuple[float, float] | None = None
-    frame_cameras: tuple[FrameCamera, ...] = ()
+    beside: Callable[[], tuple[FrameCamera, ...]] = tuple
 
     def __post_init__(self) -> None:
         if len(self.sources) != len(self.rig):
@@ -140,6 +140,15 @@ class PosedRecording:
 
     def __repr__(self) -> str:
         return f"PosedRecording({self.layout}: {summary(self)})"
+
+    @property
+    def frame_cameras(self) -> tuple[FrameCamera, ...]:
+        """The ordinary cameras beside the event cameras.
+
+        Raises:
+            InputError: images without times, or of another number.
+        """
+        return self.beside()
 
     @property
     def trajectory(self) -> Trajectory:

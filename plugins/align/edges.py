@@ -87,7 +87,8 @@ def _nearest(rows: NDArray[np.int64], columns: NDArray[np.int64], like: Array) -
     )
     number = np.full(int(labels.max()) + 1, -1)
     number[labels[rows, columns]] = np.arange(len(rows))
-    return number[labels]
+    found: NDArray[np.int64] = number[labels]
+    return found
 
 
 def match(

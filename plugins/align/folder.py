@@ -204,15 +204,16 @@ def _write_frame(
     for kind in kinds if images != "npz" else ("views",):
         (folder / kind).mkdir(exist_ok=True)
     if images == "npz":
-        seen = {"image": frame.image, "mask": frame.mask} if pictured else {}
+        seen: dict[str, Any] = {"image": frame.image, "mask": frame.mask} if pictured else {}
         path = folder / "views" / f"{name}.npz"
         np.savez_compressed(path, t_us=frame.t_us, depth_m=frame.depth_m, **seen)
         return
     finite = np.where(np.isfinite(frame.depth_m), frame.depth_m, np.nan).astype(np.float32)
     write_depth_png(folder / "depth" / f"{name}.png", finite)
     if pictured:
-        most, kind = (255, np.uint8) if images == "png" else (65535, np.uint16)
-        levels = np.rint(frame.image.astype(np.float64) * (most / 255)).astype(kind)
+        most = 255 if images == "png" else 65535
+        levels = np.rint(frame.image.astype(np.float64) * (most / 255))
+        levels = levels.astype(np.uint8 if images == "png" else np.uint16)
         write_image(folder / "frames" / f"{name}.png", ".png", levels)
         write_image(folder / "mask" / f"{name}.png", ".png", frame.mask)
 

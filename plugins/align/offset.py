@@ -165,8 +165,8 @@ def _change(setup: Setup, sample: Sample, uv_px: Array, k: int) -> Array:
     before = setup.correction
     turned = np.array(before.turn_rad) + values[1:]
     moved = setup.corrected(Correction(before.late_us + values[0], tuple(turned.tolist())))
-    there, _ = moved.frame_view(sample.index).seen(sample.points, sample.rho)
-    return (there - uv_px) / _STEPS[k]
+    there, _ = moved.frame_view(sample.number).seen(sample.points, sample.rho)
+    return np.asarray((there - uv_px) / _STEPS[k], np.float64)
 
 
 def _estimates(values: Array, sums: _Equations) -> tuple[Estimate, ...]:

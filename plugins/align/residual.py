@@ -30,14 +30,14 @@ class Sample(NamedTuple):
     """A frame's edges and the events around its time.
 
     Attributes:
-        index: the frame's number.
+        number: the frame's.
         edges: of the frame.
         points: (N, 3) homogeneous points of the world that made the events.
         rho: (N,) their scale: inverse depth in the event camera, 1/m.
         brighter: (N,) polarity.
     """
 
-    index: int
+    number: int
     edges: Edges
     points: Array
     rho: Array
@@ -118,16 +118,17 @@ def _points(setup: Setup, events: Events, rho: Array) -> Array:
     T = setup.recording.trajectory.at(events.t_us) @ mounted.T_body_cam
     bearing = bearings(mounted.camera)[events.y, events.x]
     rays = np.concatenate([bearing, np.ones((len(events), 1))], axis=-1)
-    return np.einsum("nij,nj->ni", T[:, :3, :3], rays) + np.maximum(rho, 0)[:, None] * T[:, :3, 3]
+    turned = np.einsum("nij,nj->ni", T[:, :3, :3], rays)
+    return np.asarray(turned + np.maximum(rho, 0)[:, None] * T[:, :3, 3], np.float64)
 
 
 def places(setup: Setup, sample: Sample) -> tuple[Array, Array, Array]:
     """Where a frame's camera has the events' points: (N, 2) px, (N, 2) px/ms, (N,) 1/m."""
     last_us = setup.recording.trajectory.span_us[1]
-    step_us = _FLOW_US if setup.frame_time_us(sample.index) + _FLOW_US <= last_us else -_FLOW_US
+    step_us = _FLOW_US if setup.frame_time_us(sample.number) + _FLOW_US <= last_us else -_FLOW_US
     later = setup.corrected(replace(setup.correction, late_us=setup.correction.late_us + step_us))
-    uv_px, rho = setup.frame_view(sample.index).seen(sample.points, sample.rho)
-    there_px, _ = later.frame_view(sample.index).seen(sample.points, sample.rho)
+    uv_px, rho = setup.frame_view(sample.number).seen(sample.points, sample.rho)
+    there_px, _ = later.frame_view(sample.number).seen(sample.points, sample.rho)
     return uv_px, (there_px - uv_px) * 1000 / step_us, rho
 
 

@@ -12,10 +12,10 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats.calibration import read_rig
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.scenes import load
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.rigs import RIGS
 from eventsweep.sim.simulate import simulate
-from eventsweep.scenes import load
 from refusals import refused
 
 OBLIQUE = RIGS["oblique"]
