@@ -29,7 +29,7 @@ _ALL = 7  # four values, three nuisances
 COHERENT_PX = np.array([0.15, 0.065, 0.065, 0.065])
 """Edges of events and frames may be off by so much all together, px: behind, right, down, turned.
 
-What draws with exact truth leave, see `tests/test_offset.py`.
+What draws with exact truth leave, see `plugins/align/tests/test_offset.py`.
 """
 _HUBER_PX = 0.7
 _PATCH_PX = 48
