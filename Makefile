@@ -81,6 +81,7 @@ pictures-simulator: setup
 	$(BIN)/python docs/figures/draw_motion.py docs/images # docs/images/motion-*.png
 	$(BIN)/python docs/figures/draw_lenses_and_light.py # docs/images/lenses.png docs/images/light.png
 	$(BIN)/python docs/figures/draw_truth.py # docs/images/truth.png
+	$(BIN)/python docs/figures/draw_align.py docs/images/align.png # docs/images/align.png
 	$(BIN)/python docs/figures/draw_video.py # docs/images/video.png
 	$(BIN)/python docs/figures/draw_model.py # docs/images/howto_model.png docs/images/howto_robot.png
 

@@ -6,6 +6,7 @@ and principal points to 0.01 px, positions to 10 µm, rotations to 1e-6.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +113,19 @@ _TRINOCULAR = Rig(
     ("left", "right", "forehead"),
 )
 
+# Invented: the DAVIS346 pair, and between them, 4 cm higher, a grey camera of VGA size with a lens
+# of 77 degrees that distorts, tilted down by 3 degrees.
+_DAVIS346_FRAMES = replace(
+    _DAVIS346,
+    name="davis346-frames",
+    frame_cameras=Rig(
+        "davis346-frames, frames",
+        (Camera(640, 480, 403.2, 402.7, 324.1, 236.8, "radtan", (-0.17, 0.09, 4e-4, -3e-4)),),
+        (_at((0.05, -0.04, 0.01), (-np.sin(np.radians(1.5)), 0.0, 0.0, np.cos(np.radians(1.5)))),),
+        ("grey",),
+    ),
+)
+
 # Invented, for tests: small, and nothing about it is zero, straight or equal. Two kinds of lens,
 # and a second camera turned about all axes and moved along all of them.
 _OBLIQUE = _stereo(
@@ -123,7 +137,17 @@ _OBLIQUE = _stereo(
 
 RIGS = {
     rig.name: rig
-    for rig in (_DAVIS346, _TUMVIE, _TUMVIE_KB4, _MVSEC, _DSEC, _RPG, _TRINOCULAR, _OBLIQUE)
+    for rig in (
+        _DAVIS346,
+        _DAVIS346_FRAMES,
+        _TUMVIE,
+        _TUMVIE_KB4,
+        _MVSEC,
+        _DSEC,
+        _RPG,
+        _TRINOCULAR,
+        _OBLIQUE,
+    )
 }
 
 

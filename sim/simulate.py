@@ -27,6 +27,7 @@ from eventsweep.emvs.utils.files import bytes_text, free_bytes
 from eventsweep.emvs.utils.outputs import check_output
 from eventsweep.emvs.utils.runtime import Progress, available_bytes, silent, versions
 from eventsweep.sim.config import SimConfig
+from eventsweep.sim.frame_rig import pictures_beside, silent_beside
 from eventsweep.sim.graphics import note
 from eventsweep.sim.mjcf import files_of
 from eventsweep.sim.model.survey import FEW, glanced_beyond_8_bits, needs_floats
@@ -124,8 +125,8 @@ def simulate(
             graphics.close()
             job, renderer = _lit(job, make_job(replace(scene, hdr=True), *asked), graphics, notice)
         check_outside(job, renderer)
-        if note():
-            notice(note())
+        for line in filter(None, (note(), silent_beside(job))):
+            notice(line)
         if config.sampling != job.config.sampling:
             notice(f"rendering plain frames half a pixel apart: {drawing.why_plain(scene)}")
         arguments, key = describe(job, renderer)
@@ -139,7 +140,7 @@ def simulate(
             frames = frames_from_workers(job, folder.next_chunk, workers)
         _run(job, frames, folder, commit_s, progress, drawn_elsewhere=workers > 1)
         try:
-            seen = _assemble(job, folder, arguments, out, force=force)
+            seen = _assemble(job, folder, arguments, out, progress, force=force)
         except InputError as error:
             # Somebody came in between: the work itself is good.
             raise Stopped(f"{error} (the simulation is kept in {folder.path})") from error
@@ -259,8 +260,9 @@ def _exposed(
 
 
 def _assemble(
-    job: RenderJob, folder: CheckpointFolder, arguments: dict[str, Any], out: Path, *, force: bool
-) -> float:
+    job: RenderJob, folder: CheckpointFolder, arguments: dict[str, Any], out: Path,
+    progress: Progress, *, force: bool,
+) -> float:  # fmt: skip
     """Streams all checkpoints into the sequence; returns the share of the view with a surface."""
     shares = []
     counts = folder.finished[-1].counts if job.labelled else None
@@ -277,6 +279,9 @@ def _assemble(
                     depth_m, intensity = images.pop("depth_m"), images.pop("intensity")
                     shares.append(float(np.mean(np.isfinite(depth_m))))
                     writer.append_truth(k, t_us, depth_m, intensity, images)
+        for k, photo in pictures_beside(job):
+            writer.append_beside(k, photo)
+            progress("frames", photo.end_us, job.duration_us)
     return float(np.mean(shares)) if shares else 1.0
 
 
@@ -341,9 +346,11 @@ def check_disk(job: RenderJob, out: Path) -> None:
         _IMAGE_BYTES.get(name, 0) for name in ("depth_m", "intensity", *job.config.truth)
     )
     pixels = sum(c.width_px * c.height_px for c in job.rig.cameras)
+    beside = job.rig.frame_cameras.cameras if job.rig.frame_cameras else ()
     photos = len(exposure_spans_us(job.config.frames, job.duration_us))
     # It lies there twice while the sequence is put together from its checkpoints.
     needed = 2 * _COMPRESSED * pixels * (per_pixel * len(job.truth_us) + photos)
+    needed += _COMPRESSED * photos * sum(c.width_px * c.height_px for c in beside)
     free = free_bytes(out)
     if needed > free:
         raise InputError(
@@ -380,7 +387,10 @@ def check_outside(job: RenderJob, renderer: Renderer) -> None:
         InputError: one does; names camera and object.
     """
     T_world_body = job.motion().T_world_body(0.0)
-    for name, T_body_cam in zip(job.rig.camera_names, job.rig.T_body_cam, strict=True):
+    rigs = [rig for rig in (job.rig, job.rig.frame_cameras) if rig is not None]
+    for name, T_body_cam in (
+        pair for rig in rigs for pair in zip(rig.camera_names, rig.T_body_cam, strict=True)
+    ):
         eye_m = (T_world_body @ T_body_cam)[:3, 3]
         around = renderer.enclosing(eye_m)
         if around is not None:

@@ -1,5 +1,8 @@
 """Images of one camera on disk: ground truth at chosen times, and an ordinary camera's frames.
 
+An ordinary camera beside the event cameras has size, lens, place and exposure of its own; one in an
+event camera's place, as in a DAVIS, shares its pixels.
+
 Depth and intensity are always there; what else there is, `OPTIONAL` names. Each image is a
 compressed chunk of its own, so reading one reads nothing else.
 """
@@ -7,8 +10,9 @@ compressed chunk of its own, so reading one reads nothing else.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import hdf5plugin
 import numpy as np
@@ -24,6 +28,7 @@ from eventsweep.emvs.data.hdf5 import (
     read_whole,
 )
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
 
 Image = NDArray[Any]
 _ALWAYS: dict[str, np.dtype[Any]] = {
@@ -217,3 +222,78 @@ class FrameReader:
     def photos(self) -> Iterator[Photo]:
         """All pictures in order."""
         return (self.photo(index) for index in range(len(self)))
+
+
+class Pictures(Protocol):
+    """Pictures of one camera in order of time, read one at a time."""
+
+    @property
+    def t_us(self) -> NDArray[np.int64]:
+        """(T,) middles of the exposures, µs."""
+
+    def photo(self, index: int) -> Photo:
+        """The picture at an index; where nobody knows the exposure, it has no length."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameCamera:
+    """One ordinary camera of a recording.
+
+    Attributes:
+        name: unlike that of every other camera; an event camera's own where it shares its pixels.
+        camera: size and lens of the pictures.
+        T_body_cam: (4, 4) where it sits on the body.
+        pictures: what it took.
+        shares: the event camera whose pixels these are, if any.
+    """
+
+    name: str
+    camera: Camera
+    T_body_cam: NDArray[np.float64]
+    pictures: Pictures
+    shares: int | None = None
+
+    def photo(self, index: int) -> Photo:
+        """The picture at an index, of the camera's size.
+
+        Raises:
+            InputError: another size, or a damaged file.
+        """
+        photo = self.pictures.photo(index)
+        needed = self.camera.height_px, self.camera.width_px
+        if photo.image.shape != needed:
+            raise InputError(
+                f"frame {index} of {self.name} has shape {photo.image.shape}, its calibration "
+                f"{needed}: give the calibration of these frames"
+            )
+        return photo
+
+
+@dataclass(frozen=True)
+class _Nearest:
+    """Frames that a recording gives by the nearest time."""
+
+    t_us: NDArray[np.int64]
+    recording: Any
+    camera: int
+    exposed: bool
+
+    def photo(self, index: int) -> Photo:
+        t_us = int(self.t_us[index])
+        if self.exposed:
+            photo: Photo = self.recording.photo(self.camera, t_us)
+            return photo
+        return Photo(t_us, t_us, 1.0, self.recording.frame(self.camera, t_us))
+
+
+def frame_cameras(recording: Any) -> tuple[FrameCamera, ...]:
+    """All cameras of a recording that have frames: those beside the event cameras first."""
+    rig, shared = recording.rig, []
+    exposed = hasattr(recording, "photo_times_us")
+    for k, name in enumerate(rig.camera_names):
+        ask = "photo_times_us" if exposed else "frame_times_us"
+        t_us = getattr(recording, ask)(k) if hasattr(recording, ask) else np.empty(0, np.int64)
+        if len(t_us):
+            pictures = _Nearest(t_us, recording, k, exposed)
+            shared.append(FrameCamera(name, rig.cameras[k], rig.T_body_cam[k], pictures, k))
+    return (*getattr(recording, "frame_cameras", ()), *shared)

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data import manifest
 from eventsweep.emvs.data.event_store import EventStoreReader
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.data.image_stores import FRAMES_FILE, FrameReader, Photo, TruthReader
+from eventsweep.emvs.data.image_stores import (
+    FRAMES_FILE,
+    FrameCamera,
+    FrameReader,
+    Photo,
+    TruthReader,
+)
 from eventsweep.emvs.data.occupied import Span
 from eventsweep.emvs.data.poses import POSES_FILE, read_poses
 from eventsweep.emvs.data.recording import no_poses, summary
@@ -121,6 +127,17 @@ class Sequence:
         if frames is None or not len(frames):
             raise InputError(f"{self.path}: has no frames; simulate with frames.rate_hz above 0")
         return frames.photo(int(np.argmin(np.abs(frames.t_us - t_us))))
+
+    @cached_property
+    def frame_cameras(self) -> tuple[FrameCamera, ...]:
+        """The ordinary cameras beside the event cameras that took pictures."""
+        rig, found = self.rig.frame_cameras, []
+        for k in range(0 if rig is None else len(rig)):
+            name = f"frame{k}/{FRAMES_FILE}"
+            if rig is not None and name in self.manifest.files:
+                place = rig.camera_names[k], rig.cameras[k], rig.T_body_cam[k]
+                found.append(FrameCamera(*place, FrameReader(self.path / name)))
+        return tuple(found)
 
     @property
     def has_imu(self) -> bool:

@@ -128,6 +128,17 @@ class SequenceWriter:
             self._frames[camera] = self._file_stack.enter_context(writer)
         self._frames[camera].append(photo)
 
+    def append_beside(self, frame_camera: int, photo: Photo) -> None:
+        """Adds a picture of a camera of `rig.frame_cameras`, in order of time."""
+        assert self._rig.frame_cameras is not None
+        seen, key = self._rig.frame_cameras.cameras[frame_camera], ~frame_camera
+        if key not in self._frames:
+            folder = self._folder / f"frame{frame_camera}"
+            folder.mkdir()
+            writer = FrameWriter(folder / FRAMES_FILE, seen.width_px, seen.height_px)
+            self._frames[key] = self._file_stack.enter_context(writer)
+        self._frames[key].append(photo)
+
     def _open_files(self) -> None:
         rig_text = json.dumps(self._rig.to_json(), indent=2) + "\n"
         (self._folder / "rig.json").write_text(rig_text, encoding="utf-8")

@@ -7,16 +7,20 @@ et al., CVPR 2022): one event camera, Kalibr's chain, its poses.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.data.image_stores import FrameCamera
 from eventsweep.emvs.datasets.custom import described
-from eventsweep.emvs.datasets.posed import PosedRecording, find_one, find_optional
+from eventsweep.emvs.datasets.posed import PosedRecording, find_folder, find_one, find_optional
 from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.formats.calibration import read_imu_cam, read_rig
 from eventsweep.emvs.formats.calibration_values import entry_of, near_rigid, parsed
+from eventsweep.emvs.formats.frame_files import image_files, read_times_us
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
 
@@ -26,6 +30,7 @@ _CAMERAS = ("camera-calibration*.json", "calibration/camera-calibration*.json")
 _MARKER = ("mocap-imu-calibration*.json", "calibration/mocap-imu-calibration*.json")
 _MOCAP = ("*vi_gt_data/mocap_data.txt", "mocap_data.txt")
 _VIO = ("*vi_gt_data/vio_poses.txt", "vio_poses.txt")
+_TUMVIE_FRAMES = ("*vi_gt_data/{}_images", "{}_images")
 
 VECTOR_LEFT = "*.synced.left_event.hdf5"
 _VECTOR_RIGHT = "*.synced.right_event.hdf5"
@@ -64,10 +69,30 @@ def open_tumvie(folder: Path) -> PosedRecording:
         poses=poses,
         events=[{"file": left.name}, {"file": right.name}],
     )
+    recording = replace(recording, beside=partial(_tumvie_frames, folder, folder / calibration))
     if mocap is not None:
         return recording
     T_imu_cam = read_imu_cam(folder / calibration)  # VIO poses are the IMU's
     return recording.tracked_at(T_imu_cam)
+
+
+def _tumvie_frames(folder: Path, calibration: Path) -> tuple[FrameCamera, ...]:
+    """The frame cameras whose images are there: entries 0 and 1; stamped mid-exposure."""
+    found = []
+    for k, side in enumerate(("left", "right")):
+        images = find_folder(folder, _TUMVIE_FRAMES, side)
+        if images is None:
+            continue
+        rig, stamps = read_rig(calibration, ("cam2", f"cam{k}")), f"image_timestamps_{side}.txt"
+        near = [images / stamps, images.parent / stamps]
+        path = next((path for path in near if path.is_file()), None)
+        if path is None:
+            raise InputError(f"{images}: no {stamps} in or beside it; download it again")
+        t_us = read_times_us(path, 1)[:, 0]
+        pictures = image_files(images, "*.jpg", t_us, t_us)
+        place = rig.cameras[1], rig.T_body_cam[1]
+        found.append(FrameCamera(f"frame_{side}", *place, pictures))
+    return tuple(found)
 
 
 def open_vector(folder: Path) -> PosedRecording:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,12 @@ import yaml
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.hdf5 import Hdf5Writer, check_dataset, open_hdf5
+from eventsweep.emvs.data.image_stores import FrameCamera
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets.custom import described
-from eventsweep.emvs.datasets.posed import PosedRecording, find_one, find_optional
+from eventsweep.emvs.datasets.posed import PosedRecording, find_folder, find_one, find_optional
 from eventsweep.emvs.errors import InputError, located
+from eventsweep.emvs.formats.calibration import read_rig
 from eventsweep.emvs.formats.calibration_values import (
     camera_of,
     entry_of,
@@ -27,6 +29,7 @@ from eventsweep.emvs.formats.calibration_values import (
 )
 from eventsweep.emvs.formats.calibration_writers import kalibr_camera
 from eventsweep.emvs.formats.depth import read_png, write_image
+from eventsweep.emvs.formats.frame_files import image_files, read_times_us
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
@@ -39,6 +42,12 @@ _STAMPS = ("disparity/timestamps.txt", "*disparity_timestamps.txt")
 _IMAGES = ("disparity/event", "*disparity_event")
 _RECTIFY = "events/left/rectify_map.h5"
 _RECTIFY_OFF_PX = 1.0
+_FRAMES = {
+    "distorted": ("images/{}/distorted", "*images_distorted_{}"),
+    "rectified": ("images/{}/rectified", "*images_rectified_{}"),
+}
+_FRAME_TIMES = ("images/timestamps.txt", "*images_timestamps.txt")
+_EXPOSURES = ("images/{}/exposure_timestamps.txt", "*images_exposure_timestamps_{}.txt")
 DISPARITY_SCALE = 256
 """A disparity image holds this many units per pixel; 0 means unknown."""
 Array = NDArray[np.float64]
@@ -58,6 +67,7 @@ def open_dsec(folder: Path) -> PosedRecording:
         poses=None if poses is None else {"file": poses.relative_to(folder).as_posix()},
         events=[{"file": LEFT}, {"file": names[1]}],
     )
+    recording = replace(recording, beside=partial(_frame_cameras, folder, calibration))
     camera = recording.rig.cameras[0]
     if (folder / _RECTIFY).exists():
         check_rectify_map(folder / _RECTIFY, calibration, camera)
@@ -69,6 +79,38 @@ def open_dsec(folder: Path) -> PosedRecording:
         lacks, there = (_STAMPS[0], images) if stamps is None else (f"{_IMAGES[0]}/", stamps)
         raise InputError(f"{folder}: has {there}, but not {lacks}; download it, or remove both")
     return replace(recording, truth=DsecDisparity(images, stamps, calibration, camera))
+
+
+def _frame_cameras(folder: Path, calibration: Path) -> tuple[FrameCamera, ...]:
+    """The frame cameras whose images are there, on the body of the left event camera.
+
+    Raises:
+        InputError: images without times, or of another number.
+    """
+    found = []
+    for k, side in enumerate(("left", "right"), 1):
+        places = ((kind, find_folder(folder, names, side)) for kind, names in _FRAMES.items())
+        kind, images = next((pair for pair in places if pair[1] is not None), ("", None))
+        if images is None:
+            continue
+        rig = read_rig(calibration, ("cam0", f"cam{k}"))
+        camera, T_body_cam = rig.cameras[1], rig.T_body_cam[1].copy()
+        if kind == "rectified":
+            camera, R_rect_cam = _rectified_camera(calibration, k)
+            T_body_cam[:3, :3] = T_body_cam[:3, :3] @ R_rect_cam.T
+        pictures = image_files(images, "*.png", *_exposures(folder, side))
+        found.append(FrameCamera(f"frame_{side}", camera, T_body_cam, pictures))
+    return tuple(found)
+
+
+def _exposures(folder: Path, side: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Begin and end of the exposures, µs; both the stamp where they are not known."""
+    exposures = find_optional(folder, [name.format(side) for name in _EXPOSURES], "the exposures")
+    if exposures is not None:
+        table = read_times_us(exposures, 2)
+        return table[:, 0], table[:, 1]
+    t_us = read_times_us(find_one(folder, _FRAME_TIMES, "the times of images"), 1)[:, 0]
+    return t_us, t_us
 
 
 def check_rectify_map(path: Path, calibration: Path, camera: Camera) -> None:
@@ -141,12 +183,7 @@ def rectification_of(calibration: Path) -> tuple[Camera, NDArray[np.float64], fl
     """The rectified left camera, its rotation from the camera, focal length x baseline in px m."""
     values = parsed(calibration)
     with located(calibration):
-        entry = entry_of(entry_of(values, "intrinsics", "file", dict), "camRect0", "file", dict)
-        four = numbers_of(entry.get("camera_matrix"), 4, "camRect0.camera_matrix")
-        extrinsics = entry_of(values, "extrinsics", "file", dict)
-        turned = _rows(extrinsics.get("R_rect0"), (3, 3), "R_rect0")
-        if np.abs(turned @ turned.T - np.eye(3)).max() > 1e-3 or np.linalg.det(turned) < 0:
-            raise InputError("extrinsics.R_rect0 is not a rotation: correct it")
+        camera, turned = _rectified(values, 0)
         to_depth = entry_of(values, "disparity_to_depth", "file", dict).get("cams_03")
         Q = _rows(to_depth, (4, 4), "disparity_to_depth.cams_03")
         if Q[3, 2] == 0 or Q[2, 3] <= 0:
@@ -156,9 +193,25 @@ def rectification_of(calibration: Path) -> tuple[Camera, NDArray[np.float64], fl
                 "disparity_to_depth.cams_03 shifts disparities (row 3, column 3): needs equal "
                 "principal points"
             )
-        size = entry.get("resolution")
-        camera = camera_of(size, four, "pinhole", [], "camRect0.resolution", "camRect0")
     return camera, turned, float(Q[2, 3] / abs(Q[3, 2]))
+
+
+def _rectified_camera(calibration: Path, k: int) -> tuple[Camera, NDArray[np.float64]]:
+    """The rectified camera k, and its (3, 3) rotation from the camera."""
+    values = parsed(calibration)
+    with located(calibration):
+        return _rectified(values, k)
+
+
+def _rectified(values: dict[str, Any], k: int) -> tuple[Camera, NDArray[np.float64]]:
+    name, turn = f"camRect{k}", f"R_rect{k}"
+    entry = entry_of(entry_of(values, "intrinsics", "file", dict), name, "file", dict)
+    four = numbers_of(entry.get("camera_matrix"), 4, f"{name}.camera_matrix")
+    turned = _rows(entry_of(values, "extrinsics", "file", dict).get(turn), (3, 3), turn)
+    if np.abs(turned @ turned.T - np.eye(3)).max() > 1e-3 or np.linalg.det(turned) < 0:
+        raise InputError(f"extrinsics.{turn} is not a rotation: correct it")
+    size = entry.get("resolution")
+    return camera_of(size, four, "pinhole", [], f"{name}.resolution", name), turned
 
 
 def read_disparity(path: Path, focal_baseline_px_m: float) -> NDArray[np.float32]:

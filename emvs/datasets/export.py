@@ -71,8 +71,8 @@ class RecordingExport:
         return tuple(first @ T for T in self.rig.T_body_cam)
 
     def on_first_camera(self) -> Rig:
-        """The rig, whose body is the first camera."""
-        return replace(self.rig, T_body_cam=self.T_cam0_cam())
+        """The rig, whose body is the first camera; without frame cameras, which are not written."""
+        return replace(self.rig, T_body_cam=self.T_cam0_cam(), frame_cameras=None)
 
     def size_px(self, camera: int) -> tuple[int, int]:
         """Width and height of a sensor."""

@@ -5,7 +5,7 @@ Every data set is one of these; the modules beside this one only say which file 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events, count_late
+from eventsweep.emvs.data.image_stores import FrameCamera
 from eventsweep.emvs.data.occupied import Span
 from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.recording import no_poses, summary
@@ -116,6 +117,7 @@ class PosedRecording:
         sources: events per camera, in the order of the rig.
         truth: ground truth of camera 0, if there is some.
         depth_range_m: nearest and farthest depth, where known.
+        beside: finds ordinary cameras beside the event cameras, when somebody asks for them.
     """
 
     path: Path
@@ -126,6 +128,7 @@ class PosedRecording:
     sources: tuple[EventSource, ...]
     truth: DepthTruth | None = None
     depth_range_m: tuple[float, float] | None = None
+    beside: Callable[[], tuple[FrameCamera, ...]] = tuple
 
     def __post_init__(self) -> None:
         if len(self.sources) != len(self.rig):
@@ -137,6 +140,15 @@ class PosedRecording:
 
     def __repr__(self) -> str:
         return f"PosedRecording({self.layout}: {summary(self)})"
+
+    @property
+    def frame_cameras(self) -> tuple[FrameCamera, ...]:
+        """The ordinary cameras beside the event cameras.
+
+        Raises:
+            InputError: images without times, or of another number.
+        """
+        return self.beside()
 
     @property
     def trajectory(self) -> Trajectory:
@@ -249,3 +261,9 @@ def find_optional(folder: Path, patterns: Iterable[str], what: str) -> Path | No
         if matches:
             return matches[0]
     return None
+
+
+def find_folder(folder: Path, patterns: Iterable[str], side: str) -> Path | None:
+    """The first folder that matches; `{}` in a pattern stands for the side."""
+    places = (path for name in patterns for path in sorted(folder.glob(name.format(side))))
+    return next((path for path in places if path.is_dir()), None)

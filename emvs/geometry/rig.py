@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ class Rig:
         cameras: N >= 1 cameras.
         T_body_cam: one (4, 4) rigid motion per camera, m.
         camera_names: one name per camera.
+        frame_cameras: ordinary cameras on the same body, if any: a rig of their own.
 
     Raises:
         InputError: no camera, lists of different length, or a motion that is not rigid.
@@ -31,6 +32,7 @@ class Rig:
     cameras: tuple[Camera, ...]
     T_body_cam: tuple[NDArray[np.float64], ...]
     camera_names: tuple[str, ...] = ()
+    frame_cameras: Rig | None = None
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -47,6 +49,16 @@ class Rig:
                 raise InputError(
                     f"rig {self.name}: T_body_cam of {name} is not a rigid motion ({fault})"
                 )
+        if self.frame_cameras is not None:
+            self._check_frame_cameras(self.frame_cameras)
+
+    def _check_frame_cameras(self, frame_cameras: Rig) -> None:
+        check_type("rig's frame_cameras", frame_cameras, Rig, "a rig, or None")
+        names = (*self.camera_names, *frame_cameras.camera_names)
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None or frame_cameras.frame_cameras is not None:
+            what = f"two cameras named {twice!r}" if twice else "frame cameras of frame cameras"
+            raise InputError(f"rig {self.name}: {what}: give each camera one name, in one list")
 
     def _check_types(self) -> None:
         for name in ("cameras", "camera_names"):
@@ -86,7 +98,7 @@ class Rig:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values; `T_body_cam` as rows of the (4, 4) matrix."""
-        return {
+        values: dict[str, Any] = {
             "name": self.name,
             "cameras": [
                 {"name": name, **camera.to_json(), "T_body_cam": T_body_cam.tolist()}
@@ -95,6 +107,9 @@ class Rig:
                 )
             ],
         }
+        if self.frame_cameras is not None:
+            values["frame_cameras"] = self.frame_cameras.to_json()["cameras"]
+        return values
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Rig:
@@ -105,7 +120,11 @@ class Rig:
             names = tuple(str(entry.pop("name")) for entry in entries)
             places = [np.array(entry.pop("T_body_cam"), np.float64) for entry in entries]
             cameras = tuple(Camera.from_json(entry) for entry in entries)
-            return cls(str(values["name"]), cameras, tuple(map(_unrounded, places)), names)
+            rig = cls(str(values["name"]), cameras, tuple(map(_unrounded, places)), names)
+            if "frame_cameras" not in values:
+                return rig
+            beside = {"name": f"{rig.name}, frames", "cameras": values["frame_cameras"]}
+            return replace(rig, frame_cameras=cls.from_json(beside))
 
 
 def _unrounded(T_body_cam: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, Predictions, SuiteName, app
+from eventsweep.eval.cli.help import RARE
 from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
 from eventsweep.eval.cli.table_flags import TABLE_FLAGS, TableFlags
 
@@ -40,7 +41,7 @@ def suite(
     list_cases: Annotated[bool, NO_NEGATIVE] = False,
     speed: bool = True,
     cost: Annotated[bool, NO_NEGATIVE] = False,
-    so_far: Annotated[bool, NO_NEGATIVE] = False,
+    so_far: Annotated[bool, NO_NEGATIVE, RARE] = False,
     force: Force = False,
     table: TableFlags = TABLE_FLAGS,
     job_flags: JobFlags = JOB_FLAGS,

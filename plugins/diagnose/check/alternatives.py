@@ -132,8 +132,9 @@ class Chosen(DerivedRecording):
     def __init__(self, recording: Recording, cameras: tuple[int, ...]) -> None:
         super().__init__(recording)
         self._cameras, rig = cameras, recording.rig
-        pick = [(rig.cameras[k], rig.T_body_cam[k], rig.camera_names[k]) for k in cameras]
-        self._rig = Rig(rig.name, *zip(*pick, strict=True))
+        lenses = tuple(rig.cameras[k] for k in cameras)
+        places = tuple(rig.T_body_cam[k] for k in cameras)
+        self._rig = Rig(rig.name, lenses, places, tuple(rig.camera_names[k] for k in cameras))
 
     @property
     def rig(self) -> Rig:

@@ -1,0 +1,120 @@
+"""Edges of a picture to a fraction of a pixel, and which of them an event belongs to."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+Array = NDArray[np.float64]
+_SMOOTH_PX = 0.7
+_DARK = 0.02  # of full scale: added before the logarithm, as the sensor's own is
+_LEAST_SLOPE = 0.04
+"""Least change of log intensity per pixel that counts as an edge."""
+_CLEAR = 0.5
+"""Of a point's motion: less of it across an edge makes no events to speak of."""
+
+
+class Edges(NamedTuple):
+    """Edges of one picture.
+
+    Attributes:
+        uv_px: (E, 2) places, to a fraction of a pixel.
+        normal: (E, 2) unit vectors towards the bright side.
+        slope: (E,) change of log intensity per pixel along it.
+        nearest: (H, W) number of the edge nearest to each pixel.
+    """
+
+    uv_px: Array
+    normal: Array
+    slope: Array
+    nearest: NDArray[np.int64]
+
+
+class Matches(NamedTuple):
+    """Points of events beside the edges that they belong to.
+
+    Attributes:
+        points: (M,) their numbers.
+        edges: (M,) numbers of edges.
+        off_px: (M,) signed distance from the edge towards its bright side, px.
+    """
+
+    points: NDArray[np.int64]
+    edges: NDArray[np.int64]
+    off_px: Array
+
+
+def find_edges(image: NDArray[np.float32]) -> Edges:
+    """Finds where log intensity changes most along its gradient; events come at such places.
+
+    `image` (H, W) is grey levels, 0 to 255, as blurred as pixels of the event camera's size see it:
+    blur moves edges of log intensity towards their dark side.
+    """
+    log = np.log(image.astype(np.float64) / 255 + _DARK)
+    smooth = cv2.GaussianBlur(log, (0, 0), _SMOOTH_PX)
+    by_row, by_column = np.gradient(smooth)
+    slope = np.hypot(by_column, by_row)
+    rows, columns = np.nonzero(slope > _LEAST_SLOPE)
+    inside = (rows > 1) & (columns > 1) & (rows < len(log) - 2) & (columns < log.shape[1] - 2)
+    rows, columns = rows[inside], columns[inside]
+    here = slope[rows, columns]
+    normal = np.stack([by_column[rows, columns], by_row[rows, columns]], -1) / here[:, None]
+    places = np.stack([columns, rows], -1).astype(np.float64)
+    behind, ahead = (_at(slope, places + side * normal) for side in (-1, 1))
+    peak = (here >= behind) & (here > ahead)
+    bend = behind - 2 * here + ahead
+    shift = 0.5 * (behind - ahead) / np.where(bend < 0, bend, -1.0)
+    places = places + np.clip(shift, -0.5, 0.5)[:, None] * normal
+    return Edges(places[peak], normal[peak], here[peak], _nearest(rows[peak], columns[peak], log))
+
+
+def _at(values: Array, uv_px: Array) -> Array:
+    found: Array = map_coordinates(values, uv_px.T[::-1], order=1, mode="nearest")
+    return found
+
+
+def _nearest(rows: NDArray[np.int64], columns: NDArray[np.int64], like: Array) -> NDArray[np.int64]:
+    free = np.ones(like.shape, np.uint8)
+    free[rows, columns] = 0
+    if not len(rows):
+        return np.full(like.shape, -1)
+    _, labels = cv2.distanceTransformWithLabels(
+        free, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    number = np.full(int(labels.max()) + 1, -1)
+    number[labels[rows, columns]] = np.arange(len(rows))
+    found: NDArray[np.int64] = number[labels]
+    return found
+
+
+def match(
+    edges: Edges, uv_px: Array, moving_px: Array, brighter: NDArray[np.bool_], gate_px: float
+) -> Matches:
+    """Gives every point the nearest edge that would make such an event.
+
+    Args:
+        edges: of the picture.
+        uv_px: (N, 2) where the points of the events are in it, NaN where not.
+        moving_px: (N, 2) how each of them moves there, in any unit of time.
+        brighter: (N,) polarity.
+        gate_px: points further from the edge belong to none.
+    """
+    height, width = edges.nearest.shape
+    at = np.rint(np.where(np.isfinite(uv_px), uv_px, -1)).astype(np.int64)
+    inside = (at >= 0).all(-1) & (at[:, 0] < width) & (at[:, 1] < height)
+    points = np.flatnonzero(inside & bool(len(edges.uv_px)))
+    found = edges.nearest[at[points, 1], at[points, 0]]
+    away = uv_px[points] - edges.uv_px[found]
+    normal = edges.normal[found]
+    off_px = (away * normal).sum(-1)
+    beside = np.abs(away[:, 0] * normal[:, 1] - away[:, 1] * normal[:, 0])
+    across = (moving_px[points] * normal).sum(-1)
+    clear = np.abs(across) > _CLEAR * np.linalg.norm(moving_px[points], axis=-1)
+    # What moves towards an edge's bright side leaves the dark side's pixels behind it.
+    expected = (across < 0) == brighter[points]
+    good = (np.abs(off_px) <= gate_px) & (beside <= 1.0) & clear & expected
+    return Matches(points[good], found[good], off_px[good])
