@@ -47,7 +47,7 @@ class Seen(NamedTuple):
     body: NDArray[np.uint16]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, _nrt=False)
 def is_quiet(
     spread: float, a: float, b: float, T: NDArray[np.float64], lens: NDArray[np.float64]
 ) -> bool:
@@ -66,7 +66,7 @@ def is_quiet(
     return quiet
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, _nrt=False)
 def mark_edges(frame: Seen, view: View, to_other: int, marked: NDArray[np.uint8]) -> None:
     """Marks each pixel that, with its neighbours right and below, shows several surfaces.
 
@@ -114,7 +114,7 @@ def distances(marked: NDArray[np.uint8]) -> NDArray[np.int16]:
     return wide[1:-1, 1:-1]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, _nrt=False)
 def mark_way(x: int, y: int, u: float, v: float, marked: NDArray[np.uint8]) -> None:
     """Marks all pixels on the straight way from (x, y) to (u, v)."""
     rows, columns = marked.shape
@@ -127,7 +127,7 @@ def mark_way(x: int, y: int, u: float, v: float, marked: NDArray[np.uint8]) -> N
                 marked[i, j] = 1
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, _nrt=False)
 def mark_ways(
     frame: Seen,
     border: int,

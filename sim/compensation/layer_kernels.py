@@ -73,13 +73,13 @@ class Layered(NamedTuple):
     border: int
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def nearer_by(T: NDArray[np.float64], a: float, b: float, rho: float) -> float:
     """Depth in another view over that in this one, of a point (a, b) at inverse depth `rho`."""
     return T[2, 0] * a + T[2, 1] * b + T[2, 2] + T[2, 3] * rho  # type: ignore[no-any-return]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def begin_layer(
     x: int,
     y: int,
@@ -128,7 +128,7 @@ def begin_layer(
     return longest
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def begin_layers(
     x: int, y: int, layers: Layers, k: int, view: View, numbers: NDArray[np.float64]
 ) -> float:
@@ -163,7 +163,7 @@ def begin_layers(
     return longest
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def place_of(
     x: float, y: float, numbers: NDArray[np.float64], at: int, s: float
 ) -> tuple[float, float]:
@@ -174,7 +174,7 @@ def place_of(
     return fused(s, u, x), fused(s, v, y)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def proof(
     frame: Seen, n: int, u: float, v: float, over: float, under: float
 ) -> tuple[float, float, float, float]:
@@ -215,7 +215,7 @@ def proof(
     return counted(frame, n, u, v, over, under)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def counted(
     frame: Seen, n: int, u: float, v: float, over: float, under: float
 ) -> tuple[float, float, float, float]:
@@ -239,7 +239,7 @@ def counted(
     return float(on * share), float(beyond * share), float(total * share), float(depth * share)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def hidden_light(
     before: Seen, after: Seen, n: int, u_a: float, v_a: float, u_b: float, v_b: float,
     over_a: float, under_a: float, over_b: float, under_b: float, s: float,
@@ -262,7 +262,7 @@ def hidden_light(
     return 0.0
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def found_at(
     numbers: NDArray[np.float64], at: int, low: float, high: float, on: float, depth: float
 ) -> None:
@@ -272,7 +272,7 @@ def found_at(
         numbers[at + _SHARE] = min(max((rho - low) / (high - low), 0.0), 1.0)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def layered_light(
     x: int, y: int, layered: Layered, k: int, numbers: NDArray[np.float64], s: float
 ) -> tuple[float, float]:

@@ -85,7 +85,7 @@ class Pixels(NamedTuple):
     log_eps: float
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, _nrt=False)
 def thresholds(
     pixels: Pixels, rise_light: NDArray[np.float64], fall_light: NDArray[np.float64]
 ) -> None:
@@ -99,7 +99,7 @@ def thresholds(
         fall_light[k] = math.exp(reference[k] - c_neg + NEAR) - log_eps
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def slope_at(slope: NDArray[np.float32], u: float, v: float) -> float:
     """Steepest light around a place, px from the corner; beyond the edge that of the edge."""
     i = np.uint64(min(max(v, 0.0), slope.shape[0] - 1.0))
@@ -107,7 +107,7 @@ def slope_at(slope: NDArray[np.float32], u: float, v: float) -> float:
     return slope[i, j]  # type: ignore[no-any-return]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=False)
+@numba.njit(cache=True, nogil=True, fastmath=False, _nrt=False)
 def levels_passed(
     rises: bool, log: float, first: float, up: int, down: int, c_pos: float, c_neg: float
 ) -> int:
@@ -117,14 +117,14 @@ def levels_passed(
     return number_of_falls(log, first, up, down, c_pos, c_neg)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def between(level: float, log_s: float, log_e: float, s: float, e: float) -> float:
     """When the logarithm reaches a level if it goes straight from one time to another."""
     share = (level - log_s) / (log_e - log_s) if log_e != log_s else 1.0
     return s + min(max(share, 0.0), 1.0) * (e - s)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def light_between(
     frames: Frames, places: tuple[float, float, float, float], s: float
 ) -> tuple[float, float]:
@@ -135,7 +135,7 @@ def light_between(
     return before + s * (behind - before), np.float64(abs(behind - before))
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def rate_at(
     frames: Frames, places: tuple[float, float, float, float], way_px: float, apart: float
 ) -> float:
@@ -145,7 +145,7 @@ def rate_at(
     return max(a, b) * way_px + apart + 1e-9
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def begin_row(
     y: int,
     pixels: NDArray[np.int64],
@@ -168,7 +168,7 @@ def begin_row(
         row[_RATE, x] = rate_at(frames, places, row[_WAY, x], apart)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def step_of_row(
     y: int,
     pixels: NDArray[np.int64],
@@ -195,7 +195,7 @@ def step_of_row(
     return n
 
 
-@numba.njit(cache=True, nogil=True, fastmath=False)
+@numba.njit(cache=True, nogil=True, fastmath=False, _nrt=False)
 def end_step(pixels: NDArray[np.int64], row: NDArray[np.float64]) -> int:
     """Brings pixels to where their step leads; those not at the end yet come first: how many."""
     n = 0
@@ -206,7 +206,7 @@ def end_step(pixels: NDArray[np.int64], row: NDArray[np.float64]) -> int:
     return n
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
 def crossing(
     x: int,
     y: int,
@@ -242,7 +242,7 @@ def roomier(values: NDArray[np.int64], room: int) -> NDArray[np.int64]:
     return more
 
 
-@numba.njit(cache=True, nogil=True, fastmath=False)
+@numba.njit(cache=True, nogil=True, fastmath=False, _nrt=False)
 def append_by_column(
     columns: NDArray[np.int64],
     found: NDArray[np.int64],

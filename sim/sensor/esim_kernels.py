@@ -50,7 +50,7 @@ def level_of(first: float, up: int, down: int, c_pos: float, c_neg: float) -> fl
     return first + (up * c_pos - down * c_neg)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=False)
+@numba.njit(cache=True, nogil=True, fastmath=False, _nrt=False)
 def number_of_rises(
     log: float, first: float, up: int, down: int, c_pos: float, c_neg: float
 ) -> int:
@@ -61,7 +61,7 @@ def number_of_rises(
     return count
 
 
-@numba.njit(cache=True, nogil=True, fastmath=False)
+@numba.njit(cache=True, nogil=True, fastmath=False, _nrt=False)
 def number_of_falls(
     log: float, first: float, up: int, down: int, c_pos: float, c_neg: float
 ) -> int:

@@ -511,3 +511,27 @@ def test_no_simulation_rounds_as_it_was_compiled():
     }  # fmt: skip
     assert flags == {"nnan", "nsz"}
     assert not [file for file in files if "fastmath=True" in file.read_text("utf-8")]
+
+
+def test_what_runs_for_each_pixel_counts_no_holders_of_arrays():
+    """Each array of a tuple that is handed on takes two locked instructions: half of all time."""
+    files = [
+        *ROOT.glob("sim/compensation/*_kernels.py"),
+        ROOT / "sim/sensor/compensated_kernels.py",
+    ]
+    functions = [function for file in files for function in compiled(file)]
+    makers, before = {"empty", "zeros", "full", "astype"}, set()
+    while makers != before:
+        before = set(makers)
+        makers |= {f.name for f in functions if makers & called(f)}
+    assert len(makers) < len(functions) / 2
+    for function in functions:
+        says = " ".join(map(ast.unparse, function.decorator_list))
+        assert function.name in makers or "inline='always'" in says or "_nrt=False" in says, (
+            f"{function.name} makes no array: say _nrt=False"
+        )
+
+
+def called(function):
+    nodes = [node.func for node in ast.walk(function) if isinstance(node, ast.Call)]
+    return {getattr(node, "attr", getattr(node, "id", "")) for node in nodes}
