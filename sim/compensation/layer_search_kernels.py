@@ -247,16 +247,11 @@ def light_range(light: NDArray[np.float32], i: int, j: int, n: int) -> tuple[flo
     return float(dark), float(bright)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, _nrt=False)
 def reach_out(
-    frame: Seen,
-    n: int,
-    border: int,
-    view: View,
-    to_other: int,
-    walks: NDArray[np.uint8],
-    reached: Layers,
-) -> None:
+    frame: Seen, n: int, border: int, view: View, to_other: int, walks: NDArray[np.uint8],
+    whose: NDArray[np.int64], low: NDArray[np.float64], high: NDArray[np.float64], reached: Layers,
+) -> None:  # fmt: skip
     """Tells pixels what surfaces of one frame come over them until the other frame.
 
     Args:
@@ -266,10 +261,12 @@ def reach_out(
         view: with that border.
         to_other: which of a way leads to the other frame.
         walks: (H + 2 B, W + 2 B) what may come over one of them.
+        whose: memory for a list of ranges, (MOST,).
+        low: likewise.
+        high: likewise.
         reached: in and out.
     """
     bearing, lens, ways = view
-    whose, low, high = np.empty(MOST, np.int64), np.empty(MOST), np.empty(MOST)
     mixed = len(ways) > 1
     for i in range(walks.shape[0]):
         for j in range(walks.shape[1]):
@@ -345,6 +342,7 @@ def find_layers(before: Seen, after: Seen, n: int, border: int, view: View) -> L
     """
     walks = np.empty(before.body.shape, np.uint8)
     reached = empty_reached(within_reach(before, after, border, view, walks))
-    reach_out(before, n, border, view, TO_SECOND, walks, reached)
-    reach_out(after, n, border, view, TO_FIRST, walks, reached)
+    ranges = np.empty(MOST, np.int64), np.empty(MOST), np.empty(MOST)
+    reach_out(before, n, border, view, TO_SECOND, walks, *ranges, reached)
+    reach_out(after, n, border, view, TO_FIRST, walks, *ranges, reached)
     return chosen(reached)
