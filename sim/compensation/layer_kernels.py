@@ -27,6 +27,7 @@ from eventsweep.sim.compensation.edge_reach_kernels import Seen
 from eventsweep.sim.compensation.layer_search_kernels import MOST, Layers
 from eventsweep.sim.compensation.path_kernels import (
     FAST,
+    NO_ARRAYS,
     TO_FIRST_END,
     TO_FIRST_MIDDLE,
     TO_SECOND_MIDDLE,
@@ -73,13 +74,13 @@ class Layered(NamedTuple):
     border: int
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def nearer_by(T: NDArray[np.float64], a: float, b: float, rho: float) -> float:
     """Depth in another view over that in this one, of a point (a, b) at inverse depth `rho`."""
     return T[2, 0] * a + T[2, 1] * b + T[2, 2] + T[2, 3] * rho  # type: ignore[no-any-return]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def begin_layer(
     x: int,
     y: int,
@@ -128,7 +129,7 @@ def begin_layer(
     return longest
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def begin_layers(
     x: int, y: int, layers: Layers, k: int, view: View, numbers: NDArray[np.float64]
 ) -> float:
@@ -163,7 +164,7 @@ def begin_layers(
     return longest
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def place_of(
     x: float, y: float, numbers: NDArray[np.float64], at: int, s: float
 ) -> tuple[float, float]:
@@ -174,7 +175,7 @@ def place_of(
     return fused(s, u, x), fused(s, v, y)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def proof(
     frame: Seen, n: int, u: float, v: float, over: float, under: float
 ) -> tuple[float, float, float, float]:
@@ -215,7 +216,7 @@ def proof(
     return counted(frame, n, u, v, over, under)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def counted(
     frame: Seen, n: int, u: float, v: float, over: float, under: float
 ) -> tuple[float, float, float, float]:
@@ -239,7 +240,7 @@ def counted(
     return float(on * share), float(beyond * share), float(total * share), float(depth * share)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def hidden_light(
     before: Seen, after: Seen, n: int, u_a: float, v_a: float, u_b: float, v_b: float,
     over_a: float, under_a: float, over_b: float, under_b: float, s: float,
@@ -262,7 +263,7 @@ def hidden_light(
     return 0.0
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def found_at(
     numbers: NDArray[np.float64], at: int, low: float, high: float, on: float, depth: float
 ) -> None:
@@ -272,7 +273,7 @@ def found_at(
         numbers[at + _SHARE] = min(max((rho - low) / (high - low), 0.0), 1.0)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, _nrt=False)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def layered_light(
     x: int, y: int, layered: Layered, k: int, numbers: NDArray[np.float64], s: float
 ) -> tuple[float, float]:

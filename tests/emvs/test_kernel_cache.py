@@ -527,8 +527,8 @@ def test_what_runs_for_each_pixel_counts_no_holders_of_arrays():
     assert len(makers) < len(functions) / 2
     for function in functions:
         says = " ".join(map(ast.unparse, function.decorator_list))
-        assert function.name in makers or "inline='always'" in says or "_nrt=False" in says, (
-            f"{function.name} makes no array: say _nrt=False"
+        assert function.name in makers or "inline='always'" in says or "**NO_ARRAYS" in says, (
+            f"{function.name} makes no array: say **NO_ARRAYS"
         )
 
 
