@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.sim.compensation.box_sums_kernels import box_sums
 from eventsweep.sim.compensation.edge_reach_kernels import Seen
 from eventsweep.sim.compensation.layer_search_kernels import MOST, Layers
 from eventsweep.sim.compensation.path_kernels import (
@@ -213,31 +214,7 @@ def proof(
     if under < far and near <= over:
         middle = frame.rho[int(v) + n // 2, int(u) + n // 2]
         return 1.0, 0.0, light_at(frame.boxes, u, v), middle
-    return counted(frame, n, u, v, over, under)
-
-
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
-def counted(
-    frame: Seen, n: int, u: float, v: float, over: float, under: float
-) -> tuple[float, float, float, float]:
-    """The same, sample by sample, of a box that shows more than the layer; place in samples."""
-    j, i = int(u), int(v)
-    fu, fv, one, zero = np.float32(u - j), np.float32(v - i), np.float32(1), np.float32(0)
-    least, most = np.float32(under), np.float32(over)
-    on, beyond, total, depth = zero, zero, zero, zero
-    for q in range(n + 1):
-        across = one - fv if q == 0 else (fv if q == n else one)
-        depths, lights = frame.rho[i + q], frame.light[i + q]
-        for m in range(n + 1):
-            weight = across * (one - fu if m == 0 else (fu if m == n else one))
-            rho = depths[j + m]
-            hit = weight if least < rho <= most else zero
-            on += hit
-            total = fused(hit, lights[j + m], total)
-            depth = fused(hit, rho, depth)
-            beyond += weight if rho <= least else zero
-    share = one / np.float32(n * n)
-    return float(on * share), float(beyond * share), float(total * share), float(depth * share)
+    return box_sums(frame, n, u, v, over, under)  # type: ignore[no-any-return]
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)

@@ -146,6 +146,7 @@ sys.stdin.read()
 CALLERS = {
     "emvs/dsi/fusion_kernels.py": FOLD,
     "emvs/utils/vectors_kernels.py": VARIANCE, "sim/sensor/esim_kernels.py": PIXELS,
+    "sim/compensation/box_sums_kernels.py": CARRIED,
     "sim/compensation/edge_reach_kernels.py": CARRIED,
     "sim/compensation/layer_kernels.py": CARRIED,
     "sim/compensation/path_kernels.py": CARRIED,
@@ -159,6 +160,7 @@ if HAS_PLUGINS:
         "plugins/raster/visibility_kernels.py": DRAWN,
     }
 EDITS = {
+    "box_sums": ("float(total * share)", "float(total * share + 0.1)"),
     "add_points": ("np.float32(v - j)", "np.float32(v - j + 0.2)"),
     "later": ("x + dt_s * ax", "y + dt_s * ax"),
     "events_to_map": ("r = n_u * (u - (fx", "r = 0.5 + n_u * (u - (fx"),
