@@ -15,7 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.sim.compensation.path_kernels import TO_FIRST_END, TO_SECOND_START, View, carried
+from eventsweep.sim.compensation.path_kernels import (
+    NO_ARRAYS,
+    TO_FIRST_END,
+    TO_SECOND_START,
+    View,
+    carried,
+)
 
 APART_PX = 0.25
 """Surfaces whose parallax over the interval differs by less are one layer."""
@@ -47,7 +53,7 @@ class Seen(NamedTuple):
     body: NDArray[np.uint16]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, **NO_ARRAYS)
 def is_quiet(
     spread: float, a: float, b: float, T: NDArray[np.float64], lens: NDArray[np.float64]
 ) -> bool:
@@ -66,7 +72,7 @@ def is_quiet(
     return quiet
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, **NO_ARRAYS)
 def mark_edges(frame: Seen, view: View, to_other: int, marked: NDArray[np.uint8]) -> None:
     """Marks each pixel that, with its neighbours right and below, shows several surfaces.
 
@@ -114,7 +120,7 @@ def distances(marked: NDArray[np.uint8]) -> NDArray[np.int16]:
     return wide[1:-1, 1:-1]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, **NO_ARRAYS)
 def mark_way(x: int, y: int, u: float, v: float, marked: NDArray[np.uint8]) -> None:
     """Marks all pixels on the straight way from (x, y) to (u, v)."""
     rows, columns = marked.shape
@@ -127,7 +133,7 @@ def mark_way(x: int, y: int, u: float, v: float, marked: NDArray[np.uint8]) -> N
                 marked[i, j] = 1
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, **NO_ARRAYS)
 def mark_ways(
     frame: Seen,
     border: int,

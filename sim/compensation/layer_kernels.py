@@ -23,10 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.sim.compensation.box_sums_kernels import box_sums
 from eventsweep.sim.compensation.edge_reach_kernels import Seen
 from eventsweep.sim.compensation.layer_search_kernels import MOST, Layers
 from eventsweep.sim.compensation.path_kernels import (
     FAST,
+    NO_ARRAYS,
     TO_FIRST_END,
     TO_FIRST_MIDDLE,
     TO_SECOND_MIDDLE,
@@ -73,13 +75,13 @@ class Layered(NamedTuple):
     border: int
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def nearer_by(T: NDArray[np.float64], a: float, b: float, rho: float) -> float:
     """Depth in another view over that in this one, of a point (a, b) at inverse depth `rho`."""
     return T[2, 0] * a + T[2, 1] * b + T[2, 2] + T[2, 3] * rho  # type: ignore[no-any-return]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def begin_layer(
     x: int,
     y: int,
@@ -128,7 +130,7 @@ def begin_layer(
     return longest
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def begin_layers(
     x: int, y: int, layers: Layers, k: int, view: View, numbers: NDArray[np.float64]
 ) -> float:
@@ -163,7 +165,7 @@ def begin_layers(
     return longest
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def place_of(
     x: float, y: float, numbers: NDArray[np.float64], at: int, s: float
 ) -> tuple[float, float]:
@@ -174,7 +176,7 @@ def place_of(
     return fused(s, u, x), fused(s, v, y)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def proof(
     frame: Seen, n: int, u: float, v: float, over: float, under: float
 ) -> tuple[float, float, float, float]:
@@ -212,34 +214,10 @@ def proof(
     if under < far and near <= over:
         middle = frame.rho[int(v) + n // 2, int(u) + n // 2]
         return 1.0, 0.0, light_at(frame.boxes, u, v), middle
-    return counted(frame, n, u, v, over, under)
+    return box_sums(frame, n, u, v, over, under)  # type: ignore[no-any-return]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
-def counted(
-    frame: Seen, n: int, u: float, v: float, over: float, under: float
-) -> tuple[float, float, float, float]:
-    """The same, sample by sample, of a box that shows more than the layer; place in samples."""
-    j, i = int(u), int(v)
-    fu, fv, one, zero = np.float32(u - j), np.float32(v - i), np.float32(1), np.float32(0)
-    least, most = np.float32(under), np.float32(over)
-    on, beyond, total, depth = zero, zero, zero, zero
-    for q in range(n + 1):
-        across = one - fv if q == 0 else (fv if q == n else one)
-        depths, lights = frame.rho[i + q], frame.light[i + q]
-        for m in range(n + 1):
-            weight = across * (one - fu if m == 0 else (fu if m == n else one))
-            rho = depths[j + m]
-            hit = weight if least < rho <= most else zero
-            on += hit
-            total = fused(hit, lights[j + m], total)
-            depth = fused(hit, rho, depth)
-            beyond += weight if rho <= least else zero
-    share = one / np.float32(n * n)
-    return float(on * share), float(beyond * share), float(total * share), float(depth * share)
-
-
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def hidden_light(
     before: Seen, after: Seen, n: int, u_a: float, v_a: float, u_b: float, v_b: float,
     over_a: float, under_a: float, over_b: float, under_b: float, s: float,
@@ -262,7 +240,7 @@ def hidden_light(
     return 0.0
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def found_at(
     numbers: NDArray[np.float64], at: int, low: float, high: float, on: float, depth: float
 ) -> None:
@@ -272,7 +250,7 @@ def found_at(
         numbers[at + _SHARE] = min(max((rho - low) / (high - low), 0.0), 1.0)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def layered_light(
     x: int, y: int, layered: Layered, k: int, numbers: NDArray[np.float64], s: float
 ) -> tuple[float, float]:

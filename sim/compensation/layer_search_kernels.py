@@ -22,7 +22,7 @@ from eventsweep.sim.compensation.edge_reach_kernels import (
     Seen,
     within_reach,
 )
-from eventsweep.sim.compensation.path_kernels import View, carried
+from eventsweep.sim.compensation.path_kernels import NO_ARRAYS, View, carried
 
 MOST = 6
 """Layers of one pixel; where there are more, neighbours in depth are one."""
@@ -54,7 +54,7 @@ class Layers(NamedTuple):
     bright: NDArray[np.float32]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, **NO_ARRAYS)
 def add_range(
     way: int, low: float, high: float, gap: float,
     ways: NDArray[np.int64], lows: NDArray[np.float64], highs: NDArray[np.float64], count: int,
@@ -96,7 +96,7 @@ def add_range(
     return count + 1
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, **NO_ARRAYS)
 def label_of(
     rho: float, i: int, j: int, body: NDArray[np.uint16], frame_rho: NDArray[np.float32], n: int
 ) -> int:
@@ -116,7 +116,7 @@ def label_of(
     return best
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, **NO_ARRAYS)
 def beside_another(body: NDArray[np.uint16], i: int, j: int) -> bool:
     """Whether a pixel or one of its neighbours shows another body than the pixel's centre."""
     for p in range(max(i - 1, 0), min(i + 2, body.shape[0])):
@@ -137,7 +137,7 @@ def empty_reached(slot: NDArray[np.int32]) -> Layers:
     )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, **NO_ARRAYS)
 def least_gap(
     T: NDArray[np.float64], a: float, b: float, rho: float, lens: NDArray[np.float64]
 ) -> float:
@@ -148,7 +148,7 @@ def least_gap(
     return APART_PX * step / max(math.hypot(du - u, dv - v), 1e-9)
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@numba.njit(cache=True, nogil=True, forceinline=True, **NO_ARRAYS)
 def ranges_of_pixel(
     frame: Seen, i: int, j: int, n: int, gap: float, beside: bool,
     ways: NDArray[np.int64], lows: NDArray[np.float64], highs: NDArray[np.float64],
@@ -168,7 +168,7 @@ def ranges_of_pixel(
     """
     least, most, own = frame.farthest[i, j], frame.nearest[i, j], int(frame.body[i, j])
     if most - least <= gap and not beside:
-        return add_range(own, least, most, gap, ways, lows, highs, _NONE)
+        return add_range(own, least, most, gap, ways, lows, highs, _NONE)  # type: ignore[no-any-return]
     count = _NONE
     for q in range(n * i, n * i + n):
         for m in range(n * j, n * j + n):
@@ -178,7 +178,7 @@ def ranges_of_pixel(
     return count
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@numba.njit(cache=True, nogil=True, forceinline=True, **NO_ARRAYS)
 def tell(
     k: int, way: int, low: float, high: float, gap: float, dark: float, bright: float,
     reached: Layers,
@@ -202,7 +202,7 @@ def tell(
     )
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@numba.njit(cache=True, nogil=True, forceinline=True, **NO_ARRAYS)
 def walk(
     x: int, y: int, u: float, v: float, way: int, low: float, high: float, gap: float,
     dark: float, bright: float, reached: Layers,
@@ -237,7 +237,7 @@ def walk(
         last_left, last_top = left, top
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@numba.njit(cache=True, nogil=True, forceinline=True, **NO_ARRAYS)
 def light_range(light: NDArray[np.float32], i: int, j: int, n: int) -> tuple[float, float]:
     """Least and greatest light of a pixel's samples."""
     dark, bright = np.float32(np.inf), np.float32(-np.inf)
@@ -247,16 +247,11 @@ def light_range(light: NDArray[np.float32], i: int, j: int, n: int) -> tuple[flo
     return float(dark), float(bright)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, **NO_ARRAYS)
 def reach_out(
-    frame: Seen,
-    n: int,
-    border: int,
-    view: View,
-    to_other: int,
-    walks: NDArray[np.uint8],
-    reached: Layers,
-) -> None:
+    frame: Seen, n: int, border: int, view: View, to_other: int, walks: NDArray[np.uint8],
+    whose: NDArray[np.int64], low: NDArray[np.float64], high: NDArray[np.float64], reached: Layers,
+) -> None:  # fmt: skip
     """Tells pixels what surfaces of one frame come over them until the other frame.
 
     Args:
@@ -266,10 +261,12 @@ def reach_out(
         view: with that border.
         to_other: which of a way leads to the other frame.
         walks: (H + 2 B, W + 2 B) what may come over one of them.
+        whose: memory for a list of ranges, (MOST,).
+        low: likewise.
+        high: likewise.
         reached: in and out.
     """
     bearing, lens, ways = view
-    whose, low, high = np.empty(MOST, np.int64), np.empty(MOST), np.empty(MOST)
     mixed = len(ways) > 1
     for i in range(walks.shape[0]):
         for j in range(walks.shape[1]):
@@ -291,7 +288,7 @@ def reach_out(
                 )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, **NO_ARRAYS)
 def sort_layers(
     way: NDArray[np.int64], low: NDArray[np.float64], high: NDArray[np.float64], count: int
 ) -> None:
@@ -345,6 +342,7 @@ def find_layers(before: Seen, after: Seen, n: int, border: int, view: View) -> L
     """
     walks = np.empty(before.body.shape, np.uint8)
     reached = empty_reached(within_reach(before, after, border, view, walks))
-    reach_out(before, n, border, view, TO_SECOND, walks, reached)
-    reach_out(after, n, border, view, TO_FIRST, walks, reached)
+    ranges = np.empty(MOST, np.int64), np.empty(MOST), np.empty(MOST)
+    reach_out(before, n, border, view, TO_SECOND, walks, *ranges, reached)
+    reach_out(after, n, border, view, TO_FIRST, walks, *ranges, reached)
     return chosen(reached)

@@ -26,6 +26,9 @@ FAST = {"nnan", "nsz"}
 reordered, and products and sums are one instruction (`fused`) only where that is said. What is
 called is inlined by `forceinline`: `inline="always"` has numba type and lower the body anew at each
 call. And it says its flags: numba hands a caller's down to what it compiles on the way."""
+NO_ARRAYS: Any = {"_nrt": False}
+"""For what makes no array: otherwise each call counts who holds each array of its tuples, which
+takes longer than what most of these do."""
 
 Path = tuple[float, float, float, float, float, float, float, float, float]
 # Indices without a sign: there is no negative one to look for.
@@ -159,7 +162,7 @@ def turned(T: NDArray[np.float64], a: float, b: float, rho: float) -> tuple[floa
     return u, v
 
 
-@numba.njit(cache=True, nogil=True, fastmath=False)
+@numba.njit(cache=True, nogil=True, fastmath=False, **NO_ARRAYS)
 def carried(
     T: NDArray[np.float64], a: float, b: float, rho: float, lens: NDArray[np.float64]
 ) -> tuple[float, float]:
@@ -169,14 +172,14 @@ def carried(
     return lens[0] * u + lens[2], lens[1] * v + lens[3]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def bent(whole: float, half: float) -> tuple[float, float]:
     """A and b of the parabola s (a + b s) through `half` at s = 1/2 and `whole` at s = 1."""
     b = 2.0 * (whole - 2.0 * half)
     return whole - b, b
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def path_through(
     au: float, av: float, bu: float, bv: float, ahu: float, ahv: float, bhu: float, bhv: float
 ) -> Path:
@@ -189,7 +192,7 @@ def path_through(
     return au1, au2, av1, av2, bu1, bu2, bv1, bv2, longest
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def way_to(
     T: NDArray[np.float64], a: float, b: float, rho: float, fx: float, fy: float
 ) -> tuple[float, float]:
@@ -198,7 +201,7 @@ def way_to(
     return fx * (u - a), fy * (v - b)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def straight_paths(
     bearing: NDArray[np.float32],
     rho_a: NDArray[np.float32],
@@ -233,7 +236,7 @@ def straight_paths(
             paths[n, x] = path[n]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def path_of(x: int, y: int, geometry: Geometry) -> Path:
     """Where what a pixel sees at time s, from 0 to 1, lies in the first frame and in the second.
 
@@ -260,10 +263,10 @@ def path_of(x: int, y: int, geometry: Geometry) -> Path:
         ahu, ahv = 0.5 * (ahu + u), 0.5 * (ahv + v)
         u, v = carried(there[TO_SECOND_MIDDLE], a, b, rb, lens)
         bhu, bhv = 0.5 * (bhu + u), 0.5 * (bhv + v)
-    return path_through(au - x, av - y, bu - x, bv - y, ahu - x, ahv - y, bhu - x, bhv - y)
+    return path_through(au - x, av - y, bu - x, bv - y, ahu - x, ahv - y, bhu - x, bhv - y)  # type: ignore[no-any-return]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def paths_of_row(
     y: int, pixels: NDArray[np.int64], geometry: Geometry, paths: NDArray[np.float64]
 ) -> None:
@@ -321,7 +324,7 @@ def longest_way(geometry: Geometry, paths: NDArray[np.float32]) -> float:
     return longest
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, **NO_ARRAYS)
 def fill_picture(
     light_a: NDArray[np.float32],
     light_b: NDArray[np.float32],

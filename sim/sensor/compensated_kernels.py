@@ -23,6 +23,7 @@ from eventsweep.sim.compensation.layer_kernels import (
 from eventsweep.sim.compensation.layer_search_kernels import MOST
 from eventsweep.sim.compensation.path_kernels import (
     FAST,
+    NO_ARRAYS,
     Geometry,
     View,
     light_at,
@@ -85,7 +86,7 @@ class Pixels(NamedTuple):
     log_eps: float
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, **NO_ARRAYS)
 def thresholds(
     pixels: Pixels, rise_light: NDArray[np.float64], fall_light: NDArray[np.float64]
 ) -> None:
@@ -99,7 +100,7 @@ def thresholds(
         fall_light[k] = math.exp(reference[k] - c_neg + NEAR) - log_eps
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def slope_at(slope: NDArray[np.float32], u: float, v: float) -> float:
     """Steepest light around a place, px from the corner; beyond the edge that of the edge."""
     i = np.uint64(min(max(v, 0.0), slope.shape[0] - 1.0))
@@ -107,24 +108,24 @@ def slope_at(slope: NDArray[np.float32], u: float, v: float) -> float:
     return slope[i, j]  # type: ignore[no-any-return]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=False)
+@numba.njit(cache=True, nogil=True, fastmath=False, **NO_ARRAYS)
 def levels_passed(
     rises: bool, log: float, first: float, up: int, down: int, c_pos: float, c_neg: float
 ) -> int:
     """How many levels `log` reaches, above the reference or below it."""
     if rises:
-        return number_of_rises(log, first, up, down, c_pos, c_neg)
-    return number_of_falls(log, first, up, down, c_pos, c_neg)
+        return number_of_rises(log, first, up, down, c_pos, c_neg)  # type: ignore[no-any-return]
+    return number_of_falls(log, first, up, down, c_pos, c_neg)  # type: ignore[no-any-return]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def between(level: float, log_s: float, log_e: float, s: float, e: float) -> float:
     """When the logarithm reaches a level if it goes straight from one time to another."""
     share = (level - log_s) / (log_e - log_s) if log_e != log_s else 1.0
     return s + min(max(share, 0.0), 1.0) * (e - s)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def light_between(
     frames: Frames, places: tuple[float, float, float, float], s: float
 ) -> tuple[float, float]:
@@ -135,17 +136,17 @@ def light_between(
     return before + s * (behind - before), np.float64(abs(behind - before))
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def rate_at(
     frames: Frames, places: tuple[float, float, float, float], way_px: float, apart: float
 ) -> float:
     """How fast light can change from here on: by motion, and by how far the frames are apart."""
     a = slope_at(frames.slope_a, places[0], places[1])
     b = slope_at(frames.slope_b, places[2], places[3])
-    return max(a, b) * way_px + apart + 1e-9
+    return max(a, b) * way_px + apart + 1e-9  # type: ignore[no-any-return]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def begin_row(
     y: int,
     pixels: NDArray[np.int64],
@@ -168,7 +169,7 @@ def begin_row(
         row[_RATE, x] = rate_at(frames, places, row[_WAY, x], apart)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def step_of_row(
     y: int,
     pixels: NDArray[np.int64],
@@ -195,7 +196,7 @@ def step_of_row(
     return n
 
 
-@numba.njit(cache=True, nogil=True, fastmath=False)
+@numba.njit(cache=True, nogil=True, fastmath=False, **NO_ARRAYS)
 def end_step(pixels: NDArray[np.int64], row: NDArray[np.float64]) -> int:
     """Brings pixels to where their step leads; those not at the end yet come first: how many."""
     n = 0
@@ -206,7 +207,7 @@ def end_step(pixels: NDArray[np.int64], row: NDArray[np.float64]) -> int:
     return n
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FAST, forceinline=True, **NO_ARRAYS)
 def crossing(
     x: int,
     y: int,
@@ -229,8 +230,8 @@ def crossing(
     light, _ = light_between(frames, places, when)
     log_there = math.log(light + log_eps)
     if (log_there >= level) == rises:
-        return between(level, log_s, log_there, s, when)
-    return between(level, log_there, log_e, when, e)
+        return between(level, log_s, log_there, s, when)  # type: ignore[no-any-return]
+    return between(level, log_there, log_e, when, e)  # type: ignore[no-any-return]
 
 
 @numba.njit(cache=True, nogil=True, fastmath=False)
@@ -242,7 +243,7 @@ def roomier(values: NDArray[np.int64], room: int) -> NDArray[np.int64]:
     return more
 
 
-@numba.njit(cache=True, nogil=True, fastmath=False)
+@numba.njit(cache=True, nogil=True, fastmath=False, **NO_ARRAYS)
 def append_by_column(
     columns: NDArray[np.int64],
     found: NDArray[np.int64],

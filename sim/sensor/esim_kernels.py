@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.sim.compensation.path_kernels import NO_ARRAYS
 from eventsweep.sim.sensor.labels import Label
 
 PIXEL = np.dtype(
@@ -50,7 +51,7 @@ def level_of(first: float, up: int, down: int, c_pos: float, c_neg: float) -> fl
     return first + (up * c_pos - down * c_neg)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=False)
+@numba.njit(cache=True, nogil=True, fastmath=False, **NO_ARRAYS)
 def number_of_rises(
     log: float, first: float, up: int, down: int, c_pos: float, c_neg: float
 ) -> int:
@@ -61,7 +62,7 @@ def number_of_rises(
     return count
 
 
-@numba.njit(cache=True, nogil=True, fastmath=False)
+@numba.njit(cache=True, nogil=True, fastmath=False, **NO_ARRAYS)
 def number_of_falls(
     log: float, first: float, up: int, down: int, c_pos: float, c_neg: float
 ) -> int:
