@@ -46,7 +46,7 @@ class Trust:
     def scale_sigma(self) -> float:
         """How well stereo measures the scale of late, as a share; infinite where it does not."""
         information = float(np.mean([each[2] for each in self._signals])) if self._signals else 0.0
-        return max(information, 1e-9) ** -0.5
+        return float(max(information, 1e-9) ** -0.5)
 
     def restart(self) -> None:
         """Says that the track was interrupted: what was seen before says nothing any more."""

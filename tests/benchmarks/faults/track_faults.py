@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,7 @@ def moving_body(streams: Streams, rig: Rig, span_us: Span, rng: np.random.Genera
         hidden = (np.linalg.norm(places, axis=1) < radius_px) & _within(stream, span_us)
         ends_us = span_us[0], min(span_us[1], int(stream.t_us[-1]))
         t_us = np.arange(*ends_us, max(1, round(1e6 / speed_px_s)))
-        when = (t_us[:, None] + rng.integers(0, 1e6 / speed_px_s, (len(t_us), len(dots)))).ravel()
+        when = (t_us[:, None] + rng.integers(0, round(1e6 / speed_px_s), (len(t_us), len(dots)))).ravel()
         there = (
             at
             + dots[None]
@@ -174,7 +175,7 @@ def _scattered(camera: Camera, span_us: Span, hz: float, rng: np.random.Generato
     return _events(rng.integers(0, size, (count, 2)), rng.integers(*span_us, count), *size)
 
 
-def _events(uv: NDArray[np.float64], t_us: NDArray[np.int64], width: int, height: int) -> Events:
+def _events(uv: NDArray[Any], t_us: NDArray[np.int64], width: int, height: int) -> Events:
     """Events at (N, 2) pixels, in order of time; those outside the image are left out."""
     kept = ((uv >= 0) & (uv < (width, height))).all(axis=1)
     uv, t_us = uv[kept], t_us[kept]
