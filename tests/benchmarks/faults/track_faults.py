@@ -101,8 +101,9 @@ def moving_body(streams: Streams, rig: Rig, span_us: Span, rng: np.random.Genera
         places = at + over_s[:, None] * velocity - np.column_stack([stream.x, stream.y])
         hidden = (np.linalg.norm(places, axis=1) < radius_px) & _within(stream, span_us)
         ends_us = span_us[0], min(span_us[1], int(stream.t_us[-1]))
-        t_us = np.arange(*ends_us, max(1, round(1e6 / speed_px_s)))
-        when = (t_us[:, None] + rng.integers(0, round(1e6 / speed_px_s), (len(t_us), len(dots)))).ravel()
+        step_us = round(1e6 / speed_px_s)
+        t_us = np.arange(*ends_us, step_us)
+        when = (t_us[:, None] + rng.integers(0, step_us, (len(t_us), len(dots)))).ravel()
         there = (
             at
             + dots[None]
