@@ -49,7 +49,7 @@ def track_recording(
     first_map: DepthMap | None = None, T_world_body: NDArray[np.float64] | None = None,
     force: bool = False,
 ) -> Tracked:  # fmt: skip
-    """Writes `trajectory.txt`, `track.json`, `cloud.ply` and `report.html`; returns the poses.
+    """Writes poses, covariances, `track.json`, `cloud.ply` and `report.html`; returns the poses.
 
     While it works, its state is kept in a hidden folder beside `out`: after a kill the same call
     goes on from there, and ends with the same bytes.
@@ -73,6 +73,7 @@ def track_recording(
             update(1.0, f"{len(tracked.trajectory)} poses, {tracked.maps} maps")
         cloud, _ = voxels.cloud()
         write_tum(folder / "trajectory.txt", tracked.trajectory)
+        write_covariances(folder / "covariances.txt", tracked)
         write_ply(folder / "cloud.ply", cloud)
         facts = {
             "schema_version": SCHEMA_VERSION,
@@ -154,6 +155,18 @@ def _identity(
         for array in (first_map.depth_m, first_map.mask, first_map.T_world_rv):
             digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
+
+
+def write_covariances(path: Path, tracked: Tracked) -> None:
+    """Writes a line per pose: its time, s, and the upper triangle of its covariance, by rows."""
+    t_s = tracked.trajectory.t_us / 1e6
+    triangles = tracked.covariances[:, *np.triu_indices(6)]
+    np.savetxt(
+        path, np.column_stack([t_s, triangles]), fmt=["%.6f"] + ["%.9e"] * triangles.shape[1],
+        header="t_s, then the upper triangle by rows of the (6, 6) covariance of errors of "
+        "position [m] and turn [rad] along the world's axes: "
+        "p_true = p + dp, R_true = exp(dtheta) R",
+    )  # fmt: skip
 
 
 def facts_of(tracked: Tracked) -> dict[str, Any]:

@@ -51,8 +51,8 @@ def track_page(name: str, tracked: Tracked, cloud: PointCloud) -> str:
     figure = _overview(tracked, cloud)
     text = Text(
         "Axes are those of the first pose's world: for a body that looks ahead x points right, y "
-        "down, z forward. Grey: points of the maps. Colours below: status. Move the slider, or "
-        "play."
+        "down, z forward. Grey: points of the maps. Bands: two standard deviations. Move the "
+        "slider, or play."
     )
     about = "path and map from above and from the side; position and status over time"
     plot = Plot(svg(lambda: figure), about, _moving(tracked, figure))
@@ -67,7 +67,7 @@ def track_page(name: str, tracked: Tracked, cloud: PointCloud) -> str:
             Section("status", "Status", (_counts(tracked),)),
             made_here(),
         ),
-        files=("trajectory.txt", "track.json", "cloud.ply"),
+        files=("trajectory.txt", "covariances.txt", "track.json", "cloud.ply"),
     )
     return page_text(page)
 
@@ -88,15 +88,17 @@ def _counts(tracked: Tracked) -> Grid:
 
 
 def _overview(tracked: Tracked, cloud: PointCloud) -> Figure:
-    """Path and map from above and from the side; below, position and status over time."""
+    """Path and map from above and from the side; below, position over time, and status."""
     with mpl.rc_context(STYLE):
-        figure = LaidOutFigure(figsize=(10.5, 6.8))
-        grid = figure.add_gridspec(2, 2, height_ratios=(4.4, 2.4))
+        figure = LaidOutFigure(figsize=(10.5, 7.6))
+        rows = len(_said(tracked))
+        grid = figure.add_gridspec(3, 2, height_ratios=(4.4, 2.4, 0.24 * rows))
         for k, view in enumerate(_VIEWS):
             _draw_path(figure.add_subplot(grid[0, k]), tracked, cloud, *view)
         figure.axes[1].invert_yaxis()
-        _draw_over_time(figure.add_subplot(grid[1, :]), tracked)
-        figure.legend(loc="outside lower right", ncols=8)
+        over_time = figure.add_subplot(grid[1, :])
+        _draw_over_time(over_time, tracked)
+        _draw_status(figure.add_subplot(grid[2, :], sharex=over_time), tracked)
         figure.savefig(io.BytesIO(), format="svg")  # finds the layout
     return figure
 
@@ -116,12 +118,35 @@ def _draw_path(
 
 
 def _draw_over_time(axes: Axes, tracked: Tracked) -> None:
-    first_us, last_us = tracked.span_us
-    t_s = (tracked.trajectory.t_us - first_us) / 1e6
+    t_s = (tracked.trajectory.t_us - tracked.span_us[0]) / 1e6
     for k, (name, dash) in enumerate((("x", "-"), ("y", "--"), ("z", ":"))):
-        axes.plot(t_s, tracked.trajectory.positions_m[:, k], dash, lw=1.3, label=name)
-    _shade(axes, tracked, (last_us - first_us) / 1e6)
-    axes.set(xlabel="time [s]", ylabel="position [m]")
+        at_m = tracked.trajectory.positions_m[:, k]
+        (line,) = axes.plot(t_s, at_m, dash, lw=1.3, label=name)
+        off_m = 2 * np.sqrt(tracked.covariances[:, k, k])
+        colour = line.get_color()
+        axes.fill_between(t_s, at_m - off_m, at_m + off_m, color=colour, alpha=0.15, lw=0)
+    axes.set(ylabel="position [m]")
+    axes.tick_params(labelbottom=False)
+    axes.legend(loc="upper left", ncols=3, frameon=False)
+    axes.grid(linewidth=0.4, alpha=0.35)
+
+
+def _said(tracked: Tracked) -> list[Status]:
+    """Each status that it had, the first of `_COLOURS` lowest."""
+    return [status for status in _COLOURS if status in {c.status for c in tracked.changes}]
+
+
+def _draw_status(axes: Axes, tracked: Tracked) -> None:
+    """A row per status, and when it was so."""
+    first_us, last_us = tracked.span_us
+    begins_s = [(change.t_us - first_us) / 1e6 for change in tracked.changes]
+    ends_s = [*begins_s[1:], (last_us - first_us) / 1e6]
+    said = _said(tracked)
+    for change, begin_s, end_s in zip(tracked.changes, begins_s, ends_s, strict=True):
+        row, colour = said.index(change.status), _COLOURS[change.status]
+        axes.broken_barh([(begin_s, end_s - begin_s)], (row - 0.4, 0.8), color=colour)
+    axes.set_yticks(range(len(said)), [status.value for status in said])
+    axes.set(xlabel="time [s]", ylim=(-0.5, len(said) - 0.5))
     axes.grid(linewidth=0.4, alpha=0.35)
 
 
@@ -131,7 +156,7 @@ def _moving(tracked: Tracked, figure: Figure) -> Moving:
     chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_STEPS)).astype(int))
     t_s = (tracked.trajectory.t_us[chosen] - tracked.span_us[0]) / 1e6
     places = tracked.trajectory.positions_m[chosen]
-    *views, over_time = figure.axes
+    *views, over_time, status = figure.axes
     dots = tuple(
         _shares(figure, axes, places[:, [across, up]])
         for axes, (_, across, up) in zip(views, _VIEWS, strict=True)
@@ -140,8 +165,8 @@ def _moving(tracked: Tracked, figure: Figure) -> Moving:
     names = tuple(
         f"{time:.2f} s, {tracked.statuses[k].value}" for time, k in zip(t_s, chosen, strict=True)
     )
-    box = over_time.get_position()
-    return Moving(names, dots, tuple(x for x, _ in line), (1 - box.y1, 1 - box.y0))
+    from_top = 1 - over_time.get_position().y1, 1 - status.get_position().y0
+    return Moving(names, dots, tuple(x for x, _ in line), from_top)
 
 
 def _shares(
@@ -150,17 +175,3 @@ def _shares(
     """(N, 2) points of a panel as shares of the figure's width, and of its height from the top."""
     places = figure.transFigure.inverted().transform(axes.transData.transform(points))
     return tuple((round(float(x), 4), round(1 - float(y), 4)) for x, y in places)
-
-
-def _shade(axes: Axes, tracked: Tracked, end_s: float) -> None:
-    first_us = tracked.span_us[0]
-    begins_s = [(change.t_us - first_us) / 1e6 for change in tracked.changes]
-    named: set[Status] = set()
-    for change, begin, end in zip(
-        tracked.changes, begins_s, np.r_[begins_s[1:], end_s], strict=True
-    ):
-        label = None if change.status in named else change.status.value
-        named.add(change.status)
-        axes.axvspan(
-            begin, float(end), color=_COLOURS[change.status], alpha=0.18, lw=0, label=label
-        )

@@ -40,7 +40,8 @@ def track(
 
     Args:
         recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
-        out: Folder to write: trajectory.txt (TUM), track.json, cloud.ply, report.html.
+        out: Folder to write: trajectory.txt (TUM), covariances.txt, track.json, cloud.ply,
+            report.html.
         first_map: Map folder whose first window shows the start of the recording; required with one
             camera.
         start: Poses in TUM format; the track starts at the first of them.

@@ -37,6 +37,8 @@ class Pose:
         twist: (6,) velocity and turn of the body in its own frame, m/s and rad/s.
         status: what it comes from.
         fit: how well events and map agree.
+        covariance: (6, 6) of errors of position, m, and turn, rad, along the world's axes, from the
+            first pose on; see `drift`.
         belief: the motion that the filter found, its own time and certainty; None where no filter
             led to it: at the beginning, without events that count, or just found again.
     """
@@ -46,6 +48,7 @@ class Pose:
     twist: Matrix
     status: Status
     fit: Fit
+    covariance: Matrix
     belief: Motion | None = None
 
 

@@ -26,6 +26,7 @@ from eventsweep.plugins.track.odometry.pose import Pose, Status, smoothed
 from eventsweep.plugins.track.odometry.registration.fit import Fit
 from eventsweep.plugins.track.odometry.start import Past
 from eventsweep.plugins.track.odometry.tracker import Tracker
+from eventsweep.plugins.track.odometry.trust import UNCONFIRMED
 
 _PACKET_US, _READ_US = 50_000, 200_000
 _SMOOTHED_AT_ONCE = 50  # with as many after them: later ones change nothing
@@ -51,6 +52,7 @@ class Tracked:
         changes: when the status changed, and why.
         span_us: first and last time that there are events of.
         maps: how many maps were made.
+        covariances: (N, 6, 6) of each pose's errors, see `Pose`.
         silent_us: how much of the time lies in long silences, which have no poses, µs.
     """
 
@@ -59,6 +61,7 @@ class Tracked:
     changes: tuple[Change, ...]
     span_us: tuple[int, int]
     maps: int
+    covariances: NDArray[np.float64]
     silent_us: int = 0
 
     @property
@@ -100,8 +103,9 @@ def track(
             there, or no place to begin from in all of the recording; says why.
     """
     recording = opened(recording)
-    imu = _imu(recording) if TrackConfig.or_default(config).gyroscope else None
-    done = _Done()
+    settings = TrackConfig.or_default(config)
+    imu = _imu(recording) if settings.gyroscope else None
+    done = _Done(round(1e6 * settings.delay_s))
     cameras = range(len(recording.rig))
 
     def events(t0_us: int, t1_us: int) -> list[Events]:
@@ -140,7 +144,7 @@ def track(
             [pose.t_us for pose in poses], np.stack([p.T_world_body for p in poses])
         ),
         tuple(p.status for p in poses), tuple(done.changes), (first_us, last_us), done.maps,
-        length_of(silences(spans)),
+        np.stack([p.covariance for p in poses]), length_of(silences(spans)),
     )  # fmt: skip
 
 
@@ -162,7 +166,8 @@ class _Ahead:
 class _Done:
     """What was found up to a time; poses are smoothed once enough others came after them."""
 
-    def __init__(self) -> None:
+    def __init__(self, delay_us: int) -> None:
+        self._delay_us = delay_us
         self.poses: list[Pose] = []
         self.changes: list[Change] = []
         self.maps = self.until_us = 0
@@ -192,9 +197,22 @@ class _Done:
         return count
 
     def note(self, tracker: Tracker) -> None:
-        """Notes changes of status."""
-        self.changes += [Change(*change) for change in tracker.changes]
+        """Notes changes of status; a beginning that is confirmed was right all the time."""
+        for change in (Change(*each) for each in tracker.changes):
+            last = self.changes[-1]
+            if change.status is Status.TRACKING and last.reason == UNCONFIRMED:
+                self.changes.pop()
+                change = replace(change, t_us=last.t_us)
+                self._confirm(last.t_us)
+            if change.status is not self.changes[-1].status or change.reason:
+                self.changes.append(change)
         tracker.changes.clear()
+
+    def _confirm(self, since_us: int) -> None:
+        """Poses that waited for a second map, from a time on, are sure."""
+        for k, pose in enumerate(self.poses):
+            if pose.status is Status.UNCERTAIN and pose.t_us >= since_us - self._delay_us:
+                self.poses[k] = replace(pose, status=Status.TRACKING)
 
     def state(self) -> State:
         """As plain values and arrays."""
@@ -206,6 +224,7 @@ class _Done:
             "t_us": np.array([pose.t_us for pose in poses], np.int64),
             "T_world_body": np.array([pose.T_world_body for pose in poses]).reshape(-1, 4, 4),
             "twist": np.array([pose.twist for pose in poses]).reshape(-1, 6),
+            "covariance": np.array([pose.covariance for pose in poses]).reshape(-1, 6, 6),
             "status": [pose.status.value for pose in poses],
             "fit": [list(astuple(pose.fit)) for pose in poses],
             "smooth": self._smooth,
@@ -216,10 +235,12 @@ class _Done:
         """Takes what `state` gave."""
         self.until_us, self.maps = state["until_us"], state["maps"]
         self.changes = [Change(t_us, Status(s), reason) for t_us, s, reason in state["changes"]]
-        columns = (state[name] for name in ("t_us", "T_world_body", "twist", "status", "fit"))
+        names = "t_us", "T_world_body", "twist", "status", "fit", "covariance"
         self.poses += [
-            Pose(int(t_us), T_world_body, twist, Status(status), Fit(*fit))
-            for t_us, T_world_body, twist, status, fit in zip(*columns, strict=True)
+            Pose(int(t_us), T_world_body, twist, Status(status), Fit(*fit), covariance)
+            for t_us, T_world_body, twist, status, fit, covariance in zip(
+                *(state[name] for name in names), strict=True
+            )
         ]
         self._smooth = state["smooth"]
         for k, belief in enumerate(state["beliefs"], self._smooth):

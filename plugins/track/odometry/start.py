@@ -34,6 +34,7 @@ from eventsweep.plugins.track.odometry.batches import (
     Sizes,
     batch_before,
     never_fired,
+    shows_edges,
     without_lone,
 )
 from eventsweep.plugins.track.odometry.maps import points_of
@@ -200,7 +201,7 @@ def earlier(
             motions.append((here, Fit(), Status.STILL))
             continue
         here, fit = registration(batch.events, here.at(batch.t_us))
-        if not fit.is_good(AGREES):
+        if not (fit.is_good(AGREES) and shows_edges(batch)):
             break
         motions.append((here, fit, status))
     return motions[::-1]

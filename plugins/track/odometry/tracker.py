@@ -31,6 +31,7 @@ from eventsweep.plugins.track.odometry.batches import (
 )
 from eventsweep.plugins.track.odometry.checkpoint import State
 from eventsweep.plugins.track.odometry.config import TrackConfig
+from eventsweep.plugins.track.odometry.drift import Drift
 from eventsweep.plugins.track.odometry.maps import (
     BackgroundMaps,
     MapCloud,
@@ -58,13 +59,14 @@ from eventsweep.plugins.track.odometry.start import (
     trajectory_of,
 )
 from eventsweep.plugins.track.odometry.stream import Arrived
-from eventsweep.plugins.track.odometry.trust import Trust
+from eventsweep.plugins.track.odometry.trust import UNCONFIRMED, Trust
 
 Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
 _COAST_US = 100_000
 _POSE_PX, _FASTEST_US = 2.5, 2000  # that the images move from pose to pose at most; least time
-_BATCHES_TO_BEGIN, _SHORTEST_START_US, _LEAST_STEPS = 30, 60_000, 20
+_BATCHES_TO_BEGIN, _SHORTEST_START_US, _LEAST_STEPS = 30, 60_000, 40
+_JUDGED = 10  # batches of the beginning
 END_US = 1 << 62
 _NOISE = "events lie anywhere alike: noise, no edges"
 _FOLLOWS = Status.TRACKING, Status.UNCERTAIN
@@ -117,7 +119,7 @@ class Tracker:
         self._silence, self._gyroscope = Silence(), Gyroscope()
         self._cloud = MapCloud(self._config.maps)
         self._maps: BackgroundMaps | None = None
-        self._trust = Trust(stereo=len(rig) > 1)
+        self._trust, self._drift = Trust(stereo=len(rig) > 1), Drift()
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
         self._motion: Motion | None = None
         self._seen_from: deque[Matrix] = deque(maxlen=self._config.maps)
@@ -189,6 +191,7 @@ class Tracker:
             "mapper": None if maps is None else maps.state(),
             "registration": self._registration.state(),
             "trust": self._trust.state(),
+            "drift": self._drift.state(),
             "motion": None if self._motion is None else vars(self._motion),
             "seen_from": list(self._seen_from),
         }
@@ -213,6 +216,7 @@ class Tracker:
             self._maps.restore(state["mapper"])
         self._registration.restore(state["registration"])
         self._trust.restore(state["trust"])
+        self._drift.restore(state["drift"])
         self._motion = state["motion"] and Motion(**state["motion"])
         self._seen_from.extend(state["seen_from"])
         self._poses.extend(poses)
@@ -282,12 +286,11 @@ class Tracker:
         step_us = min(self._step_us, length_us // _LEAST_STEPS)
         ends = range(begin_us + step_us, t_us + 1, step_us)
         batches = rising([batch_before(streams, end, self._sizes.events, begin_us) for end in ends])
-        batches = [batch for batch in batches if len(batch) >= self._sizes.still]
-        if len(batches) < min(START_US, length_us) // step_us // 2:
-            self._wait("too few events: nothing moves")
-            return None
-        if not any(map(shows_edges, batches)):
-            self._wait(_NOISE)
+        moving = [batch for batch in batches if len(batch) >= self._sizes.still]
+        batches = [batch for batch in moving if shows_edges(batch)]
+        enough = min(START_US, length_us) // step_us // 2
+        if len(batches) < enough:
+            self._wait("too few events: nothing moves" if len(moving) < enough else _NOISE)
             return None
         begun = begin(
             self._arrived, batches, self._registration, self._sizes,
@@ -297,9 +300,7 @@ class Tracker:
             self._wait(begun)
             return None
         motions, fits, points = begun
-        middle = motions[len(motions) // 2]  # what is seen there the map shows best
-        seen = next(batch for batch in batches if batch.t_us == middle.t_us)
-        status = self._judged(*self._registration(seen.events, middle))
+        status = self._begun(motions, batches)
         before = self._before(motions[0], t_us, step_us, status)
         stretch = [*before, *((m, f, status) for m, f in zip(motions, fits, strict=True))]
         if self._first_map is None:
@@ -316,6 +317,16 @@ class Tracker:
             self._found(motion, fit, status)
         self._feed_mapper(t_us, motions[0], motions, is_mapped=True)
         return self._poses[-1]
+
+    def _begun(self, motions: Sequence[Motion], batches: Sequence[Batch]) -> Status:
+        """Whether the beginning can be believed, by what all of its stretch shows."""
+        seen = {batch.t_us: batch.events for batch in batches}
+        self._trust.restart()
+        doubt = ""
+        for motion in motions[:: -(-len(motions) // _JUDGED)]:
+            found, fit = self._registration(seen[motion.t_us], motion)
+            doubt = self._trust.judge(fit, self._registration.evidence(found))
+        return Status.UNCERTAIN if doubt else Status.TRACKING
 
     def _stretch_us(self, t_us: int) -> int:
         """How much before `t_us` the beginning looks at: less where events say that all is fast."""
@@ -349,6 +360,8 @@ class Tracker:
         assert self._motion is not None
         if batch.t_us <= self._motion.t_us:
             return None
+        if self.status not in _FOLLOWS:
+            self._trust.restart()
         if len(batch) < self._sizes.still:
             return self._go_on(self._motion.held(batch.t_us), Fit(), Status.STILL, t_us)
         motion, fit = self._registered(batch, t_us)
@@ -358,7 +371,10 @@ class Tracker:
 
     def _judged(self, motion: Motion, fit: Fit) -> Status:
         """Whether the motion that was just registered can be believed."""
-        doubt = self._trust.judge(fit, self._registration.scale(motion))
+        covariance, way_m = self._drift.at(motion), max(self._drift.way_m, 1e-9)
+        spread_m = float(np.trace(covariance[:3, :3]) ** 0.5)
+        evidence, px = self._registration.evidence(motion), self._registration.in_px(spread_m)
+        doubt = self._trust.judge(fit, evidence, spread_m / way_m, px)
         return Status.UNCERTAIN if doubt else Status.TRACKING
 
     def _registered(self, batch: Batch, t_us: int) -> tuple[Motion, Fit]:
@@ -393,6 +409,7 @@ class Tracker:
         motion, fit = self._registration(batch.events, near, wide=True)
         if not fit.is_good(FOUND_AGAIN):
             return None
+        self._trust.restart()
         return self._go_on(motion, fit, self._judged(motion, fit), t_us)
 
     def _go_on(
@@ -412,7 +429,8 @@ class Tracker:
     def _found(self, motion: Motion, fit: Fit, status: Status, *, filtered: bool = False) -> Pose:
         belief = motion if filtered else None
         t_us = motion.t_us - self._delay_us
-        pose = Pose(t_us, motion.T_world_body, motion.twist, status, fit, belief)
+        covariance = self._drift.at(motion)
+        pose = Pose(t_us, motion.T_world_body, motion.twist, status, fit, covariance, belief)
         self._poses.append(pose)
         self._motion = motion
         if self._on_pose is not None:
@@ -420,7 +438,8 @@ class Tracker:
         return pose
 
     def _change(self, status: Status, reason: str, t_us: int) -> None:
-        if status is not self.status:
+        confirms = UNCONFIRMED in (reason, self.reason) and reason != self.reason
+        if status is not self.status or confirms:
             self.status, self.reason, self.since_us = status, reason, t_us
             self.changes.append((t_us, status, reason))
 
@@ -441,6 +460,8 @@ class Tracker:
         """Tracks the maps from now on that are due."""
         for made in () if self._maps is None else self._maps.due(t_us):
             if made.points is not None:
+                self._drift.next_map(self._trust.scale_sigma)
+                self._trust.next_map()
                 self._use_points(made.points)
                 self._seen_from.append(self._poses[-1].T_world_body)
             if self._on_map is not None:

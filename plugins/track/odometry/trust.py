@@ -1,9 +1,13 @@
-"""Whether what the tracker finds can be believed: two tests of its own signals.
+"""Whether what the tracker finds can be believed: tests of its own signals.
 
-Agreement: the mean closeness of residuals falls where the motion does not explain the events, if
-bodies move by themselves, or the map is not of what is seen. Scale: what the cameras see at once
-measures the scale of the map, whatever the motion was. Where it is off, or hardly measured, because
-all is far for the baseline or few edges are seen, no path is sure.
+Agreement: the mean closeness of residuals falls where the motion does not explain the events, or
+the map is not of what is seen. Regions: where bodies move by themselves, some parts of the images
+disagree. Scale: what the cameras see at once measures the scale of the map, whatever the motion
+was. Where it is off, or hardly measured, because all is far for the baseline or few edges are seen,
+no path is sure. Spread: the covariance says how far off the path may be. After an interruption
+nothing is believed before some poses agree. The beginning is not believed before it is confirmed:
+a first map and the motion that it was made on agree with each other even if both are wrong, so
+poses must agree with a map of what came later, too.
 """
 
 from __future__ import annotations
@@ -13,12 +17,17 @@ from collections import deque
 import numpy as np
 
 from eventsweep.plugins.track.odometry.checkpoint import State
-from eventsweep.plugins.track.odometry.registration.fit import Fit
+from eventsweep.plugins.track.odometry.registration.fit import Evidence, Fit
 
-_OVER = 10  # poses: one alone says little
+_OVER, _LEAST = 10, 5  # poses: one alone says little
 _DOUBTFUL, _SURE = 0.65, 0.67  # closeness, on average
 _MOST_OFF = 0.03
 """Of the scale, and of its standard deviation."""
+_MOST_REGIONS = 0.25
+_MOST_SPREAD, _LEAST_SPREAD_PX = 0.1, 2.0  # of the way; what is less in the images is no doubt
+
+_PLAIN = "reason", "_has_next", "_confirming"
+UNCONFIRMED = "no second map has confirmed the beginning yet"
 
 
 class Trust:
@@ -30,39 +39,81 @@ class Trust:
 
     def __init__(self, *, stereo: bool) -> None:
         self._stereo, self.reason = stereo, ""
-        self._signals: deque[tuple[float, float, float]] = deque(maxlen=_OVER)
+        self._has_next, self._confirming = False, _LEAST  # poses that must agree yet
+        self._signals: deque[tuple[float, float, float, float]] = deque(maxlen=_OVER)
 
-    def judge(self, fit: Fit, scale: tuple[float, float]) -> str:
+    @property
+    def scale_sigma(self) -> float:
+        """How well stereo measures the scale of late, as a share; infinite where it does not."""
+        information = float(np.mean([each[2] for each in self._signals])) if self._signals else 0.0
+        return float(max(information, 1e-9) ** -0.5)
+
+    def restart(self) -> None:
+        """Says that the track was interrupted: what was seen before says nothing any more."""
+        self._signals.clear()
+        self.reason = "the track was interrupted"
+
+    def judge(self, fit: Fit, evidence: Evidence, spread: float = 0.0, px: float = 0.0) -> str:
         """Takes a pose's signals; returns why it is not to be believed, or nothing.
 
         Args:
             fit: how events and map agree.
-            scale: share by which the map seems too small, and its standard deviation.
+            evidence: what the cameras see of it at once.
+            spread: standard deviation of the position, as a share of the way.
+            px: the same in the images.
         """
-        self._signals.append((fit.closeness, *scale))
-        closeness, off, sigma = np.mean(self._signals, axis=0)
-        enough = _SURE if self.reason else _DOUBTFUL
+        information = evidence.scale_sigma**-2
+        self._signals.append(
+            (fit.closeness, evidence.regions_off, information, information * evidence.scale_off)
+        )
+        self.reason = self._doubt(spread if px > _LEAST_SPREAD_PX else 0.0)
+        if self._confirming:
+            self._confirming -= self._has_next and not self.reason
+            self.reason = self.reason or UNCONFIRMED * bool(self._confirming)
+        return self.reason
+
+    def next_map(self) -> None:
+        """Says that a map of what came after the beginning is tracked from here on."""
+        self._has_next = True
+
+    def _doubt(self, spread: float) -> str:
+        closeness, regions_off, information, weighted = np.mean(self._signals, axis=0)
+        doubted = self.reason not in ("", UNCONFIRMED)
+        enough = _SURE if doubted else _DOUBTFUL
+        off, sigma = weighted / max(information, 1e-9), max(information, 1e-9) ** -0.5
         if closeness < enough:
-            self.reason = (
+            return (
                 f"events and map agree to {closeness:.2f} (0.36 is chance, {enough:.2f} needed): "
                 "something moves by itself, or the map is wrong"
             )
-        elif self._stereo and sigma > _MOST_OFF:
-            self.reason = (
-                f"the cameras measure the scale to {100 * sigma:.1f} % only "
+        if regions_off > _MOST_REGIONS:
+            return (
+                f"events and map disagree in {100 * regions_off:.0f} % of the image's regions "
+                f"({100 * _MOST_REGIONS:.0f} % allowed): something moves by itself"
+            )
+        if self._stereo and sigma > _MOST_OFF:
+            return (
+                f"the cameras measure the scale to {100 * min(sigma, 1):.1f} % only "
                 f"({100 * _MOST_OFF:.0f} % needed): too far for the baseline, or too few edges"
             )
-        elif self._stereo and abs(off) > _MOST_OFF:
-            self.reason = f"the scale is off by {100 * abs(off):.1f} %, the cameras say"
-        else:
-            self.reason = ""
-        return self.reason
+        if self._stereo and abs(off) > _MOST_OFF:
+            return f"the scale is off by {100 * abs(off):.1f} %, the cameras say"
+        if spread > _MOST_SPREAD:
+            return (
+                f"the position is known to {100 * spread:.0f} % of the way only "
+                f"({100 * _MOST_SPREAD:.0f} % needed)"
+            )
+        if doubted and len(self._signals) < _LEAST:
+            return f"the track was interrupted: {_LEAST} poses in turn must agree"
+        return ""
 
     def state(self) -> State:
         """All that decides what it says from now on."""
-        return {"reason": self.reason, "signals": [list(each) for each in self._signals]}
+        plain = {name: getattr(self, name) for name in _PLAIN}
+        return {**plain, "signals": [list(each) for each in self._signals]}
 
     def restore(self, state: State) -> None:
         """Takes what `state` gave."""
-        self.reason = state["reason"]
-        self._signals.extend((a, b, c) for a, b, c in state["signals"])
+        for name in _PLAIN:
+            setattr(self, name, state[name])
+        self._signals.extend((a, b, c, d) for a, b, c, d in state["signals"])

@@ -68,4 +68,6 @@ def tracked_truly(recording, *_arguments, **_settings):
     T_own_world = se3.inverse(poses.at(poses.t_us[0]))
     own = Trajectory.from_matrices(poses.t_us, T_own_world @ poses.at(poses.t_us))
     began = Change(span_us[0], Status.TRACKING, "")
-    return Tracked(own, (Status.TRACKING,) * len(own), (began,), span_us, 0)
+    return Tracked(
+        own, (Status.TRACKING,) * len(own), (began,), span_us, 0, np.zeros((len(own), 6, 6))
+    )

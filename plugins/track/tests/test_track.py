@@ -21,7 +21,7 @@ from refusals import command_refused
 
 @pytest.fixture(scope="module")
 def recording():
-    return line_world.swaying(260_000)
+    return line_world.swaying(450_000)
 
 
 def test_the_folder_holds_poses_facts_cloud_and_page(recording, tmp_path, monkeypatch, capsys):
@@ -30,6 +30,7 @@ def test_the_folder_holds_poses_facts_cloud_and_page(recording, tmp_path, monkey
     write_tum(tmp_path / "start.txt", start)
     out = tmp_path / "out"
     command = ["track", str(tmp_path / "recording"), "--out", str(out), "--planes", "40"]
+    command += ["--map-s", "0.2", "--map-rate-hz", "8"]
     assert main([*command, "--start", str(tmp_path / "start.txt"), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     poses = read_poses(out / "trajectory.txt")
@@ -38,6 +39,12 @@ def test_the_folder_holds_poses_facts_cloud_and_page(recording, tmp_path, monkey
     stored = json.loads((out / "track.json").read_text())
     assert (stored["changes"], stored["config"]["planes"]) == (facts["changes"], 40)
     assert [change["status"] for change in stored["changes"]] == ["starting", "tracking"]
+    rows = np.loadtxt(out / "covariances.txt")
+    np.testing.assert_allclose(rows[:, 0], poses.t_us / 1e6)
+    covariances = np.zeros((len(rows), 6, 6))
+    covariances[:, *np.triu_indices(6)] = rows[:, 1:]
+    covariances += np.triu(covariances, 1).swapaxes(1, 2)
+    assert (np.linalg.eigvalsh(covariances) > 0).all()
     assert (out / "cloud.ply").read_bytes().startswith(b"ply")
     page = (out / "report.html").read_text()
     assert "from above" in page or "path and map" in page

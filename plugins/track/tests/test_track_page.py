@@ -24,7 +24,9 @@ def tracked(count=50, first_us=1_700_000_000_000_000):
         Change(first_us + 10_000, Status.TRACKING, ""),
     )
     span_us = first_us, int(t_us[-1]) + 10_000
-    return Tracked(trajectory, (Status.TRACKING,) * count, changes, span_us, 3)
+    return Tracked(
+        trajectory, (Status.TRACKING,) * count, changes, span_us, 3, np.zeros((count, 6, 6))
+    )
 
 
 def test_marks_go_straight_on_every_panel_in_as_many_steps_as_a_slider_needs():

@@ -30,6 +30,8 @@ LEAST_INLIERS = 100
 AGREES, FOUND_AGAIN = 0.6, 0.65
 """Mean weight of residuals: 0.36 by chance. Once lost, more is needed to go on."""
 _ONE_CAMERA = 1e-9  # share of the information about scale that rounding leaves
+_REGIONS = 6, 8  # rows and columns of them in an image
+_LEAST_POINTS, _REGION_AGREES = 10, 0.55  # of a region; its closeness
 _NEAR_PX = 1.0  # so little beside what was expected needs no coarser level
 _REDRAW_PX = 6.0  # the map is drawn anew once it has moved by so much
 
@@ -77,6 +79,21 @@ class Fit:
             f"{self.events} events are near lines of the map, {self.points_near} of {self.points} "
             "map points near lines of events"
         )
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the cameras see at once, and where, of a map: whatever the motion was.
+
+    Attributes:
+        scale_off: by what share the map seems too small.
+        scale_sigma: the standard deviation of that: infinite where one camera sees all.
+        regions_off: share of the images' regions in which events and map do not agree.
+    """
+
+    scale_off: float
+    scale_sigma: float
+    regions_off: float
 
 
 class Registration:
@@ -166,26 +183,30 @@ class Registration:
         self._normals = self._map.normals(self._few, T_body_world)
         return T_body_world
 
-    def scale(self, motion: Motion) -> tuple[float, float]:
-        """By what share the map seems too small, by how the cameras see the last batch at once.
-
-        Returns:
-            The share, and its standard deviation: infinite where one camera sees all.
-        """
+    def evidence(self, motion: Motion) -> Evidence:
+        """How the last batch, at the motion that fits it, speaks for the map or against it."""
         H, g = np.zeros((7, 7)), np.zeros(7)
+        regions = np.zeros((len(self._events.counts), *_REGIONS, 2))
         T_body_world, lines = se3.inverse(motion.T_world_body), self._events.lines
         T_cam_body, _, _, intrinsics, sizes = self._cameras
         for k in np.flatnonzero(self._events.counts >= 0):
             depth_to_events(
                 self._few, self._normals[k], T_cam_body[k], T_body_world, intrinsics[k], sizes[k],
                 lines.places[k, 0], lines.drawing, lines.field, CAUCHY_PX, GATE_PX, H, g,
+                regions[k],
             )  # fmt: skip
+        near, close = regions[regions[..., 0] >= _LEAST_POINTS].T
+        regions_off = float(np.mean(close < _REGION_AGREES * near)) if len(near) else 1.0
         gain = np.linalg.lstsq(H[:6, :6], H[:6, 6], rcond=None)[0]
         information = H[6, 6] - gain @ H[:6, 6]
         if information <= _ONE_CAMERA * max(H[6, 6], 1.0):
-            return 0.0, np.inf
+            return Evidence(0.0, np.inf, regions_off)
         off = FARTHER * (gain @ g[:6] - g[6]) / information
-        return float(off), float((TRUST * information) ** -0.5)
+        return Evidence(float(off), float((TRUST * information) ** -0.5), regions_off)
+
+    def in_px(self, length_m: float) -> float:
+        """About how long a length is in the images."""
+        return self._focal_px * self._map.rho * length_m
 
     def between_px(self, before: Motion, after: Motion) -> float:
         """How far the images moved on the way that shows depth; turns show none, and count half."""

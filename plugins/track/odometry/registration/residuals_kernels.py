@@ -95,14 +95,16 @@ def map_to_events(
 @njit(cache=True, nogil=True)
 def depth_to_events(
     points, normals, T_cam_body, T_body_world, intrinsics, size, place, drawing, field, width, gate,
-    H, g,
+    H, g, regions,
 ):  # fmt: skip
     """`mls` once more, by the body's pose and the logarithm of the map's scale about the body.
 
     A camera at the body's origin does not see the scale; others do, by the depth that they and it
-    see together, whatever the motion was. Adds to (7, 7) H and (7,) g of (xi, log scale).
+    see together, whatever the motion was. Adds to (7, 7) H and (7,) g of (xi, log scale), and to
+    (rows, columns, 2) `regions` of the image the points near a line and their closeness.
     """
     fx, fy, cx, cy = intrinsics
+    rows, columns = regions.shape[0] / size[1], regions.shape[1] / size[0]
     sums, _, made, lines, scratch = field
     J, per_width = np.empty(7), 1 / width
     for k in range(len(points)):
@@ -117,7 +119,11 @@ def depth_to_events(
         weight, n_u, n_v, r, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
         if weight < LEAST_WEIGHT or abs(r) > gate:
             continue
-        weight *= likeness(n_u, n_v, normals[k, 0], normals[k, 1]) / (1 + (r * per_width) ** 2)
+        close = 1 / (1 + (r * per_width) ** 2)
+        region = regions[int(v * rows), int(u * columns)]
+        region[0] += 1
+        region[1] += close
+        weight *= close * likeness(n_u, n_v, normals[k, 0], normals[k, 1])
         a, b, c, _, _, _ = slope(n_u * fx, n_v * fy, x, y, z, inverse)
         for i in range(3):
             J[i] = T_cam_body[0, i] * a + T_cam_body[1, i] * b + T_cam_body[2, i] * c

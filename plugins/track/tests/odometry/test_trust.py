@@ -1,15 +1,15 @@
-"""What the tracker believes of itself: its scale by stereo, how far events and map agree."""
+"""What the tracker believes of itself: by scale, regions, spread, and maps that confirm it."""
 
 import numpy as np
 import pytest
 
 import line_world
 from eventsweep.emvs.geometry import se3
-from eventsweep.plugins.track.odometry.registration.fit import Fit
-from eventsweep.plugins.track.odometry.trust import Trust
+from eventsweep.plugins.track.odometry.registration.fit import Evidence, Fit
+from eventsweep.plugins.track.odometry.trust import UNCONFIRMED, Trust
 from line_world import tracker_of
 
-GOOD = Fit(1000, 500, 1000, 600, 0.72)
+GOOD, SEEN = Fit(1000, 500, 1000, 600, 0.72), Evidence(0.0, 0.01, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -21,35 +21,78 @@ def tracker():
     return tracker
 
 
+def confirmed(*, stereo=True):
+    """A trust whose beginning a second map has confirmed."""
+    trust = Trust(stereo=stereo)
+    trust.next_map()
+    for _ in range(12):
+        trust.judge(GOOD, SEEN)
+    return trust
+
+
 @pytest.mark.parametrize("larger", [0.98, 1.0, 1.02])
 def test_stereo_measures_the_scale_of_a_map_whatever_the_motion_was(tracker, larger):
     """Law: a map that is larger by a share, about the body, is found too small by minus that."""
     registration, motion = tracker._registration, tracker._motion
     T_body_world = se3.inverse(motion.T_world_body)
     few = registration._few
-    unscaled, sigma = registration.scale(motion)
+    unscaled = registration.evidence(motion)
     scaled = se3.transform(T_body_world, few) * larger
     registration._few = se3.transform(motion.T_world_body, scaled)
-    found, _ = registration.scale(motion)
+    found = registration.evidence(motion)
     registration._few = few
-    assert found - unscaled == pytest.approx(-np.log(larger), abs=0.006)
-    assert 0 < sigma < 0.03
+    assert found.scale_off - unscaled.scale_off == pytest.approx(-np.log(larger), abs=0.006)
+    assert 0 < found.scale_sigma < 0.03
 
 
-@pytest.mark.parametrize(("fit", "scale", "said"), [
-    (GOOD, (0.0, 0.01), ""),
-    (Fit(1000, 500, 1000, 600, 0.62), (0.0, 0.01), "agree to 0.62"),
-    (GOOD, (0.05, 0.01), "off by 5.0 %"),
-    (GOOD, (0.0, np.inf), "measure the scale"),
+def test_a_part_of_the_map_that_moves_by_itself_is_off_in_its_regions(tracker):
+    registration, motion = tracker._registration, tracker._motion
+    few = registration._few
+    assert registration.evidence(motion).regions_off < 0.05
+    X, _, Z = se3.transform(se3.inverse(motion.T_world_body), few).T
+    moved = few + np.where(X / Z < 0, 1.0, 0.0)[:, None] * (Z / 90)[:, None] * [0.7, 0.7, 0]
+    registration._few = moved  # the left half by about 1.5 px
+    off = registration.evidence(motion).regions_off
+    registration._few = few
+    assert 0.2 < off < 0.8
+
+
+@pytest.mark.parametrize(("fit", "evidence", "said"), [
+    (GOOD, SEEN, ""),
+    (Fit(1000, 500, 1000, 600, 0.62), SEEN, "agree to 0.62"),
+    (GOOD, Evidence(0.05, 0.01, 0.0), "off by 5.0 %"),
+    (GOOD, Evidence(0.0, np.inf, 0.0), "measure the scale"),
+    (GOOD, Evidence(0.0, 0.01, 0.3), "30 % of the image's regions"),
 ])  # fmt: skip
-def test_what_cannot_be_believed_is_said_with_its_reason(fit, scale, said):
-    trust = Trust(stereo=True)
-    reasons = [trust.judge(fit, scale) for _ in range(12)]
+def test_what_cannot_be_believed_is_said_with_its_reason(fit, evidence, said):
+    trust = confirmed()
+    reasons = [trust.judge(fit, evidence) for _ in range(12)][-1:]
     assert all(said in reason and bool(reason) == bool(said) for reason in reasons)
     for _ in range(12):
-        trust.judge(GOOD, (0.0, 0.01))
+        trust.judge(GOOD, SEEN)
     assert not trust.reason
 
 
+def test_a_path_that_may_be_off_by_much_of_its_way_is_doubted_where_images_would_show_it():
+    trust = confirmed()
+    assert "20 % of the way" in trust.judge(GOOD, SEEN, spread=0.2, px=5.0)
+    assert not trust.judge(GOOD, SEEN, spread=0.2, px=1.0)
+
+
+def test_a_beginning_is_believed_once_poses_agree_with_a_second_map():
+    trust = Trust(stereo=True)
+    assert {trust.judge(GOOD, SEEN) for _ in range(30)} == {UNCONFIRMED}
+    trust.next_map()
+    assert [bool(trust.judge(GOOD, SEEN)) for _ in range(6)] == [True] * 4 + [False] * 2
+
+
+def test_after_an_interruption_some_poses_must_agree_first():
+    trust = confirmed()
+    trust.restart()
+    assert [bool(trust.judge(GOOD, SEEN)) for _ in range(6)] == [True] * 4 + [False] * 2
+    trust.restart()
+    assert "agree to 0.66" in trust.judge(Fit(1000, 500, 1000, 600, 0.66), SEEN)
+
+
 def test_one_camera_is_not_asked_for_the_scale():
-    assert not Trust(stereo=False).judge(GOOD, (0.0, np.inf))
+    assert not confirmed(stereo=False).judge(GOOD, Evidence(0.0, np.inf, 0.0))

@@ -1,0 +1,72 @@
+"""How far off poses may be: what a batch leaves open, and what every map adds.
+
+A pose is found on a map, so it errs by what its batch leaves open, as the filter says, and by what
+the map errs. Each map is made on poses, and errs as they do, independently of the last one: a
+random walk, whose steps a turn of the world swings about the place where they were taken. Within a
+map the way errs by the scale that stereo leaves open, too.
+
+Covariances are (6, 6), of position, m, and turn, rad, both along the axes of the world:
+p_true = p + dp, R_true = exp(d_theta) R_world_body, as robots' messages have them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.plugins.track.odometry.checkpoint import State
+from eventsweep.plugins.track.odometry.motion import Motion
+
+Matrix = NDArray[np.float64]
+_BATCH, _MAP = 1.5, 1.0
+"""Standard deviations over those that the filter says: batches that follow each other err alike."""
+_SCALE = 0.03, 0.1  # of one camera, that sees none; at most
+
+
+class Drift:
+    """The covariance of poses from the first one on, which is the world's origin."""
+
+    def __init__(self) -> None:
+        self.way_m, self._scale_sigma = 0.0, _SCALE[0]
+        self._walk: Matrix | None = None
+        self._batch = np.zeros((6, 6))
+        self._place = self._map_place = np.zeros(3)
+
+    def at(self, motion: Motion) -> Matrix:
+        """The (6, 6) covariance of a pose; the next ones follow from there."""
+        R, place = motion.T_world_body[:3, :3], motion.T_world_body[:3, 3]
+        turned = np.kron(np.eye(2), R)
+        self._batch = turned @ motion.covariance[:6, :6] @ turned.T
+        if self._walk is None:
+            self._walk = _BATCH**2 * self._batch
+            self._place = self._map_place = place
+        self.way_m += float(np.linalg.norm(place - self._place))
+        J = np.eye(6)
+        J[:3, 3:] = -_cross(place - self._place)
+        self._walk, self._place = J @ self._walk @ J.T, place
+        covariance: Matrix = self._walk + _BATCH**2 * self._batch + self._by_scale()
+        return covariance
+
+    def next_map(self, scale_sigma: float) -> None:
+        """Says that a map is tracked from here on, whose scale stereo measures so well."""
+        if self._walk is not None:
+            self._walk = self._walk + _MAP**2 * self._batch + self._by_scale()
+        self._map_place = self._place
+        self._scale_sigma = min(scale_sigma, _SCALE[1])
+
+    def _by_scale(self) -> Matrix:
+        off = np.zeros(6)
+        off[:3] = self._scale_sigma * (self._place - self._map_place)
+        return np.outer(off, off)
+
+    def state(self) -> State:
+        """All that decides what it says from now on."""
+        return dict(vars(self))
+
+    def restore(self, state: State) -> None:
+        """Takes what `state` gave."""
+        vars(self).update(state)
+
+
+def _cross(v: Matrix) -> Matrix:
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
