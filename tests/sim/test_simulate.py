@@ -9,6 +9,7 @@ import pytest
 import mujoco_scenes as made
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.sim.config import FramesConfig, SimConfig
+from eventsweep.sim.rendering.drawing import decided, default_renderer
 from eventsweep.sim.rigs import RIGS, rig
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.simulate import simulate
@@ -107,10 +108,9 @@ def test_truth_holds_the_start_the_middle_the_end_and_the_right_depth(sequence):
 def test_the_manifest_says_how_it_was_made(scene, sequence):
     manifest = sequence.manifest
     assert manifest.name == "noise"
-    assert SimConfig(**manifest.configuration) == with_sampling(
-        scene.configured(CONFIG), sequence.rig
-    )
-    assert manifest.renderer.startswith("mujoco 4")
+    drawn = decided(scene.configured(CONFIG))
+    assert SimConfig(**manifest.configuration) == with_sampling(drawn, sequence.rig)
+    assert manifest.renderer.startswith(f"{default_renderer()}, mujoco 4".removeprefix("mujoco, "))
     assert manifest.depth_range_m == (0.7, 3.0)
 
 

@@ -30,7 +30,7 @@ def counts(sequence):
 def test_it_makes_the_events_that_mujoco_makes(tmp_path):
     scene = made.noise_scene(tmp_path)
     ours = simulated(scene, tmp_path / "ours")
-    theirs = simulated(scene, tmp_path / "theirs", light={"renderer": "auto"})
+    theirs = simulated(scene, tmp_path / "theirs", light={"renderer": "mujoco"})
     assert ours.manifest.renderer.startswith("raster, mujoco ")
     np.testing.assert_allclose(counts(ours), counts(theirs), rtol=0.02)
     np.testing.assert_allclose(
@@ -55,7 +55,7 @@ def test_a_renderer_that_nobody_offers_is_refused(tmp_path, capsys, monkeypatch,
     (tmp_path / "model.xml").write_text(MODEL)
     asked = "simulate", scene, "--sim.light.renderer", "rastr", "--out", "s", *SHORT
     line = command_refused(capsys, *asked)
-    assert "unknown renderer 'rastr': choose from auto, classic, float, raster" in line
+    assert "unknown renderer 'rastr': choose from auto, mujoco, classic, float, raster" in line
     assert [path.name for path in tmp_path.iterdir()] == ["model.xml"]
 
 
@@ -82,11 +82,12 @@ def test_it_opens_no_graphics_library(tmp_path, workers):
     asked += [tmp_path / "s", "--sim.model.motion", "walk", "--mount", "eye"]
     asked += ["--sim.light.renderer"]
     unable = {"MUJOCO_GL": "egl"}
-    done = python("-m", "eventsweep", *asked, "auto", path=[tmp_path], env=unable)
+    done = python("-m", "eventsweep", *asked, "mujoco", path=[tmp_path], env=unable)
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].startswith("AssertionError: ")
-    done = python("-m", "eventsweep", *asked, "raster", path=[tmp_path], env=unable)
+    done = python("-m", "eventsweep", *asked, "auto", path=[tmp_path], env=unable)
     assert done.returncode == 0, done.stderr
+    assert "drawn by raster" in done.stdout
     assert sum(Sequence.open(tmp_path / "s").manifest.event_counts) > 100
 
 
@@ -103,12 +104,13 @@ def test_who_has_no_graphics_library_is_told_of_it_and_it_works(tmp_path):
         out = "--out", tmp_path / "s", *SHORT
         return python("-c", WITHOUT, "simulate", "planes", *out, *asked, env={"MUJOCO_GL": ""})
 
-    refusal = run()
+    refusal = run("--sim.light.renderer", "mujoco")
     assert refusal.returncode == 2
     assert not (tmp_path / "s").exists()
     cure = re.search("say (--sim.light.renderer) (raster)", refusal.stderr)
-    done = run(*cure.groups())
-    assert done.returncode == 0, done.stderr
+    for words in (cure.groups(), ("--force",)):
+        done = run(*words)
+        assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
