@@ -25,11 +25,7 @@ class RasterDrawing:
     def open(
         self, scene: Scene, rig: Rig, supersample: int, *, floats: bool, border_px: int | None
     ) -> RasterRenderer:
-        """Compiles the scene; no graphics library is loaded.
-
-        Raises:
-            InputError: what cannot be drawn.
-        """
+        """Compiles the scene; no graphics library is loaded."""
         import_mujoco(draws=False)
         return RasterRenderer(
             scene.spec() if self.model is None else self.model, rig, supersample,

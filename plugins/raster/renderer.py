@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.plugins.raster.picture import Drawn, Grid, Painter
-from eventsweep.plugins.raster.surfaces import DISTANCES, FIELD, MESH, SOLID, Surfaces
+from eventsweep.plugins.raster.surfaces import Surfaces
 from eventsweep.sim.rendering import box_kernels, pixel_kernels
 from eventsweep.sim.rendering.base import Frame, Pose, Samples
 from eventsweep.sim.rendering.draw_target import LOD_BIAS
@@ -26,14 +26,8 @@ class RasterRenderer(ModelRenderer):
     """Renders a model by compiled loops; see `ModelRenderer` for its arguments."""
 
     def __init__(self, *scene: Any, **settings: Any) -> None:
-        """Compiles the scene.
-
-        Raises:
-            InputError: it has what cannot be drawn.
-        """
+        """Compiles the scene."""
         super().__init__(*scene, **settings)
-        if lacking := _lacking(self.model):
-            raise InputError(f"renderer raster lacks {lacking}: set light.renderer to auto")
         self._surfaces = Surfaces(self.model, self._scene, floats=self._floats)
         self._painter = Painter(self._surfaces)
         self._bias = 0.0
@@ -200,23 +194,3 @@ def _depth_m(rho: Image) -> Image:
     """Depth from 1/z; inf where that is 0."""
     with np.errstate(divide="ignore"):
         return np.asarray(1 / rho)
-
-
-def _lacking(model: Any) -> str:
-    """What cannot be drawn of a compiled model, in a few words; empty where all can."""
-    folded = np.isin(model.geom_type, [FIELD, MESH, DISTANCES])
-    glass = _opacity(model) < SOLID
-    found = {
-        "glass of meshes or height fields": bool(glass[folded].any()),
-        "glass in mirrors": bool(glass.any() and (model.mat_reflectance > 0).any()),
-        "textures with opacity": bool((model.tex_nchannel != 3).any()),
-    }
-    return ", ".join(name for name, there in found.items() if there)
-
-
-def _opacity(model: Any) -> NDArray[np.float64]:
-    """(G,) of geoms: their material's, or their own."""
-    own, material = model.geom_rgba[:, 3].astype(float), model.geom_matid
-    if not model.nmat:
-        return np.asarray(own)
-    return np.asarray(np.where(material >= 0, model.mat_rgba[material, 3], own))

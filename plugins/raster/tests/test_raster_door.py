@@ -1,7 +1,6 @@
 """The renderer chosen by name: what it simulates, where, and what is said of what it lacks."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.simulate import simulate
 from programs import NARROW, python
-from refusals import command_refused, refused
+from refusals import command_refused
 
 SHORT = "--rig", "davis346", "--seconds", "0.01"
 MODEL = f"<mujoco><worldbody>{made.BOXES}<site name='eye' pos='0 0 1'/></worldbody></mujoco>"
@@ -36,17 +35,6 @@ def test_it_makes_the_events_that_mujoco_makes(tmp_path):
     np.testing.assert_allclose(
         ours.truth_depth_m(0, 30_000), theirs.truth_depth_m(0, 30_000), rtol=1e-5
     )
-
-
-def test_what_it_lacks_is_refused_in_one_line(tmp_path):
-    def glass_and_mirror(spec):
-        spec.materials[0].reflectance = 0.5
-        spec.geoms[0].rgba, spec.geoms[0].material = (1, 1, 1, 0.5), ""
-
-    scene = replace(made.noise_scene(tmp_path), edit=glass_and_mirror)
-    words = "renderer raster lacks glass in mirrors: set light.renderer to auto"
-    refused(words, simulated, scene, tmp_path / "s")
-    assert not (tmp_path / "s").exists()
 
 
 @pytest.mark.parametrize("scene", ["desk", "model.xml"])
