@@ -330,10 +330,12 @@ class Painter:
                 memory.rho, memory.light, memory.places,
             )  # fmt: skip
         owner = self._owner[memory.source[:made]]
+        number = samples.light.shape[0] // len(lens.position)
         shade_lens(
             ids, owner, self._texture, self._channels, memory.rho, memory.light, memory.places,
             *surfaces.texels, bias, owner < len(surfaces.geoms.ids), lens.position, lens.step,
-            lens.ratio, sample_offsets(samples.light.shape[0] // len(lens.position)), *samples,
+            lens.ratio, sample_offsets(number), 1 if number % 2 else 2, parts[0][0].stride,
+            *samples,
         )  # fmt: skip
 
     def geom_ids(self, drawn: Drawn) -> NDArray[np.int32]:

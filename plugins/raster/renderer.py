@@ -20,6 +20,8 @@ from eventsweep.sim.rendering.model_renderer import ModelRenderer, metric_depth
 from eventsweep.sim.rendering.sub_views import LensMap
 
 Image = NDArray[np.float32]
+# Rows of a sub-view that lie beside one another: samples see the nearest of its triangles.
+_SUB_STRIDE = 4
 
 
 class RasterRenderer(ModelRenderer):
@@ -134,14 +136,17 @@ class RasterRenderer(ModelRenderer):
         self._painter.paint(drawn, self._T_world_lamp(T_world_body), self._bias, light)
         return light, drawn.nearness
 
-    def _parts(self, mapped: LensMap, camera: int, T_world_body: Pose) -> list[tuple[Grid, Pose]]:
+    def _parts(
+        self, mapped: LensMap, camera: int, T_world_body: Pose, stride: int = 1
+    ) -> list[tuple[Grid, Pose]]:
         """The sub-views of a lens, and their poses."""
         T_world_cam, parts = T_world_body @ self.rig.T_body_cam[camera], []
         for part in mapped.views:
             T_world_view = T_world_cam.copy()
             if part.R_cam_view is not None:
                 T_world_view[:3, :3] = T_world_cam[:3, :3] @ part.R_cam_view
-            parts.append((Grid(part.camera, upside_down=True, corner=part.corner), T_world_view))
+            grid = Grid(part.camera, stride=stride, upside_down=True, corner=part.corner)
+            parts.append((grid, T_world_view))
         return parts
 
     def _in_views(
@@ -179,7 +184,7 @@ class RasterRenderer(ModelRenderer):
         samples = Samples(*(np.empty(view.samples_shape, np.float32) for _ in Samples._fields))
         lens, rho = view.lens, samples.inverse_depth_per_m
         if self._painter.all_solid((T_world_body @ self.rig.T_body_cam[camera])[:3, 3]):
-            parts = self._parts(lens, camera, T_world_body)
+            parts = self._parts(lens, camera, T_world_body, _SUB_STRIDE)
             lamp = self._T_world_lamp(T_world_body)
             clip_m = self._clip_m(lens)
             self._painter.through_lens(lens, parts, clip_m, lamp, self._bias, samples)
