@@ -252,7 +252,7 @@ class SimConfig(PixelConfig):
     """Largest motion of any pixel between two frames, px; by default 8, and 0.5 if `sampling` is
     `linear`."""
 
-    supersample: Annotated[int, Field(ge=1, le=8)] | None = None
+    supersample: Annotated[int, Field(ge=1, le=16)] | None = None
     """Render samples per pixel and axis; by default as many as `sampling` needs at the rig's focal
     lengths, and 2 if it is `linear`."""
 

@@ -46,7 +46,7 @@ from eventsweep.sim.parallel.render_job import (
     longest_chunk_us,
 )
 from eventsweep.sim.parallel.sensors import Cameras, Packet, write_events, write_truth
-from eventsweep.sim.rendering.base import Renderer, moving_ids
+from eventsweep.sim.rendering.base import Renderer, finer, moving_ids
 from eventsweep.sim.rendering.drawing import decided, drawing_of
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.sampling import with_sampling
@@ -225,7 +225,9 @@ class EventRig:
         )  # fmt: skip
         drawing = drawing_of(config, self._model)
         floats = config.light.floats(scene.hdr)
-        config = with_sampling(config, self.rig, drawing.why_plain(scene), floats=floats)
+        config = with_sampling(
+            config, self.rig, drawing.why_plain(scene), floats=floats, finer=finer(drawing)
+        )
         truth_us = range(0, _FOR_EVER_US, self._truth_us) if self._record is not None else ()
         return RenderJob(scene, self.rig, config, self._seed, truth_us, (0, 1), drawing)
 

@@ -46,7 +46,7 @@ from eventsweep.sim.parallel.workers import (
     slot_count,
 )
 from eventsweep.sim.rendering.adaptive_sampling import truth_times_us
-from eventsweep.sim.rendering.base import Drawing, Renderer
+from eventsweep.sim.rendering.base import Drawing, Renderer, finer
 from eventsweep.sim.rendering.drawing import MUJOCO, decided, drawing_of
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.scene import Scene, replayed
@@ -203,7 +203,9 @@ def make_job(
     drawing = drawing or MUJOCO
     scene, config = replayed(scene, scene.configured(config))
     floats = config.light.floats(scene.hdr)
-    config = with_sampling(config, rig, drawing.why_plain(scene), floats=floats)
+    config = with_sampling(
+        config, rig, drawing.why_plain(scene), floats=floats, finer=finer(drawing)
+    )
     duration_s = scene.duration_s if config.duration_s is None else config.duration_s
     duration_us = round(duration_s * 1e6)
     if duration_us < 2:

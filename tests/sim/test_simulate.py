@@ -9,7 +9,8 @@ import pytest
 import mujoco_scenes as made
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.sim.config import FramesConfig, SimConfig
-from eventsweep.sim.rendering.drawing import decided, default_renderer
+from eventsweep.sim.rendering.base import finer
+from eventsweep.sim.rendering.drawing import decided, default_renderer, drawing_of
 from eventsweep.sim.rigs import RIGS, rig
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.simulate import simulate
@@ -109,7 +110,9 @@ def test_the_manifest_says_how_it_was_made(scene, sequence):
     manifest = sequence.manifest
     assert manifest.name == "noise"
     drawn = decided(scene.configured(CONFIG))
-    assert SimConfig(**manifest.configuration) == with_sampling(drawn, sequence.rig)
+    assert SimConfig(**manifest.configuration) == with_sampling(
+        drawn, sequence.rig, finer=finer(drawing_of(drawn))
+    )
     assert manifest.renderer.startswith(f"{default_renderer()}, mujoco 4".removeprefix("mujoco, "))
     assert manifest.depth_range_m == (0.7, 3.0)
 
