@@ -15,7 +15,8 @@ TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
 """Ground truth on request, see the page `truth`."""
 Density = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
-AUTO, CLASSIC, FLOAT = "auto", "classic", "float"
+AUTO, EITHER, CLASSIC, FLOAT = "auto", "mujoco", "classic", "float"
+OF_MUJOCO = EITHER, CLASSIC, FLOAT
 Encoding = Literal["srgb", "gamma", "linear", "log"]
 """How values of an image stand for light."""
 SamplingName = Literal["accurate", "fast", "linear"]
@@ -116,9 +117,10 @@ class LightConfig(FiniteGroup):
     """How light is rendered."""
 
     renderer: str = AUTO
-    """`classic` renders 8 bits per channel and sample, clipped at 1; `float` renders unbounded
-    32-bit linear light; `auto` chooses `float` for `hdr` scenes and for whatever is too dark or
-    too bright for 8 bits, otherwise `classic`. Or a plug-in's, such as `raster`."""
+    """What draws: `mujoco`, or a plug-in such as `raster`; `auto` is `mujoco` on a GPU, else the
+    plug-in where there is one. MuJoCo's `classic` renders 8 bits per channel and sample, clipped
+    at 1, its `float` unbounded 32-bit linear light; `mujoco` chooses `float` for `hdr` scenes and
+    for whatever is too dark or too bright for 8 bits."""
 
     @property
     def chosen(self) -> bool:
@@ -250,7 +252,7 @@ class SimConfig(PixelConfig):
     """Largest motion of any pixel between two frames, px; by default 8, and 0.5 if `sampling` is
     `linear`."""
 
-    supersample: Annotated[int, Field(ge=1, le=8)] | None = None
+    supersample: Annotated[int, Field(ge=1, le=16)] | None = None
     """Render samples per pixel and axis; by default as many as `sampling` needs at the rig's focal
     lengths, and 2 if it is `linear`."""
 

@@ -46,8 +46,8 @@ from eventsweep.sim.parallel.render_job import (
     longest_chunk_us,
 )
 from eventsweep.sim.parallel.sensors import Cameras, Packet, write_events, write_truth
-from eventsweep.sim.rendering.base import Renderer, moving_ids
-from eventsweep.sim.rendering.drawing import drawing_of
+from eventsweep.sim.rendering.base import Renderer, finer, moving_ids
+from eventsweep.sim.rendering.drawing import decided, drawing_of
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.scene import Scene
@@ -110,7 +110,7 @@ class EventRig:
         self._mount = find_mount(model, mount)
         self._track, self._model = LiveTrack(), model
         self._motion = LiveMotion(model, self._track, self._mount, _pose(T_mount_body))
-        self._config, self._seed = SimConfig.or_default(config), seed
+        self._config, self._seed = decided(SimConfig.or_default(config)), seed
         if record is not None and _AHEAD & set(self._config.truth):
             raise InputError(
                 "truth flow and twist look ahead, which a running robot cannot: leave them out"
@@ -225,7 +225,9 @@ class EventRig:
         )  # fmt: skip
         drawing = drawing_of(config, self._model)
         floats = config.light.floats(scene.hdr)
-        config = with_sampling(config, self.rig, drawing.why_plain(scene), floats=floats)
+        config = with_sampling(
+            config, self.rig, drawing.why_plain(scene), floats=floats, finer=finer(drawing)
+        )
         truth_us = range(0, _FOR_EVER_US, self._truth_us) if self._record is not None else ()
         return RenderJob(scene, self.rig, config, self._seed, truth_us, (0, 1), drawing)
 

@@ -24,13 +24,13 @@ def border_px(config: SimConfig) -> int | None:
 
 
 def with_sampling(
-    config: SimConfig, rig: Rig, why_plain: str = "", *, floats: bool = False
+    config: SimConfig, rig: Rig, why_plain: str = "", *, floats: bool = False, finer: float = 1.0
 ) -> SimConfig:
     """The parameters with `supersample`, `max_displacement_px` and the longest interval filled in.
 
     The rig's smallest focal length decides. With a reason of `Drawing.why_plain` frames are plain
     and close together, with as many samples as fine ones would have. `floats` says how light is
-    drawn.
+    drawn, `finer` how many times as many samples the renderer's default is (`base.finer`).
     """
     chosen = SAMPLINGS[config.sampling]
     if why_plain:
@@ -39,7 +39,7 @@ def with_sampling(
         config = plain.model_copy(update=near)
     number = config.supersample
     if number is None:
-        number = _samples(chosen, rig, floats=floats)
+        number = _samples(chosen, rig, finer * (_IN_FLOATS if floats else 1.0))
     filled = {
         "supersample": number,
         "max_displacement_px": config.spacing_px,
@@ -48,13 +48,12 @@ def with_sampling(
     return config.model_copy(update=filled)
 
 
-def _samples(chosen: Sampling, rig: Rig, *, floats: bool) -> int:
+def _samples(chosen: Sampling, rig: Rig, times: float) -> int:
     """Samples per pixel and axis, an even number unless it is the fewest.
 
     Rows of an even number lie beside one another (`fine_light.FineView.stride`): thin upright
     things are met by twice as many columns.
     """
     focal_px = min(min(camera.fx_px, camera.fy_px) for camera in rig.cameras)
-    per_rad = chosen.samples_per_rad * (_IN_FLOATS if floats else 1.0)
-    even = 2 * math.ceil(per_rad / focal_px / 2)
+    even = 2 * math.ceil(times * chosen.samples_per_rad / focal_px / 2)
     return min(max(even, chosen.fewest), _MOST)

@@ -32,7 +32,7 @@ from eventsweep.sim.graphics import note
 from eventsweep.sim.mjcf import files_of
 from eventsweep.sim.model.survey import FEW, glanced_beyond_8_bits, needs_floats
 from eventsweep.sim.motion.curves import sampled
-from eventsweep.sim.parallel.checkpoint import CheckpointFolder, Notice, Stopped
+from eventsweep.sim.parallel.checkpoint import CheckpointFolder, Notice, Stopped, begun_with
 from eventsweep.sim.parallel.render_job import (
     RenderedFrame,
     RenderJob,
@@ -47,8 +47,8 @@ from eventsweep.sim.parallel.workers import (
     slot_count,
 )
 from eventsweep.sim.rendering.adaptive_sampling import truth_times_us
-from eventsweep.sim.rendering.base import Drawing, Renderer
-from eventsweep.sim.rendering.drawing import MUJOCO, drawing_of
+from eventsweep.sim.rendering.base import Drawing, Renderer, finer
+from eventsweep.sim.rendering.drawing import MUJOCO, decided, drawing_of
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.scene import Scene, replayed
 from eventsweep.sim.sensor.frame_camera import DENSE_PX, FrameCamera, exposure_spans_us
@@ -111,7 +111,7 @@ def simulate(
     if workers < 1:
         raise InputError(f"{workers} workers: must be 1 or greater")
     check_output(out, force=force)
-    drawing = drawing or drawing_of(config)
+    config, drawing = _with_renderer(config, drawing, out, resume=resume)
     asked = rig, config, seed, drawing
     job = make_job(scene, *asked)
     check_disk(job, out)
@@ -125,12 +125,18 @@ def simulate(
             graphics.close()
             job, renderer = _lit(job, make_job(replace(scene, hdr=True), *asked), graphics, notice)
         check_outside(job, renderer)
-        for line in filter(None, (note(), silent_beside(job))):
-            notice(line)
+        if note():
+            notice(f"{note()}: drawn by {renderer.description}")
+        if silent := silent_beside(job):
+            notice(silent)
         if config.sampling != job.config.sampling:
             notice(f"rendering plain frames half a pixel apart: {drawing.why_plain(scene)}")
         arguments, key = describe(job, renderer)
-        folder = stack.enter_context(CheckpointFolder(out, key, rig, resume=resume, notice=notice))
+        folder = stack.enter_context(
+            CheckpointFolder(
+                out, key, rig, renderer=config.light.renderer, resume=resume, notice=notice
+            )
+        )
         if folder.next_chunk:
             _tell(job, folder, notice)
         if workers == 1:
@@ -151,6 +157,16 @@ def simulate(
                 "cameras look, or of a recorded trajectory its unit and replay.place"
             )
     return out
+
+
+def _with_renderer(
+    config: SimConfig, drawing: Drawing | None, out: Path, *, resume: bool
+) -> tuple[SimConfig, Drawing]:
+    """What draws, and its name among the parameters: that of unfinished work where there is."""
+    if drawing is not None:
+        return config, drawing
+    config = decided(config, begun_with(out) if resume else None)
+    return config, drawing_of(config)
 
 
 def _lit(
@@ -190,7 +206,9 @@ def make_job(
     drawing = drawing or MUJOCO
     scene, config = replayed(scene, scene.configured(config))
     floats = config.light.floats(scene.hdr)
-    config = with_sampling(config, rig, drawing.why_plain(scene), floats=floats)
+    config = with_sampling(
+        config, rig, drawing.why_plain(scene), floats=floats, finer=finer(drawing)
+    )
     duration_s = scene.duration_s if config.duration_s is None else config.duration_s
     duration_us = round(duration_s * 1e6)
     if duration_us < 2:

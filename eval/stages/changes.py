@@ -81,7 +81,7 @@ def going_straight(scene: Scene, heading_deg: float) -> Scene:
 
 
 def lit(scene: Scene, factor: float) -> Scene:
-    """The scene with every lamp `factor` times as bright."""
+    """The scene with every lamp `factor` times as bright, drawn in floats whatever the factor."""
 
     def edit(spec: mujoco.MjSpec) -> None:
         if scene.edit is not None:
@@ -90,7 +90,7 @@ def lit(scene: Scene, factor: float) -> Scene:
             for kind in ("ambient", "diffuse", "specular"):
                 setattr(lamp, kind, np.asarray(getattr(lamp, kind)) * factor)
 
-    return replace(scene, edit=edit)
+    return replace(scene, edit=edit, hdr=True)
 
 
 def patterned(scene: Scene, density: float) -> Scene:

@@ -40,14 +40,20 @@ def sequence_parameters(
         change: what a study makes of the scene, see `eval.stages.changes`.
     """
     own = None if is_model_file(scene) else scenes.load(scene).rig
-    facts = {"scene": scene, "rig": rig or own, "seed": seed, "sim": dict(sim)}
+    sim = {**sim, "light": {**sim.get("light", {}), "renderer": _renderer(sim)}}
+    facts = {"scene": scene, "rig": rig or own, "seed": seed, "sim": sim}
     return {**facts, "graphics": _graphics(sim)} | ({"change": dict(change)} if change else {})
 
 
+def _renderer(sim: Mapping[str, Any]) -> str:
+    from eventsweep.sim.rendering.drawing import decided
+
+    return decided(SimConfig.model_validate({"light": sim.get("light", {})})).light.renderer
+
+
 def _renderers(sim: Mapping[str, Any]) -> list[EntryPoint]:
-    """The plug-in that settings choose to draw with; none where MuJoCo does."""
-    name = sim.get("light", {}).get("renderer")
-    return [point for point in points(RENDERERS) if point.name == name]
+    """The plug-in that draws; none where MuJoCo does."""
+    return [point for point in points(RENDERERS) if point.name == sim["light"]["renderer"]]
 
 
 def _graphics(sim: Mapping[str, Any]) -> str:
@@ -132,8 +138,11 @@ def simulate_scene(
             update(done_us / total_us, f"{done_us / 1e3:.0f} ms")
 
         from eventsweep.emvs.data.sequence import Sequence as EventSequence
+        from eventsweep.sim.parallel.checkpoint import begun_with
+        from eventsweep.sim.rendering.drawing import decided
         from eventsweep.sim.simulate import simulate
 
+        config = decided(config, None if fresh else begun_with(out))
         prepared = scenes.prepared(scene, rig, config, seed, progress.say)
         made, cameras = changed(prepared.scene, prepared.rig, change)
         simulate(

@@ -67,7 +67,7 @@ def _shot_noise(rate_hz: float) -> Change:
 
 
 def _light(share: float) -> Change:
-    sim = {"sensor": {"preset": "davis346"}, "light": {"renderer": "float"}, "log_eps": 1e-3}
+    sim = {"sensor": {"preset": "davis346"}, "log_eps": 1e-3}
     return Change(sim=sim, scene={"light": share})
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.plugins.raster.renderer import RasterRenderer
@@ -17,6 +17,7 @@ class RasterDrawing:
     """Draws with compiled loops what MuJoCo models; see `sim.rendering.drawing`."""
 
     model: Any = None
+    finer: ClassVar[float] = 4 / 3
 
     def why_plain(self, scene: Scene) -> str:
         """Why light cannot be carried along the scene's surfaces; empty where it can."""
@@ -25,11 +26,7 @@ class RasterDrawing:
     def open(
         self, scene: Scene, rig: Rig, supersample: int, *, floats: bool, border_px: int | None
     ) -> RasterRenderer:
-        """Compiles the scene; no graphics library is loaded.
-
-        Raises:
-            InputError: what cannot be drawn.
-        """
+        """Compiles the scene; no graphics library is loaded."""
         import_mujoco(draws=False)
         return RasterRenderer(
             scene.spec() if self.model is None else self.model, rig, supersample,

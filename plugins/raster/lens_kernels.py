@@ -1,7 +1,9 @@
 """The compiled loop that lights the samples of a sensor behind a lens, each where it lies exactly.
 
 Sub-views say which triangle is seen; depth, light and texture coordinates are those of its planes
-at the sample's own place in the sub-view, so nothing is taken between two samples.
+at the sample's own place in the sub-view, so nothing is taken between two samples. As in a pinhole,
+rows lie beside one another, those of the sensor and those of the sub-views: an upright edge passes
+one after the other.
 """
 
 # Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
@@ -20,6 +22,7 @@ from eventsweep.plugins.raster.shading_kernels import (
     side_of,
     textured,
 )
+from eventsweep.plugins.raster.visibility_kernels import shift
 
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
@@ -70,19 +73,19 @@ def _add(light, rho, n, c, x, y, right, down, values, is_textured, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _row_places(position, step, v, offset, y_offset, xs, ys):
+def _row_places(position, step, v, offset, y_offset, aside, xs, ys):
     """Fills where the samples of a row lie in the sub-views."""
     supersample = len(offset)
     for u in range(position.shape[1]):
         left = position[v, u, 0] + step[v, u, 0, 1] * y_offset
         top = position[v, u, 1] + step[v, u, 1, 1] * y_offset
         for m in range(supersample):
-            xs[u * supersample + m] = left + step[v, u, 0, 0] * offset[m]
-            ys[u * supersample + m] = top + step[v, u, 1, 0] * offset[m]
+            xs[u * supersample + m] = left + step[v, u, 0, 0] * (offset[m] + aside)
+            ys[u * supersample + m] = top + step[v, u, 1, 0] * (offset[m] + aside)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _row_depths(ratio, v, offset, y_offset, seen, known, rho, xs, ys, out):
+def _row_depths(ratio, v, offset, y_offset, aside, seen, known, rho, xs, ys, out):
     """Fills 1/z in the lens's axes; 0 where nothing, or the sky, is seen."""
     supersample = len(offset)
     for u in range(ratio.shape[1]):
@@ -92,14 +95,14 @@ def _row_depths(ratio, v, offset, y_offset, seen, known, rho, xs, ys, out):
             n, value = seen[x], _ZERO
             if n >= 0 and known[n]:
                 found = rho[n, 0] * xs[x] + rho[n, 1] * ys[x] + rho[n, 2]
-                value = np.float32(found) / (middle + offset[m] * ratio[v, u, 1])
+                value = np.float32(found) / (middle + (offset[m] + aside) * ratio[v, u, 1])
             out[x] = max(value, _ZERO)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def shade_lens(  # noqa: C901
     ids, owner, texture, channels, rho, light_over_z, places_over_z, texels, levels, shapes, bias,
-    known, position, step, ratio, offset, light, inverse_depth,
+    known, position, step, ratio, offset, stride, sub_stride, light, inverse_depth,
 ):  # fmt: skip
     """Fills light and 1/z of the samples of a sensor.
 
@@ -120,6 +123,8 @@ def shade_lens(  # noqa: C901
         step: (H, W, 2, 2).
         ratio: (H, W, 3).
         offset: (S,) where samples lie in a pixel, from its centre, px.
+        stride: rows of samples that lie beside one another, around these places.
+        sub_stride: the same of the sub-views' rows.
         light: out, (S H, S W).
         inverse_depth: out, (S H, S W).
     """
@@ -131,10 +136,15 @@ def shade_lens(  # noqa: C901
     xs, ys, seen = np.empty(end, np.float32), np.empty(end, np.float32), np.empty(end, np.int32)
     for y in range(len(light)):
         pixel, y_offset = y // supersample, offset[y % supersample]
-        _row_places(position, step, pixel, offset, y_offset, xs, ys)
+        aside = np.float32(shift(y, stride) / supersample)
+        _row_places(position, step, pixel, offset, y_offset, aside, xs, ys)
         for x in range(end):
-            seen[x] = ids[np.uint32(np.int32(ys[x] + _HALF)), np.uint32(np.int32(xs[x] + _HALF))]
-        _row_depths(ratio, pixel, offset, y_offset, seen, known, rho, xs, ys, inverse_depth[y])
+            row = np.int32(ys[x] + _HALF)
+            column = np.int32(xs[x] - np.float32(shift(row, sub_stride)) + _HALF)
+            seen[x] = ids[np.uint32(row), np.uint32(column)]
+        _row_depths(
+            ratio, pixel, offset, y_offset, aside, seen, known, rho, xs, ys, inverse_depth[y]
+        )
         x = 0
         while x < end:
             n, stop, last = seen[x], x + 1, min(end, x + BLOCK)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 _MARGIN = 1e-6
 # Opacity of the back of a plane, as a share of its front's.
 BACK = 0.3
-_EVERYWHERE = np.zeros(4)
+_EVERYWHERE, _AT_ONCE = np.zeros(4), np.empty((0, 0), np.int32)
 
 
 class Grid(NamedTuple):
@@ -152,7 +153,7 @@ class Painter:
         if not glass:
             order = order[self._opacity(T_world_view[:3, 3])[order] >= SOLID]
         drawn = Drawn(grid, T_world_view, clip_m, scale, nearness, ids, 0)
-        return drawn._replace(made=self._visible(drawn, order, view))
+        return drawn._replace(made=self._visible(drawn, order, view, T_world_view[:3, 3]))
 
     def paint(
         self, drawn: Drawn, T_world_lamp: Array, bias: float, light: NDArray[np.float32]
@@ -162,26 +163,21 @@ class Painter:
         self._shade(drawn, drawn.grid.view, bias, light, sky=True)
         if self._surfaces.mirror >= 0:
             self._reflect(drawn, T_world_lamp, bias, light)
-        opacity = self._opacity(drawn.T_world_view[:3, 3])
         seen = self._seen(drawn.grid.camera, drawn.T_world_view)
-        there = [g for g in self._near_to_far(drawn.T_world_view[:3, 3], opacity) if g in seen]
-        # As MuJoCo does: from near to far, and back.
-        for g in (*there, *there[::-1]):
-            self._glaze(drawn, g, float(opacity[g]), bias, light)
+        self._glaze(drawn, drawn.T_world_view[:3, 3], seen, bias, light)
 
     def _visible(
-        self, drawn: Drawn, order: NDArray[np.int64], view: NDArray[np.int64],
-        side: Array = _EVERYWHERE,
+        self, drawn: Drawn, order: NDArray[np.int64], view: NDArray[np.int64], eye_m: Array,
+        side: Array = _EVERYWHERE, after: NDArray[np.int32] = _AT_ONCE,
     ) -> int:  # fmt: skip
         """Draws geoms; in a mirror only those on its `side`, and of these the backs are fronts."""
         surfaces, memory, grid = self._surfaces, self._buffers, drawn.grid
         return int(
             visible(
                 surfaces.corners, surfaces.geoms.first, order,
-                surfaces.behind(drawn.T_world_view[:3, 3]) ^ bool(side.any()),
-                se3.inverse(drawn.T_world_view),
+                surfaces.behind(eye_m) ^ bool(side.any()), se3.inverse(drawn.T_world_view),
                 grid.intrinsics, grid.stride, view, np.array(drawn.clip_m), side,
-                np.array(drawn.scale),
+                np.array(drawn.scale), after,
                 drawn.nearness, drawn.ids, memory.edges, memory.source, drawn.made,
             )
         )  # fmt: skip
@@ -209,9 +205,9 @@ class Painter:
         self, drawn: Drawn, T_world_lamp: Array, bias: float, light: NDArray[np.float32]
     ) -> None:
         """Adds what the mirror shows: the scene on its side, seen by an eye behind it."""
-        surfaces, memory = self._surfaces, self._buffers
+        surfaces, memory, eye_m = self._surfaces, self._buffers, drawn.T_world_view[:3, 3]
         normal, distance_m = surfaces.mirror_plane()
-        if normal @ drawn.T_world_view[:3, 3] < distance_m:
+        if normal @ eye_m < distance_m:
             return
         wanted = surfaces.mirror_triangles()[memory.source[: drawn.made]]
         turn = np.eye(4)
@@ -222,28 +218,64 @@ class Painter:
             drawn.grid, turn @ drawn.T_world_view, drawn.clip_m, drawn.scale,
             np.zeros_like(drawn.nearness), ids, 0,
         )  # fmt: skip
-        solid = self._opacity(drawn.T_world_view[:3, 3]) >= SOLID
-        solid[surfaces.mirror] = False
+        others = self._order[self._order != surfaces.mirror]
         side = np.append(normal @ other.T_world_view[:3, :3], 0.0)
         side[3] = normal @ other.T_world_view[:3, 3] - distance_m
-        order = self._order[solid[self._order]]
-        other = other._replace(made=self._visible(other, order, drawn.grid.view, side))
+        order = others[self._opacity(eye_m)[others] >= SOLID]
+        other = other._replace(made=self._visible(other, order, drawn.grid.view, eye_m, side))
         surfaces.shine(other.T_world_view, T_world_lamp, surfaces.reflectance)
         its = np.empty_like(light)
         self._shade(other, drawn.grid.view, bias, its, sky=False)
+        self._glaze(other, eye_m, others, bias, its, side)
         add_where(drawn.ids, wanted, its, drawn.grid.view, light)
         surfaces.shine(drawn.T_world_view, T_world_lamp)
 
     def _glaze(
-        self, drawn: Drawn, g: int, opacity: float, bias: float, light: NDArray[np.float32]
-    ) -> None:
-        """Puts the light of one geom over that of what is drawn."""
-        view, ids = drawn.grid.view, np.full_like(drawn.ids, -1)
-        over = drawn._replace(nearness=np.zeros_like(drawn.nearness), ids=ids)
-        over = over._replace(made=self._visible(over, np.array([g]), view))
-        its = np.empty_like(light)
-        self._shade(over, view, bias, its, sky=False)
-        glaze(ids, over.nearness, drawn.nearness, its, opacity, view, light)
+        self, drawn: Drawn, eye_m: Array, geoms: NDArray[np.int64], bias: float,
+        light: NDArray[np.float32], side: Array = _EVERYWHERE,
+    ) -> None:  # fmt: skip
+        """Puts the light of those geoms that are not solid over that of what is drawn."""
+        opacity = self._opacity(eye_m)
+        there = [g for g in self._near_to_far(eye_m, opacity) if g in geoms]
+        # As MuJoCo does: from near to far, and back.
+        for g in (*there, *there[::-1]):
+            for over in self._faces(drawn, g, eye_m, side):
+                its, share = np.empty_like(light), np.full_like(light, opacity[g])
+                self._shade(over, drawn.grid.view, bias, its, sky=False)
+                if self._surfaces.geoms.cover[g] >= 0:
+                    self._shade_cover(over, g, bias, share)
+                glaze(over.ids, over.nearness, drawn.nearness, its, share, drawn.grid.view, light)
+
+    def _faces(self, drawn: Drawn, g: int, eye_m: Array, side: Array) -> Iterator[Drawn]:
+        """One geom alone; its faces one after the other, as they lie in it, where several show."""
+        after, folded = _AT_ONCE, self._surfaces.geoms.folded[g]
+        if folded:
+            after = np.full_like(drawn.ids, -1)
+        while True:
+            ids = np.full_like(drawn.ids, -1)
+            over = drawn._replace(nearness=np.zeros_like(drawn.nearness), ids=ids, made=0)
+            made = self._visible(over, np.array([g]), drawn.grid.view, eye_m, side, after)
+            if folded and not (ids >= 0).any():
+                return
+            yield over._replace(made=made)
+            if not folded:
+                return
+            after = np.where(ids >= 0, ids, made).astype(np.int32)
+
+    def _shade_cover(self, drawn: Drawn, g: int, bias: float, share: NDArray[np.float32]) -> None:
+        """Multiplies `share` by the opacity of a geom's texture."""
+        surfaces, memory, made = self._surfaces, self._buffers, drawn.made
+        planes(
+            0, made, memory.edges, memory.source, np.ones_like(surfaces.light), surfaces.places,
+            memory.rho, memory.light, memory.places,
+        )  # fmt: skip
+        cover, one = np.full_like(self._texture, surfaces.geoms.cover[g]), self._channels * 0 + 1
+        its = np.empty_like(share)
+        shade(
+            drawn.ids, self._owner[memory.source[:made]], cover, one, memory.rho, memory.light,
+            memory.places, *surfaces.texels, drawn.grid.stride, drawn.grid.view, bias, -1, its,
+        )  # fmt: skip
+        share *= its
 
     def _opacity(self, eye_m: Array) -> Array:
         """(G,) of geoms; the backs of planes are seen through."""
@@ -290,16 +322,20 @@ class Painter:
                 ids[top : bottom + 1, left : right + 1] = self._sky(made, grid, T_world_view)
                 first = made = made + 1
             drawn = Drawn(grid, T_world_view, clip_m, (1.0, 0.0), nearness, ids, made)
-            made = self._visible(drawn, self._seen(grid.camera, T_world_view), grid.view)
+            made = self._visible(
+                drawn, self._seen(grid.camera, T_world_view), grid.view, T_world_view[:3, 3]
+            )
             planes(
                 first, made, memory.edges, memory.source, surfaces.light, surfaces.places,
                 memory.rho, memory.light, memory.places,
             )  # fmt: skip
         owner = self._owner[memory.source[:made]]
+        number = samples.light.shape[0] // len(lens.position)
         shade_lens(
             ids, owner, self._texture, self._channels, memory.rho, memory.light, memory.places,
             *surfaces.texels, bias, owner < len(surfaces.geoms.ids), lens.position, lens.step,
-            lens.ratio, sample_offsets(samples.light.shape[0] // len(lens.position)), *samples,
+            lens.ratio, sample_offsets(number), 1 if number % 2 else 2, parts[0][0].stride,
+            *samples,
         )  # fmt: skip
 
     def geom_ids(self, drawn: Drawn) -> NDArray[np.int32]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.plugins.raster.picture import Drawn, Grid, Painter
-from eventsweep.plugins.raster.surfaces import DISTANCES, FIELD, MESH, SOLID, Surfaces
+from eventsweep.plugins.raster.surfaces import Surfaces
 from eventsweep.sim.rendering import box_kernels, pixel_kernels
 from eventsweep.sim.rendering.base import Frame, Pose, Samples
 from eventsweep.sim.rendering.draw_target import LOD_BIAS
@@ -20,20 +20,16 @@ from eventsweep.sim.rendering.model_renderer import ModelRenderer, metric_depth
 from eventsweep.sim.rendering.sub_views import LensMap
 
 Image = NDArray[np.float32]
+# Rows of a sub-view that lie beside one another: samples see the nearest of its triangles.
+_SUB_STRIDE = 4
 
 
 class RasterRenderer(ModelRenderer):
     """Renders a model by compiled loops; see `ModelRenderer` for its arguments."""
 
     def __init__(self, *scene: Any, **settings: Any) -> None:
-        """Compiles the scene.
-
-        Raises:
-            InputError: it has what cannot be drawn.
-        """
+        """Compiles the scene."""
         super().__init__(*scene, **settings)
-        if lacking := _lacking(self.model):
-            raise InputError(f"renderer raster lacks {lacking}: set light.renderer to auto")
         self._surfaces = Surfaces(self.model, self._scene, floats=self._floats)
         self._painter = Painter(self._surfaces)
         self._bias = 0.0
@@ -140,14 +136,17 @@ class RasterRenderer(ModelRenderer):
         self._painter.paint(drawn, self._T_world_lamp(T_world_body), self._bias, light)
         return light, drawn.nearness
 
-    def _parts(self, mapped: LensMap, camera: int, T_world_body: Pose) -> list[tuple[Grid, Pose]]:
+    def _parts(
+        self, mapped: LensMap, camera: int, T_world_body: Pose, stride: int = 1
+    ) -> list[tuple[Grid, Pose]]:
         """The sub-views of a lens, and their poses."""
         T_world_cam, parts = T_world_body @ self.rig.T_body_cam[camera], []
         for part in mapped.views:
             T_world_view = T_world_cam.copy()
             if part.R_cam_view is not None:
                 T_world_view[:3, :3] = T_world_cam[:3, :3] @ part.R_cam_view
-            parts.append((Grid(part.camera, upside_down=True, corner=part.corner), T_world_view))
+            grid = Grid(part.camera, stride=stride, upside_down=True, corner=part.corner)
+            parts.append((grid, T_world_view))
         return parts
 
     def _in_views(
@@ -185,7 +184,7 @@ class RasterRenderer(ModelRenderer):
         samples = Samples(*(np.empty(view.samples_shape, np.float32) for _ in Samples._fields))
         lens, rho = view.lens, samples.inverse_depth_per_m
         if self._painter.all_solid((T_world_body @ self.rig.T_body_cam[camera])[:3, 3]):
-            parts = self._parts(lens, camera, T_world_body)
+            parts = self._parts(lens, camera, T_world_body, _SUB_STRIDE)
             lamp = self._T_world_lamp(T_world_body)
             clip_m = self._clip_m(lens)
             self._painter.through_lens(lens, parts, clip_m, lamp, self._bias, samples)
@@ -200,23 +199,3 @@ def _depth_m(rho: Image) -> Image:
     """Depth from 1/z; inf where that is 0."""
     with np.errstate(divide="ignore"):
         return np.asarray(1 / rho)
-
-
-def _lacking(model: Any) -> str:
-    """What cannot be drawn of a compiled model, in a few words; empty where all can."""
-    folded = np.isin(model.geom_type, [FIELD, MESH, DISTANCES])
-    glass = _opacity(model) < SOLID
-    found = {
-        "glass of meshes or height fields": bool(glass[folded].any()),
-        "glass in mirrors": bool(glass.any() and (model.mat_reflectance > 0).any()),
-        "textures with opacity": bool((model.tex_nchannel != 3).any()),
-    }
-    return ", ".join(name for name, there in found.items() if there)
-
-
-def _opacity(model: Any) -> NDArray[np.float64]:
-    """(G,) of geoms: their material's, or their own."""
-    own, material = model.geom_rgba[:, 3].astype(float), model.geom_matid
-    if not model.nmat:
-        return np.asarray(own)
-    return np.asarray(np.where(material >= 0, model.mat_rgba[material, 3], own))

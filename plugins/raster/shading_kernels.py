@@ -193,15 +193,14 @@ def glaze(ids, glass, behind, light, opacity, view, out):
         glass: (H, W) how near they are.
         behind: (H, W) how near the rest is.
         light: (H, W) of the glass.
-        opacity: 0 to 1.
+        opacity: (H, W) 0 to 1.
         view: (4,) first and last column, first and last row.
         out: in and out, (H, W).
     """
-    share = np.float32(opacity)
     for y in range(view[2], view[3] + 1):
         for x in range(view[0], view[1] + 1):
             if ids[y, x] >= 0 and glass[y, x] >= behind[y, x]:
-                out[y, x] += share * (light[y, x] - out[y, x])
+                out[y, x] += opacity[y, x] * (light[y, x] - out[y, x])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -75,6 +75,8 @@ class Geoms(NamedTuple):
         colours: (G, 4) red, green, blue, opacity.
         shine: (G, 3) emission, specular, exponent.
         texture: (G,) channel of `Texels`, -1 for none.
+        cover: (G,) channel of the texture's opacity, -1 where it is solid.
+        folded: (G,) whether an eye may see several of its faces, one behind the other.
         channels: (G,) 3 where light and texture are multiplied colour by colour, else 1.
         radius_m: (G,) of a ball around `middle`; infinite for planes without end.
         middle: (G, 3) in the geom's axes.
@@ -86,6 +88,8 @@ class Geoms(NamedTuple):
     colours: Array
     shine: Array
     texture: NDArray[np.int64]
+    cover: NDArray[np.int64]
+    folded: NDArray[np.bool_]
     channels: NDArray[np.int64]
     radius_m: Array
     middle: Array
@@ -236,6 +240,8 @@ class Surfaces:
                 count, 3
             ),
             np.array([t[0] for t in textured], np.int64).reshape(count),
+            np.array([_cover(self._model, geom, table) for geom in shown], np.int64).reshape(count),
+            np.isin([int(geom.type) for geom in shown], [FIELD, MESH, DISTANCES]),
             np.array([t[1] for t in textured], np.int64).reshape(count),
             radius_m, middle, half,
         )  # fmt: skip
@@ -337,6 +343,12 @@ def texture_of(model: Any, geom: Any) -> int:
     return int(model.mat_texid[geom.matid, _ROLE_RGB]) if geom.matid >= 0 else -1
 
 
+def _cover(model: Any, geom: Any, table: TextureTable) -> int:
+    """Channel of the opacity of a geom's texture; -1 where that is solid."""
+    texture = texture_of(model, geom)
+    return -1 if texture < 0 or geom.matid < 0 else table.opacity(texture)
+
+
 def _textured(model: Any, geom: Any, table: TextureTable, hue: Array | None) -> tuple[int, int]:
     """Channel of a geom's texture, and how many there are."""
     texture = texture_of(model, geom)
@@ -359,6 +371,11 @@ def _places(model: Any, geom: Any, part: shapes.Part) -> Array:
     if geom.texcoord:
         return found
     repeat = np.array(_repeat(model, geom), float)
+    if geom.type in (FIELD, MESH, DISTANCES):
+        # Their corners are in metres: a texture is twice as wide as the geom's half size.
+        per_m = repeat if _uniform(model, geom) else repeat / size[:2]
+        found[..., :2] = 0.5 * per_m * [1, -1] * part.places - 0.5
+        return found
     if _uniform(model, geom):
         repeat = np.where(size[:2] > 0, repeat * size[:2], repeat)
     found[..., :2] *= repeat

@@ -75,6 +75,12 @@ class TextureTable:
         first = [self._channel(texture, tuple(row)) for row in np.eye(3).tolist()]
         return first[0]
 
+    def opacity(self, texture: int) -> int:
+        """The number of a texture's opacity; -1 where it is solid."""
+        pixels = self._stored(texture)
+        clear = pixels.shape[2] == 4 and bool((pixels[..., 3] < 255).any())
+        return self._channel(texture, (0.0, 0.0, 0.0, 1.0)) if clear else -1
+
     def texels(self) -> Texels:
         """All of them."""
         empty = np.zeros((0, _MOST_LEVELS, 3), np.int64)
@@ -85,20 +91,31 @@ class TextureTable:
         )
 
     def _channel(self, texture: int, weights: tuple[float, ...]) -> int:
-        if (texture, weights) not in self._made:
-            self._made[texture, weights] = len(self._levels)
-            self._add(self._pixels(texture), weights, self.kind(texture) != FLAT)
-        return self._made[texture, weights]
+        key = texture, weights
+        if key not in self._made:
+            self._made[key] = len(self._levels)
+            pixels = self._pixels(texture)
+            if len(weights) == 4:
+                pixels, weights = self._stored(texture)[..., 3:].repeat(3, axis=2), (1.0, 0.0, 0.0)
+            self._add(pixels, weights, self.kind(texture) != FLAT)
+        return self._made[key]
 
     def _pixels(self, texture: int) -> NDArray[Any]:
-        """(H, W, 3) as the model holds them."""
+        """(H, W, 3) colours, linear."""
+        pixels = self._stored(texture)[..., :3]
+        if self._model.tex_colorspace[texture] == _SRGB and self.kind(texture) == FLAT:
+            return _linear(pixels)
+        return pixels
+
+    def _stored(self, texture: int) -> NDArray[np.uint8]:
+        """(H, W, 3 or 4) as the model holds them; white where MuJoCo's renderer takes them not."""
         model = self._model
         height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
         channels, first = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
+        if channels not in (3, 4):
+            return np.full((1, 1, 3), 255, np.uint8)
         flat = model.tex_data[first : first + height * width * channels]
-        pixels: NDArray[Any] = flat.reshape(height, width, channels)[..., :3]
-        if model.tex_colorspace[texture] == _SRGB and self.kind(texture) == FLAT:
-            return _linear(pixels)
+        pixels: NDArray[np.uint8] = flat.reshape(height, width, channels)
         return pixels
 
     def _add(self, pixels: NDArray[Any], weights: tuple[float, ...], cube: bool) -> None:

@@ -121,9 +121,18 @@ def _nearer(start, step, number, first, count, nearness, ids):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _next(start, step, number, first, count, after, nearness, ids):
+    """Puts a triangle where none is yet, and its number is larger than `after`."""
+    for x in range(count):
+        k = first + x
+        if ids[k] < 0 and number > after[k]:
+            nearness[k], ids[k] = start + step * np.float32(np.int32(x)), number
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def visible(  # noqa: C901
     corners, first, order, turned, T_cam_world, intrinsics, stride, view, clip, beyond, scale,
-    nearness, ids, edges, source, made,
+    after, nearness, ids, edges, source, made,
 ):  # fmt: skip
     """Draws triangles and returns how many may be seen.
 
@@ -140,6 +149,8 @@ def visible(  # noqa: C901
         beyond: (4,) a plane in the camera's axes: only what lies where n x + d is positive is
             drawn; 0 for everything.
         scale: (2,) `nearness` is scale[0] / z - scale[1].
+        after: (H, W) int32 to draw, whatever is nearer, the first triangle of a larger number; or
+            (0, 0).
         nearness: in and out, (H, W) float32; 0 is nothing.
         ids: in and out, (H, W) int32, number of a triangle among those seen; -1 is nothing.
         edges: out, (T, 3, 3) of those seen.
@@ -149,6 +160,7 @@ def visible(  # noqa: C901
     c, e, box = np.empty((3, 3)), np.empty((6, 3)), np.empty(4)
     q, crossing = np.empty(3), np.empty((6, 3))
     columns, near, known = nearness.shape[1], nearness.reshape(-1), ids.reshape(-1)
+    past, in_turn = after.reshape(-1), after.size > 0
     for g in order:
         for t in range(first[g], first[g + 1]):
             least, most = np.inf, -np.inf
@@ -188,9 +200,11 @@ def visible(  # noqa: C901
                 left = int(a)
                 rho = q[1] * y + q[2] + q[0] * (x0 + a)
                 start, step = np.float32(scale[0] * rho - scale[1]), np.float32(scale[0] * q[0])
-                _nearer(
-                    start, step, np.int32(made), y * columns + left, int(b) - left + 1, near, known
-                )
+                number, at, wide = np.int32(made), y * columns + left, int(b) - left + 1
+                if in_turn:
+                    _next(start, step, number, at, wide, past, near, known)
+                else:
+                    _nearer(start, step, number, at, wide, near, known)
             if seen:
                 source[made] = t
                 for i in range(3):

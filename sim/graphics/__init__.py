@@ -102,6 +102,17 @@ def drawn_by() -> str:
     return _probed_driver().identity
 
 
+def gpu_draws() -> bool:
+    """Whether a GPU draws; where there is one that does not, `note` says why."""
+    if not has_gpu():
+        return False
+    try:
+        return _probed_driver().hardware
+    except InputError as error:
+        os.environ[NOTE] = f"the GPU does not draw ({error})"
+        return False
+
+
 def note() -> str:
     """Why a GPU is not used although there is one; empty where there is nothing to tell."""
     return os.environ.get(NOTE, "")

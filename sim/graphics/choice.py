@@ -66,7 +66,7 @@ class Choice:
     Attributes:
         backend: egl or osmesa.
         environment: variables that must be set before it is loaded.
-        note: why a GPU is not used, in a sentence; empty where there is nothing to tell.
+        note: why a GPU is not used; empty where there is nothing to tell.
     """
 
     backend: str
@@ -101,9 +101,9 @@ def choose(installed: tuple[str, ...], root: Path = Path("/")) -> Choice:
             return Choice("egl", environment)
     first = tried[0]
     if isinstance(first, Driver):
-        return Choice("egl", note=f"the GPU offers no EGL here, so {first.renderer} renders")
+        return Choice("egl", note="the GPU offers no EGL here")
     if "osmesa" in installed:
-        return Choice("osmesa", note=f"EGL does not start ({first}), so software renders")
+        return Choice("osmesa", note=f"EGL does not start ({first})")
     raise InputError(
         f"EGL does not start ({first}): fix the GPU's driver, or render in software, on Debian: "
         "apt-get install libosmesa6"

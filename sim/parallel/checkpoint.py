@@ -42,7 +42,7 @@ Notice = Callable[[str], None]
 """Called with one line for people to read."""
 State = dict[str, NDArray[Any]]
 """Everything that later events depend on."""
-_FORMAT = 2
+_FORMAT = 3
 # Files of the folder, and of each checkpoint in it.
 _KEY, _LOCK = "job.json", "lock"
 _INDEX, _STATE = "part.json", "state.npz"
@@ -63,17 +63,21 @@ class CheckpointFolder:
 
     Left with an error, they stay for the next run if one is finished; they go if none is, or if the
     input was wrong, because then what is done is of no use. The target is never touched. The key
-    says what is being made. Without `resume`, what is there is discarded.
+    says what is being made, and `begun_with` by which renderer. Without `resume`, what is there is
+    discarded.
 
     Raises:
         InputError: another process works on the target, the folder cannot be made, or what is there
             was made with other parameters.
     """
 
-    def __init__(self, out: Path, key: str, rig: Rig, *, resume: bool, notice: Notice) -> None:
+    def __init__(
+        self, out: Path, key: str, rig: Rig, *, renderer: str, resume: bool, notice: Notice
+    ) -> None:
         self.path = checkpoint_path(out)
         self.finished: list[Checkpoint] = []
-        self._out, self._key, self._rig = out, key, rig
+        self._out, self._rig = out, rig
+        self._made_of = {"format": _FORMAT, "key": key, "renderer": renderer}
         self._resume, self._notice = resume, notice
         self._open: CheckpointWriter | None = None
 
@@ -144,9 +148,8 @@ class CheckpointFolder:
         with work_folder(real(self._out)):
             pass
         job = self.path / _KEY
-        made_of = {"format": _FORMAT, "key": self._key}
         if self._resume and job.exists():
-            if _json(job) != made_of:
+            if _json(job) != self._made_of:
                 raise InputError(
                     f"{self.path} holds unfinished work with other parameters, scene or "
                     "versions: finish it with those, or set resume=False to discard it"
@@ -156,7 +159,7 @@ class CheckpointFolder:
         for entry in self.path.iterdir():
             if entry.is_dir():
                 shutil.rmtree(entry)
-        write_text(job, json.dumps(made_of))
+        write_text(job, json.dumps(self._made_of))
 
     def _find_checkpoints(self) -> None:
         """The longest run of whole checkpoints from the start that ends with a state."""
@@ -171,6 +174,13 @@ class CheckpointFolder:
             self.finished.pop()
         for path in paths[len(self.finished) :]:
             shutil.rmtree(path)
+
+
+def begun_with(out: Path) -> str | None:
+    """The renderer of a target's unfinished work; None where there is none."""
+    path = checkpoint_path(out) / _KEY
+    job = _json(path) if path.is_file() else None
+    return job.get("renderer") if isinstance(job, dict) else None
 
 
 def checkpoint_path(out: Path) -> Path:

@@ -135,6 +135,14 @@ class Drawing(Protocol):
         """
 
 
+def finer(drawing: Drawing) -> float:
+    """How many times as many samples as MuJoCo's renderer a cheaper one draws by default.
+
+    It says so by an attribute of this name; one without it draws as many.
+    """
+    return float(getattr(drawing, "finer", 1.0))
+
+
 def moving_ids(renderer: Renderer) -> NDArray[np.bool_]:
     """(G + 1,) whether a geom can move by itself; the last, id -1, is none."""
     return np.array([geom.dynamic for geom in renderer.geoms.values()] + [False])

@@ -11,12 +11,13 @@ It is called with a compiled model, or None for the scene's file, and gives a `D
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, cast
 
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.emvs.utils.plugins import RENDERERS, offered, points
-from eventsweep.sim.config import AUTO, CLASSIC, FLOAT, SimConfig
-from eventsweep.sim.graphics import import_mujoco
+from eventsweep.emvs.utils.plugins import RENDERERS, is_ours, offered, points
+from eventsweep.sim.config import AUTO, EITHER, OF_MUJOCO, SimConfig
+from eventsweep.sim.graphics import gpu_draws, import_mujoco
 from eventsweep.sim.rendering.base import Drawing
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.scene import Scene
@@ -59,6 +60,21 @@ class MujocoDrawing:
 MUJOCO = MujocoDrawing()
 
 
+@cache
+def default_renderer() -> str:
+    """What `auto` stands for here: MuJoCo on a GPU, else our plug-in, else MuJoCo in software."""
+    ours = [point.name for point in points(RENDERERS) if is_ours(point)]
+    return EITHER if not ours or gpu_draws() else ours[0]
+
+
+def decided(config: SimConfig, begun: str | None = None) -> SimConfig:
+    """The parameters with a renderer's name for `auto`: the one that a work has `begun` with."""
+    if config.light.renderer != AUTO:
+        return config
+    name = begun or default_renderer()
+    return config.model_copy(update={"light": config.light.model_copy(update={"renderer": name})})
+
+
 def drawing_of(config: SimConfig, model: Any = None) -> Drawing:
     """What draws a scene, or a compiled model in its place, as `config.light.renderer` says.
 
@@ -67,10 +83,10 @@ def drawing_of(config: SimConfig, model: Any = None) -> Drawing:
     Raises:
         InputError: no plug-in offers this renderer, or it cannot be loaded.
     """
-    name, own = config.light.renderer, (AUTO, CLASSIC, FLOAT)
-    if name in own:
+    name = decided(config).light.renderer
+    if name in OF_MUJOCO:
         return MUJOCO if model is None else MujocoDrawing(model)
-    known = (*own, *(point.name for point in points(RENDERERS)))
+    known = (AUTO, *OF_MUJOCO, *(point.name for point in points(RENDERERS)))
     opens = offered(RENDERERS, name, "renderer", known)
     import_mujoco(draws=False)
     return cast("Drawing", opens(model))

@@ -12,7 +12,8 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.config import SimConfig
-from eventsweep.sim.rendering.drawing import MUJOCO
+from eventsweep.sim.rendering.base import finer
+from eventsweep.sim.rendering.drawing import MUJOCO, drawing_of
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import rig
 from eventsweep.sim.sampling import border_px, with_sampling
@@ -27,14 +28,16 @@ def rig_of(camera: Camera) -> Rig:
 
 
 @pytest.mark.parametrize(
-    ("name", "accurate", "fast"), [("davis346", 6, 4), ("tumvie", 3, 2), ("dsec", 4, 2)]
+    ("name", "accurate", "fast", "cheap"),
+    [("davis346", 6, 4, 8), ("tumvie", 3, 2, 3), ("dsec", 4, 2, 4), ("mvsec", 6, 4, 8)],
 )
-def test_samples_go_by_the_angle_of_a_pixel(name, accurate, fast):
+def test_samples_go_by_the_angle_of_a_pixel(name, accurate, fast, cheap):
     for sampling, expected in (("accurate", accurate), ("fast", fast), ("linear", 2)):
         filled = with_sampling(SimConfig(sampling=sampling), rig(name))
         assert filled.supersample == expected
         assert filled.max_displacement_px == (0.5 if sampling == "linear" else 12.0)
-    assert with_sampling(SimConfig(supersample=5), rig(name)).supersample == 5
+    assert with_sampling(SimConfig(supersample=5), rig(name), finer=4 / 3).supersample == 5
+    assert with_sampling(SimConfig(), rig(name), finer=4 / 3).supersample == cheap
 
 
 @pytest.mark.parametrize("focal_px", [150, 230, 300, 450, 640, 700, 1100])
@@ -65,7 +68,8 @@ def test_a_scene_with_a_lamp_on_the_head_is_simulated_with_plain_frames_and_says
     config, heard = SimConfig(duration_s=0.01, max_displacement_px=4.0), []
     simulate(scene, made.tiny_rig(), config, 0, tmp_path / "asked", notice=heard.append)
     assert heard == ["rendering plain frames half a pixel apart: there is a lamp on the head"]
-    samples = with_sampling(SimConfig(), made.tiny_rig()).supersample
+    times = finer(drawing_of(SimConfig()))
+    samples = with_sampling(SimConfig(), made.tiny_rig(), finer=times).supersample
     linear = SimConfig(duration_s=0.01, sampling="linear", supersample=samples)
     simulate(scene, made.tiny_rig(), linear, 0, tmp_path / "linear", notice=heard.append)
     assert len(heard) == 1

@@ -9,6 +9,8 @@ import pytest
 import mujoco_scenes as made
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.sim.config import FramesConfig, SimConfig
+from eventsweep.sim.rendering.base import finer
+from eventsweep.sim.rendering.drawing import decided, default_renderer, drawing_of
 from eventsweep.sim.rigs import RIGS, rig
 from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.simulate import simulate
@@ -107,10 +109,11 @@ def test_truth_holds_the_start_the_middle_the_end_and_the_right_depth(sequence):
 def test_the_manifest_says_how_it_was_made(scene, sequence):
     manifest = sequence.manifest
     assert manifest.name == "noise"
+    drawn = decided(scene.configured(CONFIG))
     assert SimConfig(**manifest.configuration) == with_sampling(
-        scene.configured(CONFIG), sequence.rig
+        drawn, sequence.rig, finer=finer(drawing_of(drawn))
     )
-    assert manifest.renderer.startswith("mujoco 4")
+    assert manifest.renderer.startswith(f"{default_renderer()}, mujoco 4".removeprefix("mujoco, "))
     assert manifest.depth_range_m == (0.7, 3.0)
 
 

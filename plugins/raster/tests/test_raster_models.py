@@ -38,6 +38,17 @@ SKY = (
 )
 ENDLESS = '<geom type="plane" size="0 0 1" material="m"/>'
 
+# Two tetrahedra through each other: an eye sees up to four faces, one behind the other.
+STAR = (
+    '<mesh name="star" inertia="shell" vertex="0 0 .5 .5 0 -.2 -.25 .4 -.2 -.25 -.4 -.2 '
+    '0 .1 -.5 .5 .1 .2 -.25 .5 .2 -.25 -.3 .2" '
+    'face="0 1 2 0 2 3 0 3 1 1 3 2 4 6 5 4 7 6 4 5 7 5 6 7"/>'
+)
+FIELD = (
+    '<hfield name="h" nrow="9" ncol="7" size="1 1.2 .6 .1" elevation="'
+    + " ".join(str(v) for v in RNG.integers(0, 9, 63))
+    + '"/>'
+)
 GLASS = (("box", -0.5), ("sphere", 0), ("cylinder", 0.2), ("ellipsoid", 0.4), ("capsule", 0.7))
 
 
@@ -71,6 +82,26 @@ MODELS = {
         f'rgba=".8 .{n} .3 .{n}"/>' for n, (kind, y) in enumerate(GLASS, 3)),
         FLAT + material(),
     ),
+    "glass meshes": (
+        SHAPES + LAMP + '<geom type="mesh" mesh="star" pos="-1 .2 .9" euler="20 40 10" '
+        'rgba=".8 .3 .3 .5"/><geom type="mesh" mesh="star" pos="-1.2 -.3 .9" material="g"/>'
+        '<geom type="hfield" hfield="h" pos="-.9 0 .3" rgba=".3 .6 .5 .4"/>',
+        FLAT + material() + STAR + FIELD + '<material name="g" texture="t" rgba="1 .5 1 .4"/>',
+    ),
+    "textures with opacity": (
+        SHAPES + LAMP + '<geom type="box" size=".3 .4 .2" pos="-1 .2 1" material="c"/>'
+        '<geom type="mesh" mesh="star" pos="-1.2 -.4 1" material="c"/>'
+        '<geom type="plane" size=".4 .4 .1" pos="-.8 .9 1" euler="0 70 0" material="m"/>',
+        FLAT + material() + STAR + '<material name="c" texture="t" specular="0" '
+        'rgba="1 .9 .8 .7"/>',
+    ),
+    "textures of one channel": (SHAPES + LAMP, FLAT + material()),
+    "glass in a mirror": (
+        SHAPES.replace('.5" material="m"', '.5" material="r"') + LAMP
+        + '<geom type="sphere" size=".3" pos="-.9 .4 .5" rgba=".8 .3 .3 .4"/>'
+        '<geom type="mesh" mesh="star" pos="-.8 -.4 .6" rgba=".2 .8 .3 .6"/>',
+        FLAT + material() + STAR + '<material name="r" reflectance=".6" rgba=".3 .4 .5 1"/>',
+    ),
     "a mirror on the floor": (
         SHAPES.replace('.5" material="m"', '.5" material="r"') + LAMP,
         FLAT + material() + '<material name="r" reflectance=".6" rgba=".3 .4 .5 1"/>',
@@ -86,8 +117,22 @@ MODELS = {
     ),
     "a height field": (
         LAMP + '<geom type="hfield" hfield="h" rgba=".7 .6 .5 1"/>',
-        '<hfield name="h" nrow="9" ncol="7" size="1 1.2 .6 .1" elevation="'
-        + " ".join(str(v) for v in RNG.integers(0, 9, 63)) + '"/>',
+        FIELD,
+    ),
+    "textures of meshes and height fields": (
+        LAMP + '<geom type="mesh" mesh="star" pos="-.6 .5 1" euler="20 40 10" material="m"/>'
+        '<geom type="hfield" hfield="h" pos=".4 0 .3" material="m"/>',
+        FLAT + material('texrepeat="2 3"') + STAR + FIELD,
+    ),
+    "uniform textures of meshes": (
+        LAMP + '<geom type="mesh" mesh="star" pos="-.6 .5 1" euler="20 40 10" material="m"/>'
+        '<geom type="hfield" hfield="h" pos=".4 0 .3" material="m"/>',
+        FLAT + material('texrepeat="2 3" texuniform="true"') + STAR + FIELD,
+    ),
+    "cubes on meshes": (
+        LAMP + '<geom type="mesh" mesh="star" pos="-.6 .5 1" euler="20 40 10" material="m"/>'
+        '<geom type="hfield" hfield="h" pos=".4 0 .3" material="m"/>',
+        CUBE + material('texuniform="true"') + STAR + FIELD,
     ),
     "a mesh": (
         LAMP + '<geom type="mesh" mesh="k" pos="0 0 .7" rgba=".7 .6 .5 1"/>',
@@ -107,6 +152,10 @@ def built(name):
     if texture is not None:
         pixels = SMOOTH if 'type="2d"' in assets else np.concatenate([SMOOTH] * 6)
         pixels = pixels if 'type="2d"' in assets else np.roll(pixels, 37, axis=0)
+        if "opacity" in name:
+            pixels = np.dstack([pixels, SMOOTH[::-1, :, 0]])
+        if "one channel" in name:
+            pixels = pixels[..., :1]
         texture.height, texture.width, texture.nchannel = pixels.shape
         texture.data = np.ascontiguousarray(pixels).tobytes()
     return spec

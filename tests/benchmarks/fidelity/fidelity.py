@@ -2,13 +2,14 @@
 
 Events are compared one to one. Each case is a short clip of one camera; of sensors with many
 pixels, of their middle. For scenes of the suite the truth is the finest pictures that are
-practical: 16 x 16 samples per pixel, 0.05 px apart. With `--rays` the cases are worlds of panels,
-and the truth is cast by rays, which shares no code with the simulator; `--drawn SEED` is the same
-with other sizes, speeds and textures.
+practical: 16 x 16 samples per pixel, 0.05 px apart, by MuJoCo's renderer. With `--rays` the cases
+are worlds of panels, and the truth is cast by rays, which shares no code with the simulator;
+`--drawn SEED` is the same with other sizes, speeds and textures.
 
 Run: python tests/benchmarks fidelity --truth FOLDER [CASE ...] [--rays | --drawn SEED]
 [--page docs/simulator.md] [--picture docs/images/fidelity.png]. The truth is kept in FOLDER: of a
-scene it takes minutes, of panels seconds.
+scene it takes minutes, of panels seconds. Renderers are compared by `--way accurate --renderer
+raster`, and by motions that nobody has seen, `--seed 7`.
 """
 
 from __future__ import annotations
@@ -157,13 +158,13 @@ def kept_events(path: Path, kind: type, make: Callable[[], Any]) -> Any:
     return events
 
 
-def finest(clip: Clip) -> Events:
+def finest(clip: Clip, seed: int) -> Events:
     """The events of the finest pictures."""
     scene, rig = view_of(clip)
     config = scene.configured(
         SimConfig(sampling="linear", max_displacement_px=FINEST_PX, min_frame_interval_us=1)
     )
-    motion, camera = scene.motion(scene.duration_s, 0), rig.cameras[0]
+    motion, camera = scene.motion(scene.duration_s, seed), rig.cameras[0]
     pixels, parts = EventSimulator(camera.width_px, camera.height_px, config), []
     with StereoRenderer(
         scene.spec(), rig, FINEST_SAMPLES, scene.depth_range_m,
@@ -181,11 +182,11 @@ def finest(clip: Clip) -> Events:
     return Events.concat(parts)
 
 
-def simulated(clip: Clip, settings: dict[str, Any]) -> Events:
+def simulated(clip: Clip, settings: dict[str, Any], seed: int) -> Events:
     """The clip's events as the simulator makes them."""
     scene, rig = view_of(clip)
     # The whole scene's motion, of which the clip is the beginning.
-    clipped = replace(scene, motion=lambda _s, seed: scene.motion(scene.duration_s, seed))
+    clipped = replace(scene, motion=lambda _s, _seed: scene.motion(scene.duration_s, seed))
     config = SimConfig(duration_s=1e-6 * clip.duration_us, **settings)
     return cast(Events, simulated_events(clipped, rig, config))
 
@@ -219,6 +220,7 @@ def table(results: dict[str, dict[str, Agreement]], against: str) -> str:
 
 def runs(given: argparse.Namespace) -> Iterator[tuple[str, str, Any, Any]]:
     """Case, way, events and true events, one by one."""
+    light = {"light": {"renderer": given.renderer}}
     for name in given.cases or (RAY_CASES if given.rays else CLIPS):
         if given.rays:
             case = panel_case(name, given.drawn)
@@ -226,14 +228,19 @@ def runs(given: argparse.Namespace) -> Iterator[tuple[str, str, Any, Any]]:
             world, seconds, log_eps = case.world, case.duration_s, case.log_eps
             cast_rays = partial(ray_events, world, seconds, log_eps=log_eps)
             true = kept_events(given.truth / f"rays, {name}{drawn}.npz", PixelEvents, cast_rays)
-            ways = RAY_WAYS if given.drawn is None else DRAWN_WAYS
-            for way, settings in ways.items():
-                yield name, way, simulated_panels(case, settings), true
+            for way, settings in _ways(given).items():
+                yield name, way, simulated_panels(case, settings | light), true
             continue
-        clip = CLIPS[name]
-        true = kept_events(given.truth / f"{name}.npz", Events, partial(finest, clip))
-        for way, settings in WAYS.items():
-            yield name, way, simulated(clip, settings), true
+        clip, path = CLIPS[name], f"{name}{f', seed {given.seed}' if given.seed else ''}.npz"
+        true = kept_events(given.truth / path, Events, partial(finest, clip, given.seed))
+        for way, settings in _ways(given).items():
+            yield name, way, simulated(clip, settings | light, given.seed), true
+
+
+def _ways(given: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    panels = RAY_WAYS if given.drawn is None else DRAWN_WAYS
+    ways = panels if given.rays else WAYS
+    return {way: ways[way] for way in ways if way in (given.way or ways)}
 
 
 def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -244,6 +251,9 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument("--rays", action="store_true", help="worlds of panels, by ray casting")
     kind.add_argument("--drawn", type=int, metavar="SEED", help="the same, other panels")
+    parser.add_argument("--way", action="append", choices=WAYS, help="this one alone")
+    parser.add_argument("--renderer", default="auto", help="of what is judged")
+    parser.add_argument("--seed", type=int, default=0, help="of the motion through a scene")
     parser.add_argument("--page", type=Path)
     parser.add_argument("--picture", type=Path)
     given = parser.parse_args(arguments)

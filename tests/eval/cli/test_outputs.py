@@ -281,7 +281,9 @@ def test_a_work_folder_that_is_not_ours_is_refused_and_kept(tmp_path, made, kind
         place.mkdir()
         (place / "lock").symlink_to(mine / "precious") if kind == "lock" else None
         (place / "thesis.tex").write_text("x") if kind == "stranger" else None
-    checkpoint = CheckpointFolder(out, "key", Sequence.open(made).rig, resume=False, notice=print)
+    checkpoint = CheckpointFolder(
+        out, "key", Sequence.open(made).rig, renderer="", resume=False, notice=print
+    )
     with untouched(tmp_path):
         assert "unfinished work" in line_of(checkpoint.__enter__)
 

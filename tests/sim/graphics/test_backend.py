@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from typing import NamedTuple
 
 import pytest
 
@@ -22,6 +23,7 @@ from eventsweep.sim.graphics.choice import (
     equal_devices,
     probe,
 )
+from eventsweep.sim.rendering import drawing
 from eventsweep.sim.rigs import rig
 from eventsweep.sim.simulate import simulate
 from places import ROOT
@@ -39,11 +41,12 @@ def _fresh(monkeypatch):
     for name in (VENDOR, "__EGL_VENDOR_LIBRARY_DIRS", DEVICE, NOTE, "MUJOCO_GL"):
         monkeypatch.setenv(name, "")  # so that what a test adopts is undone
         monkeypatch.delenv(name)
-    choose.cache_clear()
-    choice._probed.cache_clear()
+    known = choose, choice._probed, drawing.default_renderer
+    for found in known:
+        found.cache_clear()
     yield
-    choose.cache_clear()
-    choice._probed.cache_clear()
+    for found in known:
+        found.cache_clear()
 
 
 @pytest.fixture
@@ -107,7 +110,7 @@ def test_the_users_own_driver_file_stays_and_egl_in_software_beside_a_gpu_is_tol
     program(prints(SOFTWARE))
     chosen = choose(BOTH, machine)
     assert (chosen.backend, dict(chosen.environment)) == ("egl", {})
-    assert own or ("GPU" in chosen.note and "llvmpipe" in chosen.note)
+    assert own or chosen.note == "the GPU offers no EGL here"
 
 
 @pytest.mark.parametrize(
@@ -197,7 +200,41 @@ def test_a_note_reaches_who_simulates(tmp_path, monkeypatch):
     heard = []
     config = SimConfig(duration_s=0.002, supersample=1)
     simulate(scenes.load("planes"), rig("davis346"), config, 0, tmp_path / "s", notice=heard.append)
-    assert heard[0] == "the GPU sleeps"
+    assert heard[0].startswith("the GPU sleeps: drawn by ")
+
+
+class Offered(NamedTuple):
+    name: str
+    module: str
+
+
+OURS, THEIRS = Offered("ours", "eventsweep.plugins.ours"), Offered("theirs", "their.renderer")
+
+
+@pytest.mark.parametrize(("driver", "offers", "taken"), [
+    (None, [OURS, THEIRS], "ours"), (None, [THEIRS], "mujoco"), (None, [], "mujoco"),
+    (GPU, [OURS, THEIRS], "mujoco"), (SOFTWARE, [OURS], "ours"), (SOFTWARE, [], "mujoco"),
+])  # fmt: skip
+def test_a_gpu_draws_with_mujoco_and_else_our_plug_in(program, monkeypatch, driver, offers, taken):
+    runs = program(prints(driver or GPU))
+    monkeypatch.setattr(choice, "has_gpu", lambda root=None: driver is not None)
+    monkeypatch.setattr(graphics, "has_gpu", lambda: driver is not None)
+    monkeypatch.setattr(graphics, "_installed", lambda name: True)
+    monkeypatch.setattr(drawing, "points", lambda group: offers)
+    for _ in range(2):
+        assert drawing.decided(SimConfig()).light.renderer == taken
+    assert runs() == (driver is not None and OURS in offers)
+    chosen = SimConfig(light={"renderer": "classic"})
+    assert drawing.decided(chosen, "ours") is chosen
+
+
+def test_who_has_a_gpu_that_draws_nothing_is_told(program, monkeypatch):
+    program("os.kill(os.getpid(), 11)")
+    monkeypatch.setattr(graphics, "has_gpu", lambda: True)
+    monkeypatch.setattr(graphics, "_installed", lambda name: True)
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    assert not graphics.gpu_draws()
+    assert re.match(r"the GPU does not draw \(.*SIGSEGV", graphics.note())
 
 
 def test_a_worker_that_draws_otherwise_refuses_the_job(tmp_path):

@@ -19,6 +19,7 @@ from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.parallel.checkpoint import CheckpointFolder, checkpoint_path
 from eventsweep.sim.parallel.render_job import chunk_bounds_us
 from eventsweep.sim.parallel.workers import slot_count
+from eventsweep.sim.rendering import drawing
 from eventsweep.sim.sensor.labels import Label
 from eventsweep.sim.sensor_presets import SensorConfig
 from eventsweep.sim.simulate import check_disk, make_job, simulate
@@ -39,6 +40,16 @@ def stopped(scene, out, t_us, config=CONFIG):
     with pytest.raises(Killed):
         simulate(scene, made.tiny_rig(), config, 0, out, commit_s=0, progress=stop_at(t_us))
     assert not out.exists()
+
+
+def test_a_stopped_run_keeps_its_renderer(tmp_path, monkeypatch):
+    scene = made.noise_scene(tmp_path)
+    stopped(scene, tmp_path / "s", 12_000)
+    begun = drawing.default_renderer()
+    monkeypatch.setattr(drawing, "default_renderer", lambda: "float")
+    simulate(scene, made.tiny_rig(), CONFIG, 0, tmp_path / "s")
+    manifest = Sequence.open(tmp_path / "s").manifest
+    assert manifest.configuration["light"]["renderer"] == begun != "float"
 
 
 @pytest.mark.parametrize("t_us", often([12_000], [12_000, 30_000, 50_000]))
@@ -189,7 +200,7 @@ if __name__ == "__main__":
 def test_killed_at_any_step_of_its_beginning_it_can_be_begun_again(tmp_path):
     def begin():
         with CheckpointFolder(
-            tmp_path / "out", "key", made.tiny_rig(), resume=True, notice=print
+            tmp_path / "out", "key", made.tiny_rig(), renderer="", resume=True, notice=print
         ) as work:
             assert work.next_chunk == 0
 

@@ -253,7 +253,8 @@ def no_shader(*_):
 
 
 def test_a_sequence_has_the_same_events_and_tells_who_made_its_light(tmp_path, on_a_gpu):
-    scene, config = made.noise_scene(tmp_path), SimConfig(duration_s=0.02)
+    scene = made.noise_scene(tmp_path)
+    config = SimConfig(duration_s=0.02, light={"renderer": "mujoco"})
     simulate(scene, made.tiny_rig(), config, 0, tmp_path / "shader")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(renderer, "ShaderLight", no_shader)

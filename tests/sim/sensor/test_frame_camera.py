@@ -19,6 +19,7 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.sim.config import FramesConfig, ImuConfig, SimConfig
 from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.rendering.adaptive_sampling import adaptive_frames
+from eventsweep.sim.rendering.drawing import drawing_of
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.sensor.frame_camera import (
     Exposure,
@@ -45,7 +46,10 @@ def whole(folder, scene):
 
 def test_a_stored_picture_is_the_light_of_the_frames_that_made_the_events(scene, whole):
     """Bit by bit; and what frames at other times give, to a grey level."""
-    sequence, job = Sequence.open(whole), make_job(scene, made.tiny_rig(), CONFIG, 0)
+    sequence, job = (
+        Sequence.open(whole),
+        make_job(scene, made.tiny_rig(), CONFIG, 0, drawing_of(CONFIG)),
+    )
     assert sequence.photo_times_us(1).tolist() == [10_000, 20_000, 30_000, 40_000]
     with job.renderer() as renderer:
         taken = []
