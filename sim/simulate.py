@@ -125,12 +125,8 @@ def simulate(
             graphics.close()
             job, renderer = _lit(job, make_job(replace(scene, hdr=True), *asked), graphics, notice)
         check_outside(job, renderer)
-        if note():
-            notice(f"{note()}: drawn by {renderer.description}")
-        if silent := silent_beside(job):
-            notice(silent)
-        if config.sampling != job.config.sampling:
-            notice(f"rendering plain frames half a pixel apart: {drawing.why_plain(scene)}")
+        plain = "" if config.sampling == job.config.sampling else drawing.why_plain(scene)
+        _tell_how(job, renderer, plain, notice)
         arguments, key = describe(job, renderer)
         folder = stack.enter_context(
             CheckpointFolder(
@@ -157,6 +153,15 @@ def simulate(
                 "cameras look, or of a recorded trajectory its unit and replay.place"
             )
     return out
+
+
+def _tell_how(job: RenderJob, renderer: Renderer, plain: str, notice: Notice) -> None:
+    if note():
+        notice(f"{note()}: drawn by {renderer.description}")
+    if silent := silent_beside(job):
+        notice(silent)
+    if plain:
+        notice(f"rendering plain frames half a pixel apart: {plain}")
 
 
 def _with_renderer(
