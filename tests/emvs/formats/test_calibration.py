@@ -193,7 +193,7 @@ def test_texts_that_are_no_calibration_name_what_is_wrong(tmp_path, text, words)
 def test_refuses_cameras_and_rigs_that_are_not_there(tmp_path):
     path = written(tmp_path, kalibr(), ".yaml")
     refused("no camera cam7: choose from cam0, cam1, cam2", read_rig, path, [7])
-    refused("choose one of davis346, dsec, mvsec", rig, "goggles")
+    refused("choose one of davis346, davis346-frames, dsec, mvsec", rig, "goggles")
 
 
 @pytest.mark.parametrize("name", FILES)

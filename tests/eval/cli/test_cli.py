@@ -386,8 +386,8 @@ sys.exit(command.main(["list"]))
 
 
 def test_no_usable_graphics_is_one_line(tmp_path):
-    words = ["simulate", "planes", "--out", tmp_path / "s", "--quiet"]
-    done = python("-m", "eventsweep", *words, env={"MUJOCO_GL": "nonsense"})
+    words = ["simulate", "planes", "--out", tmp_path / "s", "--sim.light.renderer", "mujoco"]
+    done = python("-m", "eventsweep", *words, "--quiet", env={"MUJOCO_GL": "nonsense"})
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert "MUJOCO_GL" in done.stderr
     assert list(tmp_path.iterdir()) == []

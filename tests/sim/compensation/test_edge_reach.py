@@ -99,8 +99,9 @@ def walked_everywhere(before, after, grid, border, view):
     """The layers if every pixel is walked."""
     reached = search.empty_reached(np.arange(WIDTH * HEIGHT, dtype=np.int32).reshape(HEIGHT, WIDTH))
     everything = np.ones(before.body.shape, np.uint8)
+    ranges = np.empty(search.MOST, np.int64), np.empty(search.MOST), np.empty(search.MOST)
     for frame, to_other in ((before, TO_SECOND_START), (after, TO_FIRST_END)):
-        search.reach_out(frame, grid, border, view, to_other, everything, reached)
+        search.reach_out(frame, grid, border, view, to_other, everything, *ranges, reached)
     return search.chosen(reached)
 
 
