@@ -44,7 +44,7 @@ from panel_cases import CASES as RAY_CASES
 from panel_cases import PanelCase, panel_case
 from panel_scene import panel_rig, panel_scene, simulated_events
 from ray_events import PixelEvents, ray_events
-from table_code import FOREIGN, Code, of_scenes
+from table_code import DRAWS, FOREIGN, Code, of_scenes
 
 # Okabe and Ito's colours, distinguishable to everybody; line styles differ as well.
 _STYLES = (("#777777", ":"), ("#E69F00", "--"), ("#0072B2", "-"), ("#009E73", "-."))
@@ -272,8 +272,12 @@ def code() -> dict[str, Code]:
             ("fidelity:simulated", "fidelity:finest", "fidelity:table", "fidelity:WAYS")
         )
         + of_scenes(clip.scene for clip in CLIPS.values()),
-        "docs/simulator.md#fidelity-rays": Code((*PANELS, "fidelity:RAY_WAYS"), without=FOREIGN),
-        "docs/simulator.md#fidelity-drawn": Code((*PANELS, "fidelity:DRAWN_WAYS"), without=FOREIGN),
+        "docs/simulator.md#fidelity-rays": Code(
+            (*PANELS, "fidelity:RAY_WAYS"), (DRAWS,), without=FOREIGN
+        ),
+        "docs/simulator.md#fidelity-drawn": Code(
+            (*PANELS, "fidelity:DRAWN_WAYS"), (DRAWS,), without=FOREIGN
+        ),
     }
 
 

@@ -31,6 +31,8 @@ EXACT = "exact"
 """Instead of a hash: made of the code in seconds, and held equal to it by tests."""
 FOREIGN = ("eventsweep.emvs.formats",)
 """What reads others' events and calibrations: simulated sequences never pass it."""
+DRAWS = "eventsweep.plugins.raster.drawing"
+"""What draws where there is no GPU: loaded by its entry point."""
 _TOOLS = ("tests/**/*.py", "plugins/*/tests/**/*.py", "docs/figures/*.py")
 _PACKAGE = "eventsweep"
 Name = tuple[str, str]
@@ -74,10 +76,10 @@ class Code:
 
 
 def of_scenes(names: Iterable[str]) -> Code:
-    """Modules and models of scenes."""
+    """Modules and models of scenes, and what draws them where there is no GPU."""
     chosen = sorted(set(names))
     models = (path for name in chosen for path in files_of(scenes.load(name).mjcf))
-    modules = tuple(map(scenes.module_of, chosen))
+    modules = (*map(scenes.module_of, chosen), DRAWS)
     return Code(modules=modules, files=_in_checkout(models), without=FOREIGN)
 
 

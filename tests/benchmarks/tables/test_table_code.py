@@ -47,7 +47,7 @@ EDITS = {
         "docs/paper.md#paper", "plugins/track/odometry.md#track-scores",
     },
     "plugins/cuda/voting_kernels.py": {"plugins/cuda/cuda.md#gpu"},
-    "plugins/raster/shading_kernels.py": {"plugins/raster/raster.md#raster"},
+    "plugins/raster/shading_kernels.py": SIMULATED,
     "plugins/video/film.py": set(),
     "eval/report/run_page.py": set(),
     "eval/report/templates/page.html.j2": set(),
