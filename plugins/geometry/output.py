@@ -100,10 +100,10 @@ def _written(
     )
     results = Results(rows, {"score": settings, case: about}, (sample,))
     left_out = all("segmentation" in sequence.truth_names(k) for k in range(len(sequence.rig)))
-    moving = "left out" if left_out else "included, smeared, as no segmentation is stored"
+    moving = "left out" if left_out else "not left out: no segmentation is stored"
     how = (
-        f"{len(surfaces):,} true points, one per cell of {100 * config.cell_m:g} cm; what moves by "
-        f"itself is {moving}; "
+        f"{len(surfaces):,} true points, one per cell of {100 * config.cell_m:g} cm; what may move "
+        f"by itself is {moving}; "
         + "; ".join(f"{one.geometry.name}: {one.geometry.about}" for one in scored)
     )
     return WrittenGeometries(case, results, scored, how)
