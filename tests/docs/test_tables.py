@@ -26,7 +26,7 @@ def readme_in(folder):
 
 
 def settings_in(folder):
-    for name in settings_table.TABLES:
+    for name in {key.partition("#")[0] for key in settings_table.TABLES}:
         if settings_table.is_there(ROOT / name):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, folder / name)

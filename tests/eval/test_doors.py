@@ -29,7 +29,7 @@ from packages import documented, install, run_with
 from places import ROOT
 from small_pair import small_sequence
 
-PAGE = ROOT / "docs" / "plugins.md"
+PAGE = ROOT / "docs" / "architecture.md"
 MODULE = "theirs_for_tests"
 BROKEN = """[project]
 name = "broken"

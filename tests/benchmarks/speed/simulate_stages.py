@@ -1,6 +1,6 @@
 """Where a simulation's time goes: `python tests/benchmarks simulate_stages`.
 
-    python tests/benchmarks simulate_stages --page docs/performance.md
+    python tests/benchmarks simulate_stages --page docs/simulator.md
 
 Runs one stage at a time, where a simulation has several at work, so that the time of all processors
 belongs to one of them, the graphics library's threads included.
@@ -203,7 +203,7 @@ def stage_table(cases: list[Case]) -> str:
     measurements = [measured(one) for one in cases]
     lines = [
         "Processor seconds per simulated second; without imports and the scene's making, see "
-        "[above](#before-the-first-picture).",
+        "[first runs](gate.md#gate-your-mapper-in-ci).",
         "",
         f"| | {' | '.join(one.name for one in cases)} |",
         f"|---|{'--:|' * len(cases)}",
@@ -225,7 +225,7 @@ def stage_table(cases: list[Case]) -> str:
 def code() -> dict[str, Code]:
     """What the numbers depend on."""
     return {
-        "docs/performance.md#simulate-stages": Code(("simulate_stages:stage_table",))
+        "docs/simulator.md#simulate-stages": Code(("simulate_stages:stage_table",))
         + of_scenes(one.name.partition(",")[0] for one in stage_cases())
     }
 

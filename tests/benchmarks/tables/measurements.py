@@ -60,8 +60,8 @@ PARTS = (
         "tests/benchmarks/speed/bench_formats.py",
     ),
     Part(
-        ("docs/performance.md#simulate-stages",),
-        f"{_TOOL} simulate_stages --page docs/performance.md",
+        ("docs/simulator.md#simulate-stages",),
+        f"{_TOOL} simulate_stages --page docs/simulator.md",
     ),
     Part(("docs/gate.md#first-runs",), f"{_TOOL} first_runs --page docs/gate.md"),
     Part(("docs/gate.md#recipe",), f"{_TOOL} recipe_runs --work OUT --page docs/gate.md"),

@@ -21,11 +21,11 @@ from markdown_blocks import refresh
 from table_code import Code
 
 TABLES: dict[str, type[BaseModel]] = {
-    "docs/mapper.md": MapperConfig, "docs/methods.md": FocusParameters,
-    "plugins/learned/learned.md": LearnedParameters, "docs/scores.md": EvalConfig,
-    "docs/trajectories.md": TrajectoryConfig,
+    "docs/mapper.md#settings": MapperConfig, "docs/methods.md#settings": FocusParameters,
+    "plugins/learned/learned.md#settings": LearnedParameters,
+    "docs/scores.md#settings": EvalConfig, "docs/scores.md#trajectory-settings": TrajectoryConfig,
 }  # fmt: skip
-"""Page -> what its table is about."""
+"""Page and mark -> what the table is about."""
 
 _HEAD = "| Setting | Default | Values | Meaning |\n|---|---|---|---|\n"
 
@@ -86,7 +86,7 @@ def _values(field: Mapping[str, Any]) -> str:
 
 def code() -> dict[str, Code]:
     """What the numbers depend on."""
-    return {f"{page}#settings": Code() for page in TABLES}
+    return dict.fromkeys(TABLES, Code())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -100,15 +100,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with exit_code() as ended:
         ended.value = max(
             refresh(
-                asked.folder / name,
-                "settings",
+                asked.folder / page,
+                mark,
                 settings_block(model),
                 code,
                 check=asked.check,
                 command="python tests/benchmarks settings_table",
             )
-            for name, model in TABLES.items()
-            if is_there(asked.folder / name)
+            for (page, _, mark), model in zip(
+                (name.partition("#") for name in TABLES), TABLES.values(), strict=True
+            )
+            if is_there(asked.folder / page)
         )
     return ended.value
 

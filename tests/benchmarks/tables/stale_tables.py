@@ -25,7 +25,7 @@ from markdown_blocks import refresh
 from measured import UNKNOWN, entries, git, write
 from table_code import ROOT, Code
 
-PAGE, MARK = "docs/performance.md", "stale"
+PAGE, MARK = "docs/architecture.md", "stale"
 COMMAND = "python tests/benchmarks stale_tables"
 _FIGURES = ROOT / "docs" / "figures"
 _PAGES = ("README.md", "docs/*.md", "plugins/*/*.md")

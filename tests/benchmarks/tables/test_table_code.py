@@ -27,7 +27,7 @@ SCORED = SUITES | {
 }  # fmt: skip
 MAPPED = SCORED | LEARNED | {"plugins/cuda/cuda.md#gpu"}
 SIMULATED = MAPPED | {
-    "docs/performance.md#simulate-stages", "docs/scenes.md#figures",
+    "docs/simulator.md#simulate-stages", "docs/scenes.md#figures",
     "docs/simulator.md#fidelity", "docs/simulator.md#fidelity-rays",
     "docs/simulator.md#fidelity-drawn", "plugins/raster/raster.md#raster",
 }  # fmt: skip
