@@ -12,7 +12,7 @@ from eventsweep.emvs.parameters import RUNS_CODE, ParameterGroup
 from eventsweep.sim.sensor_presets import FiniteGroup, SensorConfig, find_preset
 
 TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
-"""Ground truth on request, see the page `truth`."""
+"""Ground truth on request, see the page `simulator`."""
 Density = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
 AUTO, EITHER, CLASSIC, FLOAT = "auto", "mujoco", "classic", "float"
@@ -75,7 +75,7 @@ class FramesConfig(FiniteGroup):
 
 
 class ImuConfig(FiniteGroup):
-    """An IMU on the body, of the order of Bosch's BMI160; see the page `motion`."""
+    """An IMU on the body, of the order of Bosch's BMI160; see the page `howto_model`."""
 
     rate_hz: Annotated[float, Field(ge=0, le=1e5)] = 200.0
     """Samples per second, Hz; 0 for no IMU."""
@@ -257,16 +257,16 @@ class SimConfig(PixelConfig):
     lengths, and 2 if it is `linear`."""
 
     light: LightConfig = LightConfig()
-    """How light is rendered, see the page `lenses`."""
+    """How light is rendered, see the page `simulator`."""
 
     frames: FramesConfig = FramesConfig()
-    """Frames of an ordinary camera in each event camera's place, see the page `lenses`."""
+    """Frames of an ordinary camera in each event camera's place, see the page `simulator`."""
 
     imu: ImuConfig = ImuConfig()
-    """Inertial samples, see the page `motion`."""
+    """Inertial samples, see the page `howto_model`."""
 
     replay: ReplayConfig = ReplayConfig()
-    """A recorded trajectory instead of the scene's own motion, see the page `motion`."""
+    """A recorded trajectory instead of the scene's own motion, see the page `howto_model`."""
 
     model: ModelConfig = ModelConfig()
     """Where the rig sits on a model of your own, and what moves it."""

@@ -42,7 +42,7 @@ OPTIONAL: dict[str, np.dtype[Any]] = {
     "twist": np.dtype(np.float64),
     "view_depth_m": np.dtype(np.float32),
 }
-"""Optional data sets and their types; the page `truth` says what they mean."""
+"""Optional data sets and their types; the page `simulator` says what they mean."""
 _SHUFFLED = hdf5plugin.Blosc(cname="lz4", clevel=5, shuffle=hdf5plugin.Blosc.SHUFFLE)
 FRAMES_FILE = "frames.h5"
 

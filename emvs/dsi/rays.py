@@ -31,7 +31,7 @@ Knots = tuple[NDArray[np.generic], ...]
 PACKET = 1024  # events that share one pose in the authors' implementation
 _PACKET_POSE = 512  # ... that of this event of the packet
 # With fewer rows than these a thread's neighbouring votes meet in one cell and wait for each other,
-# with more the band leaves the cache: the page `performance` has the times.
+# with more the band leaves the cache: the page `mapper` has the times.
 BAND_ROWS = 8
 
 

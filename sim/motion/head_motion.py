@@ -2,7 +2,7 @@
 
 `walk(duration_s, seed, **parameters)` and its sisters return a smooth motion from a neutral head
 at the origin of a world whose z is up, looking along +x; `placed` puts it into a scene. The
-parameters are the fields of `HeadStyle`; the page `motion` gives the sources of their values.
+parameters are the fields of `HeadStyle`; `head_styles` gives the sources of their values.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Every metric of a trajectory: its name, unit, direction and formula, and how it is computed.
 
-e is the error of a pose or of a step, see `errors`. The page `trajectories` discusses each.
+e is the error of a pose or of a step, see `errors`. The page `scores` discusses each.
 """
 
 from __future__ import annotations

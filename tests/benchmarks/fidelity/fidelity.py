@@ -111,21 +111,12 @@ CLIPS = {
     "mvsec-flying": Clip("mvsec-flying", 20_000, None, (240, 180)),
     "dsec-street": Clip("dsec-street", 10_000, None, (320, 240)),
 }
-CLOSE = {"min_frame_interval_us": 1}
 WAYS: dict[str, dict[str, Any]] = {
     "linear": {"sampling": "linear"},
     "fast": {"sampling": "fast"},
     "accurate": {"sampling": "accurate"},
-    "8 × 8 samples": {"sampling": "accurate", "supersample": 8},
 }
-
-
-# For the worlds of panels: what a pixel shows between two frames is what they are about.
-RAY_WAYS: dict[str, dict[str, Any]] = {
-    "accurate": {},
-    "frames 1 px apart": {"max_displacement_px": 1, **CLOSE},
-}
-DRAWN_WAYS: dict[str, dict[str, Any]] = {"accurate": {}}
+PANEL_WAYS: dict[str, dict[str, Any]] = {"accurate": {}}
 PANELS = (
     "fidelity:simulated_panels", "fidelity:RAY_CASES", "fidelity:panel_case", "fidelity:ray_events",
     "fidelity:table",
@@ -238,8 +229,7 @@ def runs(given: argparse.Namespace) -> Iterator[tuple[str, str, Any, Any]]:
 
 
 def _ways(given: argparse.Namespace) -> dict[str, dict[str, Any]]:
-    panels = RAY_WAYS if given.drawn is None else DRAWN_WAYS
-    ways = panels if given.rays else WAYS
+    ways = PANEL_WAYS if given.rays else WAYS
     return {way: ways[way] for way in ways if way in (given.way or ways)}
 
 
@@ -273,10 +263,10 @@ def code() -> dict[str, Code]:
         )
         + of_scenes(clip.scene for clip in CLIPS.values()),
         "docs/simulator.md#fidelity-rays": Code(
-            (*PANELS, "fidelity:RAY_WAYS"), (DRAWS,), without=FOREIGN
+            (*PANELS, "fidelity:PANEL_WAYS"), (DRAWS,), without=FOREIGN
         ),
         "docs/simulator.md#fidelity-drawn": Code(
-            (*PANELS, "fidelity:DRAWN_WAYS"), (DRAWS,), without=FOREIGN
+            (*PANELS, "fidelity:PANEL_WAYS"), (DRAWS,), without=FOREIGN
         ),
     }
 

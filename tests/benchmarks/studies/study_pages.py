@@ -110,8 +110,7 @@ def section(study: StudyResult) -> str:
     """Markdown: a study's figure; its numbers are in the CSV beside it."""
     lines = [
         f"### {study.about.name}\n",
-        f"![{study.about.name}: mean error, bad pixels and points of every method]"
-        f"(images/study_{study.about.name}.png)",
+        f"![{study.about.name}](images/study_{study.about.name}.png)",
     ]
     return "\n".join([*lines, *_failed(study)]) + "\n"
 
