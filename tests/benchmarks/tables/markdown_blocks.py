@@ -11,7 +11,7 @@ from pathlib import Path
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.files import atomic_path
-from measured import record
+from measured import one_writer, record
 from table_code import Code
 
 _STALE = 1
@@ -39,8 +39,9 @@ def into_page(page: Path, mark: str, block: str, code: Tables) -> None:
     Raises:
         InputError: no such page, one without the marks, or one that `code` does not declare.
     """
-    _write(page, with_block(_read(page), mark, block, f"{page}:"))
-    record(page, mark, code)
+    with one_writer(page):
+        _write(page, with_block(_read(page), mark, block, f"{page}:"))
+        record(page, mark, code)
 
 
 def show(text: str, page: Path | None, mark: str, code: Tables) -> None:
@@ -68,13 +69,11 @@ def refresh(page: Path, mark: str, block: str, code: Tables, *, check: bool, com
         InputError: no such page, or one without the marks.
     """
     before = _read(page)
-    after = with_block(before, mark, block)
-    if check and before != after:
+    if not check:
+        into_page(page, mark, block, code)
+    elif before != with_block(before, mark, block):
         sys.stderr.write(f"{page}: its table is stale; run `{command}`\n")
         return _STALE
-    if not check:
-        _write(page, after)
-        record(page, mark, code)
     return 0
 
 

@@ -5,10 +5,13 @@ Whatever writes a table writes its line, see `markdown_blocks`; `stale_tables` r
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
+import os
 import subprocess
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from eventsweep.emvs.errors import InputError
@@ -25,6 +28,21 @@ def checkout_of(page: Path) -> Path | None:
     """The folder of the checkout in which a page lies, if that keeps a list."""
     above = page.resolve().parents
     return next((folder for folder in above if (folder / _PLACE).is_file()), None)
+
+
+@contextmanager
+def one_writer(page: Path) -> Iterator[None]:
+    """Keeps other tools from the pages and the list of a checkout meanwhile."""
+    root = checkout_of(page)
+    if root is None:
+        yield
+        return
+    lock = os.open(root / _PLACE.parent, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(lock)
 
 
 def key_of(page: Path, mark: str) -> str:

@@ -2,7 +2,8 @@
 
 A part whose tables are of today's code is skipped, so the same command goes on after an
 interruption; what an unfinished part had done is in its folder below `out`, which belongs to one
-state of the code, or in the cache of jobs. `--plan` prints what would run.
+state of the code, or in the cache of jobs. `--plan` prints what would run. What times programs
+runs alone, first; `--at-once N` runs N of the others side by side.
 
 Not among them are what needs a decision, a recording or a GPU: `eventsweep gate --update`, the
 ranking's data, `make pictures SLIDER=FOLDER`, `bench_gpu`.
@@ -12,12 +13,13 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Event
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.exit_codes import exit_code
@@ -38,11 +40,13 @@ class Part:
         tables: `PAGE#MARK` of each.
         command: a line of the shell.
         cpu_min: processor time when it was last noted, min; None where it never was.
+        timed: whether it times programs, and so wants the machine for itself.
     """
 
     tables: tuple[str, ...]
     command: str
     cpu_min: float | None = None
+    timed: bool = False
 
     @property
     def line(self) -> str:
@@ -58,16 +62,19 @@ PARTS = (
         ("docs/formats.md#speeds",),
         "EVENT_FORMATS_PAGE=docs/formats.md python -m pytest -p no:xdist --benchmark-only "
         "tests/benchmarks/speed/bench_formats.py",
+        timed=True,
     ),
     Part(
         ("docs/simulator.md#simulate-stages",),
         f"{_TOOL} simulate_stages --page docs/simulator.md",
+        timed=True,
     ),
-    Part(("docs/gate.md#first-runs",), f"{_TOOL} first_runs --page docs/gate.md"),
+    Part(("docs/gate.md#first-runs",), f"{_TOOL} first_runs --page docs/gate.md", timed=True),
     Part(("docs/gate.md#recipe",), f"{_TOOL} recipe_runs --work OUT --page docs/gate.md"),
     Part(
         ("plugins/raster/raster.md#raster",),
         f"{_TOOL} bench_raster --page plugins/raster/raster.md",
+        timed=True,
     ),
     Part(("docs/simulator.md#fidelity-rays",), f"{_FIDELITY} --rays"),
     Part(("docs/simulator.md#fidelity-drawn",), f"{_FIDELITY} --drawn 2028"),
@@ -111,35 +118,65 @@ def run(part: Part) -> float:
     Raises:
         InputError: it failed.
     """
-    before = _spent_s()
     programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(
-        part.line, shell=True, cwd=ROOT, env=os.environ | {"PATH": programs}, check=False
-    )
-    if done.returncode:
+    started = subprocess.Popen(part.line, shell=True, cwd=ROOT, env=os.environ | {"PATH": programs})
+    _, status, used = os.wait4(started.pid, 0)  # of this command alone, whatever else runs
+    started.returncode = os.waitstatus_to_exitcode(status)
+    if started.returncode:
         raise InputError(
-            f"exit code {done.returncode} of `{part.line}`; the same command goes on from here"
+            f"exit code {started.returncode} of `{part.line}`; the same command goes on from here"
         )
-    return (_spent_s() - before) / 60
+    return (used.ru_utime + used.ru_stime) / 60
 
 
-def _spent_s() -> float:
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+def told(part: Part) -> None:
+    """Runs a part, and says what it was and what it took."""
+    taken_min = run(part)
+    sys.stdout.write(f"{', '.join(part.tables)}: took {taken_min:.1f} CPU min\n")
+    sys.stdout.flush()
+
+
+def plan_of(part: Part) -> str:
+    """What would run, and what it is known to cost."""
+    known = "not known" if part.cpu_min is None else f"{part.cpu_min:g}"
+    return f"{', '.join(part.tables)}: CPU min {known}: {part.line}"
+
+
+def side_by_side(parts: Sequence[Part], at_once: int) -> None:
+    """Runs some parts at a time; after a failure none begins.
+
+    Raises:
+        InputError: one failed.
+    """
+    failed = Event()
+
+    def unless_failed(part: Part) -> None:
+        if not failed.is_set():
+            try:
+                told(part)
+            except BaseException:
+                failed.set()
+                raise
+
+    with ThreadPoolExecutor(at_once) as pool:
+        for done in [pool.submit(unless_failed, part) for part in parts]:
+            done.result()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measures, or plans; 2 where a command fails."""
     parser = argparse.ArgumentParser(prog=f"{_TOOL} measurements", description=__doc__)
     parser.add_argument("--plan", action="store_true", help="print what would run, and run nothing")
+    parser.add_argument("--at-once", type=int, default=1, metavar="N", help="parts side by side")
     asked = parser.parse_args(arguments)
     with exit_code() as ended:
-        for part in due():
-            known = "not known" if part.cpu_min is None else f"{part.cpu_min:g}"
-            sys.stdout.write(f"{', '.join(part.tables)}: CPU min {known}: {part.line}\n")
-            sys.stdout.flush()
-            if not asked.plan:
-                sys.stdout.write(f"  took {run(part):.1f} CPU min\n")
+        parts = sorted(due(), key=lambda part: not part.timed)
+        if asked.plan:
+            sys.stdout.writelines(f"{plan_of(part)}\n" for part in parts)
+            return ended.value
+        for part in (part for part in parts if part.timed):
+            told(part)
+        side_by_side([part for part in parts if not part.timed], asked.at_once)
     return ended.value
 
 
