@@ -165,7 +165,7 @@ def _section(study: StudyResult, figure: str, position: int) -> Section:
         f"{', '.join(study.about.cases)} and {seeds}. Bands, and ± in the tables: the 95 % "
         f"interval of the change from {first}, paired by case and seed; it needs several seeds, "
         f"and a band as wide as its panel is not drawn. Where it leaves out the value at {first}, "
-        "the change is no accident of the seeds. A cross: the method breaks, its mean error is "
+        "the change is significant. A cross: the method breaks, its mean error is "
         f"{BREAKS_AT:g} times the first."
     )
     failures = tuple(f"{job}: {why}" for job, why in study.failures.items())
