@@ -15,7 +15,7 @@ from eventsweep.emvs.utils.outputs import check_output
 from eventsweep.eval.cli.help import RARE
 
 if TYPE_CHECKING:
-    from eventsweep.eval.report.live import View
+    from eventsweep.eval.report.rerun import View
 
 
 @Parameter(name="*")
@@ -39,7 +39,7 @@ class ViewFlags:
         if not self.view and self.view_file is None:
             yield None
             return
-        from eventsweep.eval.report.live import live_view
+        from eventsweep.eval.report.rerun import live_view
 
         if self.view_file is not None:
             check_output(self.view_file, force=force)

@@ -206,12 +206,12 @@ def _growth(study: StudyResult) -> Grid | None:
     if study.about.amounts[0] not in amounts:
         return None
     ratios = wide[amounts].div(wide[study.about.amounts[0]], axis=0).groupby(level="method")
-    parts = ratios.median(), ratios.min(), ratios.max()
+    parts = [part.to_dict("index") for part in (ratios.median(), ratios.min(), ratios.max())]
     methods = dict.fromkeys(curve.method for curve in study.curves)
     lines = (
-        (named_cell(name), *(_ratio(*(part.at[name, a] for part in parts)) for a in amounts))
+        (named_cell(name), *(_ratio(*(float(part[name][a]) for part in parts)) for a in amounts))
         for name in methods
-        if name in parts[0].index
+        if name in parts[0]
     )
     heads = (Head("method"), *(Head(f"{a:g} {study.about.unit}", "×") for a in amounts))
     about = (

@@ -32,7 +32,7 @@ from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.jobs.code_version import code_version
 from eventsweep.eval.progress import Display
 from eventsweep.eval.report.html import REPORT_NAME
-from eventsweep.eval.report.live import View
+from eventsweep.eval.report.rerun import View
 from eventsweep.eval.scoring.trajectories.score import TrajectoryScore, score_poses
 from eventsweep.plugins.track.odometry.checkpoint import State, read_state, write_state
 from eventsweep.plugins.track.odometry.config import TrackConfig
@@ -74,8 +74,8 @@ def track_recording(
         with progress.stage("track", 1.0) as update:
             tracked = track(
                 recording, config, first_map=first_map, T_world_body=T_world_body,
-                on_map=_into(voxels, seen), on_pose=seen and seen.pose, progress=_moving(update),
-                checkpoints=kept,
+                on_map=_into(voxels, seen), on_pose=None if seen is None else seen.pose,
+                progress=_moving(update), checkpoints=kept,
             )  # fmt: skip
             update(1.0, f"{len(tracked.trajectory)} poses, {maps_words(tracked)}")
         cloud, _ = voxels.cloud()

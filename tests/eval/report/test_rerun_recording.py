@@ -15,8 +15,7 @@ from eventsweep.emvs.maps.folder import read_map
 from eventsweep.emvs.utils.release import install_extra
 from eventsweep.eval.config import EvalConfig, Settings
 from eventsweep.eval.pipeline import map_recording, score_folder
-from eventsweep.eval.report.live import live_view
-from eventsweep.eval.report.rerun import write_rerun
+from eventsweep.eval.report.rerun import live_view, write_rerun
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.simulate import simulate
 from mujoco_scenes import tiny_rig
