@@ -82,7 +82,7 @@ def test_a_folder_holds_results_and_a_page_with_pictures(here):
     assert text.count("distance, cm") == 4
     leads = re.findall(r'<p class="lead">(.*?)</p>', text)
     assert [lead.split(":")[0] for lead in leads] == ["_b_", "splats"]
-    assert re.search(r"accuracy [\d.]+ cm, completion [\d.]+ cm, .*F1 at 5 cm [\d.]+ %\.", leads[1])
+    assert re.search(r"accuracy [\d.]+ cm, completion [\d.]+ cm, .*F1 5 cm [\d.]+ %\.", leads[1])
     assert text.index("lead") < text.index("<table")
     assert "x, m" in text
     assert "row, px" in text
