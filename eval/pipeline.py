@@ -38,11 +38,24 @@ def _add_nothing(folder: Path) -> None:
     """What `finish` is by default."""
 
 
+class Watch:
+    """Is told what a run makes, as soon as it is made; this one looks away."""
+
+    def sequence(self, case: str, folder: Path) -> None:
+        """A case was simulated into a folder."""
+
+    def maps(self, case: str, folder: Path) -> None:
+        """A case was mapped into a folder."""
+
+
+_UNWATCHED = Watch()
+
+
 def run_cases(
     cases: Sequence[str], out: Path, settings: Settings, rig: str | None, seed: int, *,
     force: bool = False, renderers: int = 1, finish: Callable[[Path], None] = _add_nothing,
     tracker: str | None = None, cache: Path | None = None, crew: Open | None = None,
-    progress: Display = SILENT,
+    progress: Display = SILENT, watch: Watch = _UNWATCHED,
 ) -> Results:  # fmt: skip
     """Simulates, maps and scores every case; `out` appears when all is done.
 
@@ -62,9 +75,10 @@ def run_cases(
         cache: where jobs' results are kept; by default that of suites.
         crew: opens workers that do the jobs; by default they are done here, one after another.
         progress: shows how far the run is.
+        watch: is told what was made, case by case.
     """
     from eventsweep.emvs.utils.cache import Cache, default_cache
-    from eventsweep.eval.jobs.job import RESULT, Runtime, entry
+    from eventsweep.eval.jobs.job import RESULT, SEQUENCE, Runtime, entry
     from eventsweep.eval.results.results import joined, results_from, write_results
     from eventsweep.eval.scoring import run_folder
 
@@ -76,8 +90,12 @@ def run_cases(
             _done_by(crew, jobs.values(), progress)
         parts = []
         for case, job in jobs.items():
+            sequence, mapped = job.needs[:2]
             with _kernels_beside(case, settings, rig, progress):
-                entry(job.needs[0], store, runtime)
+                drawn = entry(sequence, store, runtime)
+            watch.sequence(case_name(case), drawn.path / SEQUENCE)
+            maps = entry(mapped, store, runtime)
+            watch.maps(case_name(case), maps.path / run_folder.MAP_FOLDER)
             made = entry(job, store, runtime)
             _place(job, store, folder / case_name(case))
             text = (made.path / RESULT).read_text(encoding="utf-8")

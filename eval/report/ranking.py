@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import pandas as pd
@@ -281,12 +280,15 @@ def findings(rows: pd.DataFrame, metric: str, cases: int = 1) -> list[str]:
     poses = said.poses(rows, metric)
     rows = rows[~rows["method"].map(is_on_own_poses).astype(bool)]
     sentences = []
-    if order_text := fusion_order(rows, metric):
-        sentences.append(f"Fusion functions by {column(metric).title}, best first: {order_text}.")
-    if common_text := fusion_order(rows, f"common_{metric}"):
+    names = fusion_order(rows, metric)
+    if names:
+        head = column(metric)
+        values = said.fusion(names, metric)
+        sentences.append(f"Fusion functions by {head.title} [{head.unit}], best first: {values}.")
+    if names and (values := said.fusion(names, f"common_{metric}")):
         support = said.count(REFERENCE, "common_points")
         where = f"the {support} that all methods report" if support else "common pixels"
-        sentences.append(f"On {where}: {common_text}.")
+        sentences.append(f"In the same order, on {where}: {values}.")
     ranked = [name for name, value in order(rows, metric) if not math.isnan(value)]
     single = next((name for name in ranked if name.startswith(SINGLE_PREFIX)), None)
     if REFERENCE in ranked:
@@ -309,15 +311,10 @@ def _others(ranked: Sequence[str]) -> list[str]:
     return [name for name in ranked if name.startswith(FAMILY) or (name == best and not ours)]
 
 
-def fusion_order(rows: pd.DataFrame, metric: str) -> str:
-    """The fusion functions from best to worst, for example `H < G < A`; empty below two."""
-    ranked = [pair for pair in order(rows, metric, FUSED_PREFIX) if not math.isnan(pair[1])]
-    if len(ranked) < 2:
-        return ""
-    text = ranked[0][0].removeprefix(FUSED_PREFIX)
-    for (_, before), (method, value) in pairwise(ranked):
-        text += (" = " if value == before else " < ") + method.removeprefix(FUSED_PREFIX)
-    return text
+def fusion_order(rows: pd.DataFrame, metric: str) -> list[str]:
+    """The fusion functions from best to worst, those with a value; empty below two."""
+    ranked = [name for name, value in order(rows, metric, FUSED_PREFIX) if not math.isnan(value)]
+    return [name.removeprefix(FUSED_PREFIX) for name in ranked] if len(ranked) > 1 else []
 
 
 @dataclass(frozen=True)
@@ -326,6 +323,11 @@ class _Findings:
 
     rows: dict[tuple[str, str], Any]
     cases: int
+
+    def fusion(self, names: Sequence[str], metric: str) -> str:
+        """The values of fusion functions in one order, whatever the metric; empty without any."""
+        found = [(name, self.rows.get((FUSED_PREFIX + name, metric))) for name in names]
+        return ", ".join(f"{name} {displayed(row.value, row.unit)}" for name, row in found if row)
 
     def beside(self, method: str, other: str, role: str = "") -> str:
         partner = other if method == REFERENCE else method

@@ -34,7 +34,7 @@ from eventsweep.eval.report.html import (
 )
 from eventsweep.eval.report.ranking import column, definition, named_cell
 from eventsweep.eval.studies.curves import BREAKS_AT, METRICS, RobustnessCurve
-from eventsweep.eval.studies.run import StudyResult
+from eventsweep.eval.studies.run import StudyResult, values
 from eventsweep.eval.studies.stored import find_studies, read_study
 
 # A page's style does not reach into an image; the first patch is the ground of a study's figure.
@@ -67,11 +67,29 @@ def study_page(studies: list[StudyResult], figures: list[str], files: tuple[str,
     return Page(
         title=names[0] if len(names) == 1 else f"{len(names)} studies",
         subtitle="One property is perturbed by growing amounts: how each method's error grows.",
-        blocks=(Sentences(tuple(_findings(studies))), _overview(studies)),
+        blocks=(
+            *(Text(_lead(study), "lead") for study in studies if study.breaking()),
+            Sentences(tuple(_findings(studies))),
+            _overview(studies),
+        ),
         sections=(*map(_section, studies, figures, range(len(studies))), provenance(versions)),
         version=studies[0].results.versions.get("eventsweep", ""),
         files=files,
     )
+
+
+def _lead(study: StudyResult) -> str:
+    """At which amounts the methods break, the first to break first."""
+    about, breaking = study.about, study.breaking()
+    known = {name: amount for name, amount in breaking.items() if amount is not None}
+    falls = about.amounts[-1] < about.amounts[0]
+    parts = [
+        f"at {known[name]:.3g} {about.unit} ({name})"
+        for name in sorted(known, key=known.__getitem__, reverse=falls)
+    ]
+    if never := [name for name in breaking if name not in known]:
+        parts.append(f"at no amount tried ({', '.join(never)})")
+    return f"{about.name}: the mean error reaches {BREAKS_AT:g} times its first {', '.join(parts)}."
 
 
 def _findings(studies: list[StudyResult]) -> Iterator[str]:
@@ -141,18 +159,25 @@ def _breaking(study: StudyResult, method: str) -> GridCell:
 def _section(study: StudyResult, figure: str, position: int) -> Section:
     metrics = list(dict.fromkeys(curve.metric for curve in study.curves))
     axis, seeds = study.about.axis, plural(len(study.results.seeds), "seed")
+    first = f"{study.about.amounts[0]:g} {study.about.unit}"
     about = (
-        f"{axis[:1].upper()}{axis[1:]}, in {study.about.unit}. Means over "
-        f"{', '.join(study.about.cases)} and {seeds}; ± is half of the 95 % interval of the "
-        "paired change from the first column, which needs several seeds: where it excludes no "
-        "change, the method suffers; who breaks first, the table above says."
+        f"{axis[:1].upper()}{axis[1:]}, in {study.about.unit}. Lines: means over "
+        f"{', '.join(study.about.cases)} and {seeds}. Bands, and ± in the tables: the 95 % "
+        f"interval of the change from {first}, paired by case and seed; it needs several seeds, "
+        f"and a band as wide as its panel is not drawn. Where it leaves out the value at {first}, "
+        "the change is significant. A cross: the method breaks, its mean error is "
+        f"{BREAKS_AT:g} times the first."
     )
     failures = tuple(f"{job}: {why}" for job, why in study.failures.items())
     blocks: list[Block] = [Text(about), Sentences(failures, "failures")]
     if figure:
         blocks.append(Plot(figure, f"{study.about.name}: curves per method"))
     name, titles = f"study{position}", [column(metric).title for metric in metrics]
-    grids = tables(name, titles, [_grid(study, metric) for metric in metrics])
+    shown = [_grid(study, metric) for metric in metrics]
+    if (growth := _growth(study)) is not None:
+        titles.append("growth of the mean error")
+        shown.append(growth)
+    grids = tables(name, titles, shown)
     return Section(name, study.about.name, (*blocks, *grids))
 
 
@@ -164,6 +189,42 @@ def _grid(study: StudyResult, metric: str) -> Grid:
     )
     lines = (_line(curve) for curve in study.curves if curve.metric == metric)
     return grid(heads, lines, f"{definition(metric)} One column per amount.")
+
+
+def _growth(study: StudyResult) -> Grid | None:
+    """The mean error over the unperturbed one, sample by sample: medians and ranges.
+
+    None where no sample has both.
+    """
+    rows = values(study.results)
+    rows = rows[rows["metric"] == METRICS[0]]
+    if rows.empty:
+        return None
+    keys = ["method", "case", "seed"]
+    wide = rows.pivot_table(index=keys, columns="amount", values="value", aggfunc="first")
+    amounts = [amount for amount in study.about.amounts if amount in wide]
+    if study.about.amounts[0] not in amounts:
+        return None
+    ratios = wide[amounts].div(wide[study.about.amounts[0]], axis=0).groupby(level="method")
+    parts = [part.to_dict("index") for part in (ratios.median(), ratios.min(), ratios.max())]
+    methods = dict.fromkeys(curve.method for curve in study.curves)
+    lines = (
+        (named_cell(name), *(_ratio(*(float(part[name][a]) for part in parts)) for a in amounts))
+        for name in methods
+        if name in parts[0]
+    )
+    heads = (Head("method"), *(Head(f"{a:g} {study.about.unit}", "×") for a in amounts))
+    about = (
+        "Each case and seed over its own unperturbed mean error: the median, and in brackets the "
+        "smallest and the largest."
+    )
+    return grid(heads, lines, about)
+
+
+def _ratio(middle: float, low: float, high: float) -> GridCell:
+    if math.isnan(middle):
+        return GridCell("–")
+    return GridCell(f"{middle:.2f} ({low:.2f}–{high:.2f})", middle)
 
 
 def _line(curve: RobustnessCurve) -> tuple[GridCell, ...]:

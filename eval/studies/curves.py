@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import significant
@@ -34,6 +35,7 @@ POSE_METRICS = ("ate_share", "time_covered")
 BREAKS_AT = 2.0
 """A method breaks where its error is this many times its unperturbed one."""
 _ROOM = 1.25  # above the highest mean; bands of few seeds reach far beyond
+_BAND = 0.15
 _TITLES = {"mean_error": "mean error", "bad_published": "bad pixels", "points": "points",
            "ate_share": "ATE of path", "time_covered": "time covered"}  # fmt: skip
 
@@ -160,8 +162,10 @@ def _figure(study: Study, curves: Sequence[RobustnessCurve], samples: str) -> Fi
     handles, labels = panels[0].get_legend_handles_labels()
     handles += [Line2D([], [], color=INK, marker="x", ms=8, mew=2, lw=0)]
     labels += [f"breaks: {BREAKS_AT:g} x the\nfirst mean error"]
-    label = f"{study.axis} [{study.unit}]; bands: 95 % of the paired change from the first"
-    figure.supxlabel(label, fontsize=10)
+    if any(np.isfinite(curve.high[1:]).any() for curve in curves):
+        handles += [Patch(color=INK, alpha=_BAND, lw=0)]
+        labels += [f"95 % interval of the\nchange from {study.amounts[0]:g} {study.unit}"]
+    figure.supxlabel(f"{study.axis} [{study.unit}]", fontsize=10)
     figure.legend(handles, labels, loc="outside right center", fontsize=9)
     return figure
 
@@ -174,7 +178,7 @@ def _draw_panel(axes: Axes, study: Study, curves: Sequence[RobustnessCurve]) -> 
         # A band as wide as the panel, as few seeds have, would hide the curves and say nothing.
         known = curve.high - curve.low < highest
         axes.fill_between(
-            places, curve.low, curve.high, where=known.tolist(), color=style.colour, alpha=0.13,
+            places, curve.low, curve.high, where=known.tolist(), color=style.colour, alpha=_BAND,
             lw=0,
         )  # fmt: skip
         axes.plot(
@@ -190,7 +194,7 @@ def _draw_panel(axes: Axes, study: Study, curves: Sequence[RobustnessCurve]) -> 
 
 def _label(axes: Axes, study: Study, curve: RobustnessCurve) -> None:
     unit = curve.unit
-    axes.set_title(f"{_TITLES[curve.metric]} [{display_unit(unit)}]", loc="left", fontsize=10)
+    axes.set_ylabel(f"{_TITLES[curve.metric]} [{display_unit(unit)}]")
     axes.yaxis.set_major_formatter(lambda value, _: significant(in_display_unit(value, unit)))
     axes.grid(linewidth=0.4, alpha=0.35)
     if study.logarithmic:

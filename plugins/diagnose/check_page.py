@@ -63,8 +63,8 @@ def check_page_text(report: Report, folder: Path | None = None) -> str:
     unchecked = (f"not checked: {name}, because {why}" for name, why in report.unchecked)
     page = Page(
         title=f"Check of {report.name}",
-        subtitle="Each check with its evidence; where something is wrong, what it means for a map, "
-        "and how to cure it if mapping has shown the cause. Faults come first.",
+        subtitle="Faults come first: the cure, where mapping has shown the cause, what the fault "
+        "means for a map, and the evidence.",
         blocks=(Text(summary(report), "lead"), Sentences(tuple(unchecked))),
         sections=(
             *(_section(finding, k) for k, finding in enumerate(odd)),
@@ -88,24 +88,27 @@ def _good(findings: Sequence[Finding], position: int) -> Iterator[Section]:
 
 
 def _section(finding: Finding, position: int) -> Section:
-    pairs = {"Suspect": finding.suspect, "Means": finding.meaning, "Cure": finding.cure}
+    """What is wrong and its cure, then what it means and how that was seen."""
+    cure = [Text(finding.cure, head="Cure: ")] if finding.cure else []
+    pairs = {"Means": finding.meaning, "Evidence": finding.evidence, "Check": finding.name}
     known = tuple((name, text) for name, text in pairs.items() if text)
-    said: tuple[Block, ...] = Text(finding.evidence), Facts(known)
+    said: tuple[Block, ...] = *cure, Facts(known)
     shown = tuple(_figure(finding, position))
     blocks = (Columns((said, shown)),) if shown else said
-    return Section(finding.name, finding.name, blocks, finding.verdict)
+    return Section(finding.name, finding.suspect or finding.name, blocks, finding.verdict)
 
 
 def summary(report: Report) -> str:
-    """All findings in a sentence."""
+    """What is wrong, and how to cure the first cause, in a sentence or two."""
     wrong, doubtful = report.of("wrong"), report.of("doubtful")
-    done = f"{plural(len(report.findings), 'finding')}"
     if not wrong and not doubtful:
-        return f"{done}: nothing is wrong{' in what was checked' if report.unchecked else ''}."
-    named = ", ".join(report.suspects)
-    parts = [f"{len(wrong)} wrong ({named})"] if wrong else []
-    parts += [f"{len(doubtful)} doubtful"] if doubtful else []
-    return f"{done}: {', '.join(parts)}."
+        where = " in what was checked" if report.unchecked else ""
+        return f"Nothing is wrong{where}: {plural(len(report.findings), 'check')}."
+    parts = [f"Wrong: {', '.join(report.suspects)}."] if wrong else []
+    parts += [f"Cure: {one.cure.rstrip('.')}." for one in wrong if one.cure][:1]
+    named = ", ".join(dict.fromkeys(one.suspect or one.name for one in doubtful))
+    parts += [f"Doubtful: {named}."] if doubtful else []
+    return " ".join(parts)
 
 
 def _figure(finding: Finding, position: int) -> Iterator[Block]:

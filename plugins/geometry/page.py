@@ -104,7 +104,11 @@ def geometry_page(
     return Page(
         title=f"Geometry of {written.case}",
         subtitle=written.how,
-        blocks=(_overview(written), Sentences(written.notes, "note")),
+        blocks=(
+            *(Text(_lead(one), "lead") for one in written.scored),
+            Sentences(written.notes, "note"),
+            _overview(written),
+        ),
         sections=(
             *sections,
             *(_by_class(k, one, truth) for k, one in enumerate(written.scored)),
@@ -113,6 +117,16 @@ def geometry_page(
         ),
         files=files,
     )
+
+
+def _lead(one: ScoredGeometry) -> str:
+    """How far it is from the truth, how far the truth from it, and how much of both is near."""
+    said = (
+        f"{column(name).title} {displayed(one.scores[name].value, one.scores[name].unit)} "
+        f"{column(name).unit}"
+        for name in ("accuracy", "completion", "surface_f1_5cm")
+    )
+    return f"{one.geometry.name}: {', '.join(said)}."
 
 
 def _overview(written: WrittenGeometries) -> Grid:
@@ -169,8 +183,8 @@ def _pictures(k: int, one: ScoredGeometry, sequence: Sequence, truth: Surfels) -
          "Mean distance of true points from its nearest point."),
     )  # fmt: skip
     about = (
-        "Seen from above, from the side, and by camera 0 in the middle of the sequence. Distances "
-        "of 10 cm and more have the last colour; the world's axes are in metres."
+        "Seen from above, from the side, and by camera 0 in the middle of the sequence. Colours "
+        "are distances from 0 (blue) to 10 cm and more (dark red); the world's axes are in metres."
     )
     drawings = (
         (Text(f"{title}. {text}", head=""), Plot(svg(_maps, points, away, sequence), title))

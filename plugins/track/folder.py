@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.poses import write_tum
-from eventsweep.emvs.data.recording import Recording, events_span_us
+from eventsweep.emvs.data.recording import Recording, events_span_us, has_poses
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.depth.point_cloud import (
     PointCloud,
@@ -32,29 +32,35 @@ from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.jobs.code_version import code_version
 from eventsweep.eval.progress import Display
 from eventsweep.eval.report.html import REPORT_NAME
+from eventsweep.eval.report.rerun import View
+from eventsweep.eval.scoring.trajectories.score import TrajectoryScore, score_poses
 from eventsweep.plugins.track.odometry.checkpoint import State, read_state, write_state
 from eventsweep.plugins.track.odometry.config import TrackConfig
 from eventsweep.plugins.track.odometry.online import OnlineMap
-from eventsweep.plugins.track.odometry.pose import Status
+from eventsweep.plugins.track.odometry.pose import Pose, Status
 from eventsweep.plugins.track.odometry.recorded import Tracked, track
-from eventsweep.plugins.track.page import track_page
+from eventsweep.plugins.track.page import maps_words, track_page
 
 SCHEMA_VERSION = 1
 _KEEP_EVERY_S, _KEEP_SHARE = 5.0, 0.05
+_SHOWN_US = 33_333  # between two poses of a view
 _VOXEL_M, _RADIUS_M, _NEIGHBOURS = 0.01, 0.05, 3
 
 
 def track_recording(
     recording: Recording, path: Path, out: Path, config: TrackConfig, progress: Display, *,
     first_map: DepthMap | None = None, T_world_body: NDArray[np.float64] | None = None,
-    force: bool = False,
-) -> Tracked:  # fmt: skip
-    """Writes poses, covariances, `track.json`, `cloud.ply` and `report.html`; returns the poses.
+    force: bool = False, view: View | None = None,
+) -> tuple[Tracked, TrajectoryScore | str]:  # fmt: skip
+    """Writes poses, covariances, `track.json`, `cloud.ply` and `report.html`.
+
+    Returns the poses, and how they compare with the recording's own, see `against_own`.
 
     While it works, its state is kept in a hidden folder beside `out`: after a kill the same call
     goes on from there, and ends with the same bytes.
     """
     voxels, inputs = VoxelCloud(_VOXEL_M), (path, config)
+    seen = None if view is None else _Seen(view, recording)
     check_output(out, force=force)
 
     @cache
@@ -68,9 +74,10 @@ def track_recording(
         with progress.stage("track", 1.0) as update:
             tracked = track(
                 recording, config, first_map=first_map, T_world_body=T_world_body,
-                on_map=_into(voxels), progress=_moving(update), checkpoints=kept,
+                on_map=_into(voxels, seen), on_pose=None if seen is None else seen.pose,
+                progress=_moving(update), checkpoints=kept,
             )  # fmt: skip
-            update(1.0, f"{len(tracked.trajectory)} poses, {tracked.maps} maps")
+            update(1.0, f"{len(tracked.trajectory)} poses, {maps_words(tracked)}")
         cloud, _ = voxels.cloud()
         write_tum(folder / "trajectory.txt", tracked.trajectory)
         write_covariances(folder / "covariances.txt", tracked)
@@ -84,9 +91,20 @@ def track_recording(
         }
         text = json.dumps(facts, indent=2, ensure_ascii=False) + "\n"
         (folder / "track.json").write_text(text, encoding="utf-8")
-        page = track_page(recording.name, tracked, cloud)
+        against = against_own(recording, tracked)
+        page = track_page(recording.name, tracked, cloud, against)
         (folder / REPORT_NAME).write_text(page, encoding="utf-8")
-    return tracked
+    return tracked, against
+
+
+def against_own(recording: Recording, tracked: Tracked) -> TrajectoryScore | str:
+    """The scores against the recording's own poses; why there are none, empty without poses."""
+    if not has_poses(recording):
+        return ""
+    try:
+        return score_poses(recording.trajectory, tracked.trajectory)
+    except InputError as error:  # too few, or of another clock: the track itself is whole
+        return str(error)
 
 
 class _Kept:
@@ -189,13 +207,35 @@ def facts_of(tracked: Tracked) -> dict[str, Any]:
     }
 
 
-def _into(voxels: VoxelCloud) -> Callable[[OnlineMap], None]:
+def _into(voxels: VoxelCloud, seen: _Seen | None) -> Callable[[OnlineMap], None]:
     def add(online: OnlineMap) -> None:
         for depth_map in online.result.depth_maps.values() if online.result else ():
             cloud: PointCloud = back_project_map(depth_map)
             voxels.add(without_outliers(cloud, _RADIUS_M, _NEIGHBOURS))
+        if seen is not None:
+            seen.map(online)
 
     return add
+
+
+class _Seen:
+    """Shows poses, the events between them, and maps in a viewer."""
+
+    def __init__(self, view: View, recording: Recording) -> None:
+        self._view, self._recording, self._until_us = view, recording, 0
+
+    def pose(self, pose: Pose) -> None:
+        """Shows a pose where some time has gone by, and the events since the one shown before."""
+        before_us = max(self._until_us, pose.t_us - _SHOWN_US)
+        if pose.t_us - self._until_us >= _SHOWN_US:
+            name, self._until_us = self._recording.name, pose.t_us
+            self._view.body(name, self._recording, pose.t_us, pose.T_world_body)
+            self._view.events(name, self._recording, before_us, pose.t_us)
+
+    def map(self, online: OnlineMap) -> None:
+        """Shows a map, where it could be made."""
+        if online.result is not None:
+            self._view.window(self._recording.name, online.result)
 
 
 def _moving(update: Callable[[float, str], None]) -> Callable[[str, int, int], None]:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eventsweep.emvs.depth.point_cloud import PointCloud
+from eventsweep.eval.figures.colormaps import INK, nice_between
 from eventsweep.eval.figures.laid_out import LaidOutFigure
-from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg
+from eventsweep.eval.figures.plots import STYLE, svg
 from eventsweep.eval.report.html import (
     Grid,
     GridCell,
@@ -21,18 +24,24 @@ from eventsweep.eval.report.html import (
     Page,
     Plot,
     Section,
+    Sentences,
     Text,
     grid,
     made_here,
     page_text,
     plural,
 )
+from eventsweep.eval.report.trajectory_page import sentences
+from eventsweep.eval.scoring.trajectories.score import TrajectoryScore
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Tracked
+from eventsweep.plugins.track.odometry.trust import UNCONFIRMED
 
 _MOST_POINTS = 4000  # of the map, drawn
 _MOST_STEPS = 200  # of the slider
-_VIEWS = (("from above", 0, 2), ("from the side", 2, 1))
+_MOST_LINES = 1000  # of the path
+_GAP_US = 50_000  # as `Tracked.covered` counts
+_VIEWS = (("path from above", 0, 2), ("with the map, from above", 0, 2), ("from the side", 2, 1))
 _COLOURS = {
     Status.TRACKING: "#009e73",
     Status.UNCERTAIN: "#cc79a7",
@@ -43,33 +52,84 @@ _COLOURS = {
 }
 
 
-def track_page(name: str, tracked: Tracked, cloud: PointCloud) -> str:
-    """The page as HTML."""
-    lost = sum(change.status is Status.LOST for change in tracked.changes)
-    uncertain = sum(status is Status.UNCERTAIN for status in tracked.statuses)
-    first_us, last_us = tracked.span_us
+def track_page(
+    name: str, tracked: Tracked, cloud: PointCloud, against: TrajectoryScore | str = ""
+) -> str:
+    """The page as HTML; `against` the recording's own poses, or why they say nothing of it."""
     figure = _overview(tracked, cloud)
     text = Text(
-        "Axes are those of the first pose's world: for a body that looks ahead x points right, y "
-        "down, z forward. Grey: points of the maps. Bands: two standard deviations. Move the "
-        "slider, or play."
+        "The path has the colours of its status, below. Axes are those of the first pose's world: "
+        "for a body that looks ahead x points right, y down, z forward. Grey: points of the maps. "
+        "Bands: two standard deviations."
     )
     about = "path and map from above and from the side; position and status over time"
     plot = Plot(svg(lambda: figure), about, _moving(tracked, figure))
     page = Page(
         title=f"{name}, tracked",
-        subtitle=f"{len(tracked.trajectory):,} poses over {(last_us - first_us) / 1e6:.2f} s, "
-        f"{100 * tracked.covered:.1f} % of the time covered, {plural(tracked.maps, 'map')}, "
-        + (f"lost {plural(lost, 'time')}" if lost else "never lost")
-        + (f", {plural(uncertain, 'pose')} uncertain" if uncertain else ""),
+        subtitle=f"{len(tracked.trajectory):,} poses, {maps_words(tracked)}.",
+        blocks=(
+            Text(lead(tracked), "lead"),
+            Sentences(tuple(_findings(tracked, against))),
+        ),
         sections=(
-            Section("path", "Path", (text, plot, _changes(tracked))),
-            Section("status", "Status", (_counts(tracked),)),
+            Section("path", "Path", (plot, text)),
+            Section("status", "Status", (_changes(tracked), _counts(tracked))),
             made_here(),
         ),
         files=("trajectory.txt", "covariances.txt", "track.json", "cloud.ply"),
+        verdict=_verdict(tracked),
     )
     return page_text(page)
+
+
+def maps_words(tracked: Tracked) -> str:
+    """How many maps were made; the one that the track begins with is not among those counted."""
+    return plural(tracked.maps, "map") if tracked.maps else "no map beside the first"
+
+
+def lead(tracked: Tracked) -> str:
+    """How much was tracked, and how surely, in one sentence."""
+    first_us, last_us = tracked.span_us
+    lost = sum(change.status is Status.LOST for change in tracked.changes)
+    uncertain = tracked.statuses.count(Status.UNCERTAIN)
+    said = [
+        f"{100 * tracked.covered:.1f} % of {(last_us - first_us) / 1e6:.2f} s tracked",
+        f"lost {plural(lost, 'time')}" if lost else "never lost",
+        *([f"{uncertain:,} of {len(tracked.statuses):,} poses uncertain"] if uncertain else []),
+    ]
+    return f"{', '.join(said)}."
+
+
+def _verdict(tracked: Tracked) -> str:
+    said = {change.status for change in tracked.changes} | {*tracked.statuses}
+    if tracked.changes[-1].status is Status.LOST:
+        return "wrong"
+    return "doubtful" if said & {Status.LOST, Status.UNCERTAIN} else "good"
+
+
+def _findings(tracked: Tracked, against: TrajectoryScore | str) -> Iterator[str]:
+    """What to do where it is not sure, and how it compares with the recording's own poses."""
+    if UNCONFIRMED in {change.reason for change in tracked.changes}:
+        yield "Too short: a second map confirms the beginning, so track a longer stretch."
+    elif _verdict(tracked) != "good":
+        yield (
+            "What to do: use the poses of the stretches that are tracking; the table of changes "
+            "says when and why others are not. Then “eventsweep check RECORDING” looks for faults "
+            "in events, calibration and clocks."
+        )
+    yield from against_words(against)
+    if isinstance(against, TrajectoryScore):
+        yield from (f"Note: {note}." for note in against.notes)
+
+
+def against_words(against: TrajectoryScore | str) -> Iterator[str]:
+    """How the poses compare with the recording's own, in a line; nothing where it has none."""
+    if isinstance(against, TrajectoryScore):
+        (sentence,) = sentences({"track": against})
+        words = sentence.removeprefix("track: ").split("; ")[0]
+        yield f"Against the recording's own poses, which were not used: {words}."
+    elif against:
+        yield f"Not compared with the recording's own poses: {against}"
 
 
 def _changes(tracked: Tracked) -> Grid:
@@ -88,14 +148,16 @@ def _counts(tracked: Tracked) -> Grid:
 
 
 def _overview(tracked: Tracked, cloud: PointCloud) -> Figure:
-    """Path and map from above and from the side; below, position over time, and status."""
+    """The path, with the map from above and from the side; below, position and status over time."""
     with mpl.rc_context(STYLE):
-        figure = LaidOutFigure(figsize=(10.5, 7.6))
+        figure = LaidOutFigure(figsize=(10.5, 7.2))
         rows = len(_said(tracked))
-        grid = figure.add_gridspec(3, 2, height_ratios=(4.4, 2.4, 0.24 * rows))
-        for k, view in enumerate(_VIEWS):
-            _draw_path(figure.add_subplot(grid[0, k]), tracked, cloud, *view)
-        figure.axes[1].invert_yaxis()
+        grid = figure.add_gridspec(3, len(_VIEWS), height_ratios=(4.0, 2.4, 0.24 * rows))
+        for k, (title, across, up) in enumerate(_VIEWS):
+            axes = figure.add_subplot(grid[0, k])
+            _draw_path(axes, tracked, cloud if k else None, across, up)
+            axes.set_title(title, fontsize=10, loc="left")
+        figure.axes[-1].invert_yaxis()
         over_time = figure.add_subplot(grid[1, :])
         _draw_over_time(over_time, tracked)
         _draw_status(figure.add_subplot(grid[2, :], sharex=over_time), tracked)
@@ -104,17 +166,51 @@ def _overview(tracked: Tracked, cloud: PointCloud) -> Figure:
 
 
 def _draw_path(
-    axes: Axes, tracked: Tracked, cloud: PointCloud, title: str, across: int, up: int
+    axes: Axes, tracked: Tracked, cloud: PointCloud | None, across: int, up: int
 ) -> None:
-    step = max(1, len(cloud) // _MOST_POINTS)
-    points, places = cloud.points_world[::step], tracked.trajectory.positions_m
-    axes.plot(points[:, across], points[:, up], ".", ms=1, color="#999999", rasterized=True)
-    axes.plot(places[:, across], places[:, up], lw=1.6, color=ESTIMATE_COLOUR)
-    axes.plot(*places[0, [across, up]], "o", ms=4, color=ESTIMATE_COLOUR)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_title(title, fontsize=10, loc="left")
+    """The path with the map, or alone, as large as it fits, with its ends and a scale bar."""
+    places = tracked.trajectory.positions_m[:, [across, up]]
+    if cloud is not None:
+        points = cloud.points_world[:: max(1, len(cloud) // _MOST_POINTS)]
+        axes.plot(
+            points[:, across], points[:, up], ".", ms=1, color="#999999", rasterized=True, zorder=1
+        )
+    axes.add_collection(_by_status(tracked, places))
+    axes.autoscale_view()
+    if cloud is None:
+        _scale_bar(axes, places)
+    for place, name in ((places[0], "start"), (places[-1], "end")):
+        axes.plot(*place, "o" if name == "start" else "s", ms=5, mfc="none", color=INK)
+        if cloud is None:
+            axes.annotate(name, place, (5, 5), textcoords="offset points", fontsize=9)
+    axes.set_aspect("equal", adjustable="box" if cloud is None else "datalim")
     axes.set(xlabel=f"{'xyz'[across]} [m]", ylabel=f"{'xyz'[up]} [m]")
     axes.grid(linewidth=0.4, alpha=0.35)
+
+
+def _by_status(tracked: Tracked, places: NDArray[np.float64]) -> LineCollection:
+    """The path in the colours of its status; gaps are left open."""
+    t_us = tracked.trajectory.t_us
+    chosen = np.unique(np.linspace(0, len(t_us) - 1, min(len(t_us), _MOST_LINES)).astype(int))
+    gaps = np.cumsum(np.diff(t_us, prepend=t_us[0]) > _GAP_US)[chosen]
+    begins, ends = chosen[:-1][np.diff(gaps) == 0], chosen[1:][np.diff(gaps) == 0]
+    lines = np.stack([places[begins], places[ends]], axis=1)
+    colours = [_COLOURS[tracked.statuses[k]] for k in ends]
+    return LineCollection(list(lines), colors=colours, linewidths=2.0, capstyle="round")
+
+
+def _scale_bar(axes: Axes, places: NDArray[np.float64]) -> None:
+    """A round length below the path, and as much room around both."""
+    low, high = places.min(axis=0), places.max(axis=0)
+    reach_m = max(float((high - low).max()), 1e-3)
+    length_m = nice_between(0.15 * reach_m, 0.45 * reach_m)[0]
+    middle, half = (low + high) / 2, 0.75 * reach_m
+    (left, bottom), (right, top) = middle - half, middle + half
+    x, y = left + 0.1 * reach_m, bottom + 0.1 * reach_m
+    axes.plot([x, x + length_m], [y, y], color=INK, lw=3, solid_capstyle="butt")
+    text = f"{length_m:g} m" if length_m >= 1 else f"{100 * length_m:g} cm"
+    axes.annotate(text, (x, y), (0, 5), textcoords="offset points", fontsize=9)
+    axes.set(xlim=(left, right), ylim=(bottom, top))
 
 
 def _draw_over_time(axes: Axes, tracked: Tracked) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Group, Parameter
 
 from eventsweep.eval.cli.app import COMMON, Common, Force
+from eventsweep.eval.cli.view_flags import VIEW_FLAGS, ViewFlags
 from eventsweep.plugins.track.odometry.config import TrackConfig
 
 if TYPE_CHECKING:
@@ -28,15 +29,16 @@ def track(
     out: Path,
     first_map: Path | None = None,
     start: Path | None = None,
+    view_flags: ViewFlags = VIEW_FLAGS,
     force: Force = False,
     common: Common = COMMON,
     config: TrackFlags = _DEFAULT,
 ) -> int:
     """Find the poses of a recording from its events and calibration alone.
 
-    The recording's own poses are not used. Exit code 1 means that the track ended lost or
-    uncertain, or that over a tenth of its poses are uncertain. After an interrupt or a kill the
-    same command continues.
+    The recording's own poses are not used, only compared with the result. Exit code 1 means that
+    the track ended lost or uncertain, or that over a tenth of its poses are uncertain. After an
+    interrupt or a kill the same command continues.
 
     Args:
         recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
@@ -50,19 +52,24 @@ def track(
     from eventsweep.emvs.utils.outputs import check_output
     from eventsweep.plugins.track.folder import facts_of, track_recording
     from eventsweep.plugins.track.odometry.pose import Status
+    from eventsweep.plugins.track.page import against_words, maps_words
 
     check_output(out, force=force)
     console = common.console()
-    tracked = track_recording(
-        open_recording(recording), recording, out, config, console.progress,
-        first_map=_depth_map(first_map), T_world_body=_first_pose(start), force=force,
-    )  # fmt: skip
+    axes = "RDF" if start is None else "RIGHT_HAND_Z_UP"
+    with view_flags.opened(out.resolve().name, force=force, axes=axes) as view:
+        tracked, against = track_recording(
+            open_recording(recording), recording, out, config, console.progress,
+            first_map=_depth_map(first_map), T_world_body=_first_pose(start), force=force,
+            view=view,
+        )  # fmt: skip
     facts = facts_of(tracked)
     doubts = Status.LOST, Status.UNCERTAIN
     doubted = [change for change in tracked.changes if change.status in doubts]
     lines = [
         f"{facts['poses']:,} poses over a path of {facts['way_m']:.3f} m, "
-        f"{100 * tracked.covered:.1f} % of the time covered, {tracked.maps} maps"
+        f"{100 * tracked.covered:.1f} % of the time covered, {maps_words(tracked)}",
+        *against_words(against),
     ]
     if tracked.silent_us:
         lines.append(

@@ -62,6 +62,21 @@ def test_another_method_does_not_simulate_again(done, tmp_path, monkeypatch):
     assert "Alg1/min" in set(run(tmp_path / "other", folder / "cache", other).rows["method"])
 
 
+def test_whoever_watches_is_told_each_case_when_its_files_are_there(done, tmp_path):
+    _, folder = done
+    told = []
+
+    class Watch(pipeline.Watch):
+        def sequence(self, case, folder):
+            told.append(("sequence", case, (folder / "manifest.json").is_file()))
+
+        def maps(self, case, folder):
+            told.append(("maps", case, (folder / "map.json").is_file()))
+
+    run(tmp_path / "out", folder / "cache", watch=Watch())
+    assert told == [("sequence", "planes", True), ("maps", "planes", True)]
+
+
 def test_a_controller_runs_again_for_nobody_knows_what_it_imports():
     model = {"motion": "dynamics", "controller": "drive.py:steer"}
     driven = Settings(sim=SimConfig(model=model))

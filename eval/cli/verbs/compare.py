@@ -60,10 +60,11 @@ def _summary(comparison: Comparison) -> Iterator[Part]:
     from eventsweep.eval.cli.console import dim
     from eventsweep.eval.report.compare import page
 
-    yield page.settings_text(comparison)
     for pair in comparison.pairs:
+        yield page.lead_text(pair)
         yield _differences(pair)
         yield from map(dim, (page.verdict_text(pair), *pair.data, *pair.only_in_one))
+    yield page.settings_text(comparison)
 
 
 def _differences(pair: Pair) -> Table:

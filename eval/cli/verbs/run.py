@@ -27,6 +27,7 @@ from eventsweep.eval.cli.app import (
 )
 from eventsweep.eval.cli.help import RARE
 from eventsweep.eval.cli.job_flags import CACHE_FLAGS, CacheFlags
+from eventsweep.eval.cli.view_flags import VIEW_FLAGS, ViewFlags
 
 
 @app.command
@@ -44,6 +45,7 @@ def run(
     device: DeviceName = None,
     allow_skipped: AllowSkipped = False,
     force: Force = False,
+    view_flags: ViewFlags = VIEW_FLAGS,
     job_flags: CacheFlags = CACHE_FLAGS,
     common: Configured = CONFIGURED,
     sim: SimFlags = SIM,
@@ -67,10 +69,11 @@ def run(
         allow_skipped: Exit with 0 even if some of the sliding windows could not be mapped.
     """
     from eventsweep.emvs.maps.folder import read_info
+    from eventsweep.emvs.utils.outputs import check_output
     from eventsweep.eval.cli.exit_codes import incomplete
     from eventsweep.eval.cli.verbs.report import report_stage
     from eventsweep.eval.cli.verbs.score import show_results
-    from eventsweep.eval.pipeline import run_cases
+    from eventsweep.eval.pipeline import Watch, run_cases
     from eventsweep.eval.scoring.run_folder import MAP_FOLDER
     from eventsweep.eval.trackers import TRUE
     from eventsweep.scenes import case_name
@@ -83,20 +86,23 @@ def run(
     job_flags.check()
     check_skipping(wanted.map, allowed=allow_skipped)
     console = common.console()
-    results = run_cases(
-        case,
-        out,
-        wanted,
-        rig,
-        seed,
-        force=force,
-        renderers=workers,
-        finish=report_stage(console.progress),
-        tracker=None if poses == TRUE else poses,
-        cache=job_flags.cache_folder(),
-        crew=job_flags.cluster if job_flags.scheduler else None,
-        progress=console.progress,
-    )
+    check_output(out, force=force)
+    with view_flags.opened(out.resolve().name, force=force) as view:
+        results = run_cases(
+            case,
+            out,
+            wanted,
+            rig,
+            seed,
+            force=force,
+            renderers=workers,
+            finish=report_stage(console.progress),
+            tracker=None if poses == TRUE else poses,
+            cache=job_flags.cache_folder(),
+            crew=job_flags.cluster if job_flags.scheduler else None,
+            progress=console.progress,
+            watch=view or Watch(),
+        )
     show_results(console, results, wanted.score.ranking_metric)
     console.wrote(out / "report.html")
     maps = [read_info(out / case_name(name) / MAP_FOLDER) for name in case]

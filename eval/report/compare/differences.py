@@ -134,6 +134,38 @@ class Pair:
         return list(dict.fromkeys(case.case for case in self.cases))
 
 
+@dataclass(frozen=True)
+class Shift:
+    """How one metric moved over all methods of a pair, % of the first result.
+
+    Attributes:
+        median: over the methods.
+        half: of the 95 % interval of that median over seeds; NaN where there is none.
+        methods: how many.
+    """
+
+    metric: str
+    median: float
+    half: float
+    methods: int
+
+
+def shift_of(pair: Pair) -> Shift | None:
+    """The shift of the first judged metric that moved from a known value; None without one."""
+    moved = [one for one in pair.headline if one.strata and one.first]
+    if not moved:
+        return None
+    metric, half = moved[0].metric, _NAN
+    alike = [one for one in moved if one.metric == metric]
+    shares = [100 * one.change / abs(one.first) for one in alike]
+    if len({tuple(map(len, one.strata)) for one in alike}) == 1:  # every seed has every method
+        scale = 100 / np.abs([one.first for one in alike])[:, None]
+        cases = zip(*(one.strata for one in alike), strict=True)
+        low, high = stratified_interval([np.median(scale * case, axis=0) for case in cases])
+        half = (high - low) / 2
+    return Shift(metric, float(np.median(shares)), half, len(alike))
+
+
 def compare_results(results: Sequence[ComparedResult]) -> tuple[Pair, ...]:
     """Compares each further result with the first, with which it must share a number."""
     first, *others = results

@@ -1,4 +1,4 @@
-"""The page of results side by side: settings, numbers with how sure they are, pictures."""
+"""The page of results side by side: the verdict, numbers with how sure they are, settings."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from eventsweep.eval.report.compare.differences import (
     Pair,
     compare_results,
     counts_of,
+    shift_of,
     signed,
 )
 from eventsweep.eval.report.compare.pictures import picture_sections
@@ -47,6 +48,8 @@ VERDICT = "verdict"
 _MOST_SETTINGS = 5
 _KINDS: Mapping[str, Kind] = {"better": "better", "worse": "worse", "equal": ""}
 _NOTE = (
+    "The change in the first line is the median over the methods of Δ %, ± half of the 95 % "
+    "interval of that median over seeds. "
     "Values are means over the seeds that both results have and, within a seed, over the windows "
     "that both have; a run's own report pools the pixels of all windows instead. Δ is the other "
     "value minus the first, and its 95 % interval comes from pairs of the same seed and window. "
@@ -108,16 +111,19 @@ def comparison_page(comparison: Comparison, files: Sequence[str] = ()) -> Page:
     first, *others = comparison.names
     apart = *(line for pair in comparison.pairs for line in pair.only_in_one), *missing
     numbers = [
-        Section(name, title, tables(name, list(map(_title, grids)), list(grids.values())))
+        Section(name, title, tables(name, list(map(_title, grids)), shown))
         for k, (title, grids) in enumerate(number_grids(comparison).items())
-        for name in [f"numbers{k}"]
+        for name, shown in [(f"numbers{k}", list(map(_verdict_first, grids.values())))]
     ]
     note = Text(_NOTE.format(judged=_titles(_judged(comparison))), "note")
     numbers[-1] = replace(numbers[-1], blocks=(*numbers[-1].blocks, note))
     return Page(
         title=f"{', '.join(others)} against {first}",
         subtitle=f"{len(comparison.names)} results, compared with {first}.",
-        blocks=(Sentences(tuple(findings(comparison))),),
+        blocks=(
+            *(Text(lead_text(pair), "lead") for pair in comparison.pairs),
+            Sentences(tuple(findings(comparison))),
+        ),
         sections=(
             *numbers,
             *pictures,
@@ -156,6 +162,38 @@ def settings_text(comparison: Comparison) -> str:
     more = f"; and {plural(rest, 'other')} below" if rest > 0 else ""
     said = "What differs" if chosen else "No setting differs, but"
     return f"{said}: {'; '.join(found[:_MOST_SETTINGS])}{more}."
+
+
+def lead_text(pair: Pair) -> str:
+    """Which result is better, and by how much in the middle of the methods, in one sentence."""
+    said, shift = f"{pair.other.name} {_outcome(pair)}", shift_of(pair)
+    if shift is None or {one.verdict for one in pair.headline} == {"equal"}:
+        return f"{said}."
+    change = f"{shift.median:+.1f} %".replace("-", "−")
+    alone = math.isnan(shift.half)
+    half = "" if alone else f" ± {shift.half:.1f}"
+    about = [f"median of {shift.methods} methods"] if shift.methods > 1 else []
+    about += ["no interval"] if alone else []
+    said += f": {column(shift.metric).title} {change}{half}"
+    return f"{said} ({', '.join(about)})." if about else f"{said}."
+
+
+def _outcome(pair: Pair) -> str:
+    """What the verdicts come to; better or worse only where none says the opposite."""
+    verdicts, first = [one.verdict for one in pair.headline], pair.first.name
+    better, worse = verdicts.count("better"), verdicts.count("worse")
+    if better and worse:
+        return f"is better than {first} in {plural(better, 'number')} and worse in {worse}"
+    if better or worse:
+        return f"is {'better' if better else 'worse'} than {first}"
+    if set(verdicts) == {"equal"}:
+        return f"equals {first} in every number that is judged"
+    if set(verdicts) <= {"not comparable"}:
+        return f"cannot be compared with {first}"
+    if "no difference shown" in verdicts:
+        return f"shows no difference to {first}"
+    seeds = {one.seeds for one in pair.headline}
+    return f"against {first}: undecided, {'one seed' if max(seeds) == 1 else 'no seed in common'}"
 
 
 def verdict_text(pair: Pair) -> str:
@@ -280,6 +318,17 @@ def _grid(comparison: Comparison, metric: str, found: Sequence[Sequence[Differen
     named.sort(key=lambda pair: order.index(pair[0].method))
     lines = tuple(_line(one, name if len(others) > 1 else "") for one, name in named)
     return Grid(tuple(heads), lines, definition(metric))
+
+
+def _verdict_first(table: Grid) -> Grid:
+    """The verdict and the relative change beside the names: what a narrow screen shows."""
+    names = sum(head.title in ("method", "result") for head in table.heads[:2])
+    last = len(table.heads) - 1
+    share = next(k for k, head in enumerate(table.heads) if (head.title, head.unit) == ("Δ", "%"))
+    first = (*range(names), last, share)
+    order = (*first, *(k for k in range(last) if k not in first))
+    lines = tuple(tuple(line[k] for k in order) for line in table.lines)
+    return replace(table, heads=tuple(table.heads[k] for k in order), lines=lines)
 
 
 def _best_first(found: Sequence[Difference]) -> list[str]:

@@ -34,17 +34,20 @@ def test_what_is_wrong_comes_first_with_its_cure_and_the_summary_counts(tmp_path
     )
     for words in ("it is 3 m", "it hurts", "mend it", "there are no poses", "<svg", "image/png"):
         assert words in text
-    assert (text.count("<dt>Means"), text.count("<dt>Cure")) == (2, 1)
+    assert (text.count("<dt>Means"), text.count("<b>Cure: </b>")) == (2, 1)
+    places = [text.index(said, text.index('id="bad"')) for said in
+              ("unit</h2>", "mend it", "it hurts", "it is 3 m")]  # fmt: skip
+    assert places == sorted(places), "what is wrong, the cure, what it means, the evidence"
     assert not re.search('(?:src|href)="http', text)
     assert json.loads((tmp_path / "check.json").read_text())["suspects"] == ["unit"]
     hostile = check_page.check_page_text(_report("<script>alert(1)</script>"))
     WellFormed(hostile)
     assert "<script>alert" not in hostile
-    assert check_page.summary(_report()) == "3 findings: 1 wrong (unit), 1 doubtful."
+    assert check_page.summary(_report()) == "Wrong: unit. Cure: mend it. Doubtful: stray."
     fine = Report("rec", _report().findings[:1])
-    assert check_page.summary(fine) == "1 finding: nothing is wrong."
+    assert check_page.summary(fine) == "Nothing is wrong: 1 check."
     part = replace(fine, unchecked=_report().unchecked)
-    assert check_page.summary(part) == "1 finding: nothing is wrong in what was checked."
+    assert check_page.summary(part) == "Nothing is wrong in what was checked: 1 check."
 
 
 @pytest.mark.parametrize(

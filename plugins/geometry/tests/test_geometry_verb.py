@@ -80,6 +80,10 @@ def test_a_folder_holds_results_and_a_page_with_pictures(here):
     WellFormed(text)
     assert text.count("<svg") == 4
     assert text.count("distance, cm") == 4
+    leads = re.findall(r'<p class="lead">(.*?)</p>', text)
+    assert [lead.split(":")[0] for lead in leads] == ["_b_", "splats"]
+    assert re.search(r"accuracy [\d.]+ cm, completion [\d.]+ cm, .*F1 5 cm [\d.]+ %\.", leads[1])
+    assert text.index("lead") < text.index("<table")
     assert "x, m" in text
     assert "row, px" in text
     assert not re.search(r'(?:src|href)="http', text)

@@ -79,6 +79,7 @@ def track(
     first_map: DepthMap | None = None,
     T_world_body: NDArray[np.float64] | None = None,
     on_map: Callable[[OnlineMap], None] | None = None,
+    on_pose: Callable[[Pose], None] | None = None,
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Tracked:
@@ -92,6 +93,7 @@ def track(
             camera.
         T_world_body: (4, 4) where the first pose lies; by default the origin.
         on_map: called with every map that is made.
+        on_pose: called with every pose as it is found, before it is smoothed.
         progress: called with `track`, milliseconds done and all.
         checkpoints: where the state is kept, and taken up from: the poses are the same.
 
@@ -105,7 +107,7 @@ def track(
     recording = opened(recording)
     settings = TrackConfig.or_default(config)
     imu = _imu(recording) if settings.gyroscope else None
-    done = _Done(round(1e6 * settings.delay_s))
+    done = _Done(round(1e6 * settings.delay_s), on_pose)
     cameras = range(len(recording.rig))
 
     def events(t0_us: int, t1_us: int) -> list[Events]:
@@ -166,8 +168,8 @@ class _Ahead:
 class _Done:
     """What was found up to a time; poses are smoothed once enough others came after them."""
 
-    def __init__(self, delay_us: int) -> None:
-        self._delay_us = delay_us
+    def __init__(self, delay_us: int, on_pose: Callable[[Pose], None] | None = None) -> None:
+        self._delay_us, self._on_pose = delay_us, on_pose
         self.poses: list[Pose] = []
         self.changes: list[Change] = []
         self.maps = self.until_us = 0
@@ -175,6 +177,8 @@ class _Done:
 
     def add(self, pose: Pose) -> None:
         """Takes the next pose."""
+        if self._on_pose is not None:
+            self._on_pose(pose)
         self.poses.append(pose)
         if len(self.poses) - self._smooth >= 2 * _SMOOTHED_AT_ONCE:
             first, last = self._smooth, self._smooth + _SMOOTHED_AT_ONCE

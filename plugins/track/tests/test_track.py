@@ -11,6 +11,7 @@ import pytest
 import line_world
 from eventsweep.emvs.data.poses import read_poses, write_tum
 from eventsweep.eval.cli.main import main
+from eventsweep.eval.progress import SILENT
 from eventsweep.plugins.track import (
     folder as odometry,
 )  # before what it opens recordings by is patched
@@ -51,6 +52,40 @@ def test_the_folder_holds_poses_facts_cloud_and_page(recording, tmp_path, monkey
     assert "exists" in command_refused(capsys, *command)
 
 
+class View:
+    """Remembers what it is shown."""
+
+    def __init__(self):
+        self.bodies, self.spans, self.maps = [], [], []
+
+    def body(self, _case, _recording, t_us, T_world_body):
+        self.bodies.append((t_us, T_world_body))
+
+    def events(self, _case, _recording, t0_us, t1_us):
+        self.spans.append((t0_us, t1_us))
+
+    def window(self, _case, result):
+        self.maps.append(result)
+
+
+def test_a_view_is_shown_poses_the_events_between_them_and_maps(recording, tmp_path):
+    view = View()
+    tracked, against = odometry.track_recording(
+        recording, tmp_path / "recording", tmp_path / "out", line_world.CONFIG, SILENT, view=view
+    )
+    assert len(view.maps) == tracked.maps > 0
+    assert all(result.slices.values for result in view.maps)
+    times_us = [t_us for t_us, _ in view.bodies]
+    assert times_us == [end_us for _, end_us in view.spans]
+    assert min(np.diff(times_us)) >= 33_333
+    assert len(times_us) > 5
+    assert all(0 < end - begin <= 33_333 for begin, end in view.spans)
+    t_us, T_world_body = view.bodies[-1]
+    found = tracked.trajectory.at([t_us])[0]
+    np.testing.assert_allclose(T_world_body[:3, 3], found[:3, 3], atol=0.02)
+    assert against.values["time_covered"] > 50
+
+
 class InterruptedRecording(line_world.Wrapped):
     """A recording in whose reading an interrupt comes."""
 
@@ -88,6 +123,7 @@ import line_world
 from eventsweep.emvs import datasets
 from eventsweep.plugins.track import folder as odometry
 from eventsweep.eval.cli.main import main
+from eventsweep.eval.progress import SILENT
 recording, out, kill_us = line_world.swaying(600_000), sys.argv[1], int(sys.argv[2])
 class Deadly(line_world.Wrapped):
     def events(self, camera, t0_us, t1_us):

@@ -197,7 +197,7 @@ def test_several_cases_have_ids_of_their_own_and_a_mean_says_whose_pixels():
     assert text.count("<summary>Window ") == 4
     text = words_of(report_data("desk", "boxes"))
     ranking = text[text.index('id="ranking"') : text.index('id="case0"')]
-    assert re.search(r"On the [\d,]+ px a case that all methods report", ranking)
+    assert re.search(r"order, on the [\d,]+ px a case that all methods report", ranking)
     assert " px a case" not in text[text.index('id="case0"') :]
 
 
@@ -229,7 +229,7 @@ def rows():
 
 
 def test_the_order_is_measured_the_best_marked_and_findings_say_so(rows):
-    assert fusion_order(rows, "mean_error") == "H < A < max"
+    assert fusion_order(rows, "mean_error") == ["H", "A", "max"]
     assert [name for name, _ in order(rows, "delta_1")][-1] == "Alg1/max"
     got = table(rows, "mean_error")
     for position, column in enumerate(got.columns):
@@ -240,7 +240,9 @@ def test_the_order_is_measured_the_best_marked_and_findings_say_so(rows):
     ordered = ["Alg1/H", "Alg1/A", "EMVS/cam0", "Alg1/max"]
     assert [line.method for line in table(rows, "mean_error").lines] == ordered
     sentences = findings(rows, "mean_error")
-    assert sentences[0].endswith("H < A < max.")
+    assert re.search(
+        r"mean error \[cm\], best first: H [\d.]+, A [\d.]+, max [\d.]+\.$", sentences[0]
+    )
     assert "Alg1/H beside EMVS/cam0" in sentences[-2]
     assert sentences[-1].startswith("Alg1/max, Alg1/H, Alg1/A, EMVS/cam0 bring no confidence")
     assert re.search(r"mean error [\d.]+ cm against [\d.]+ cm \(−\d+ %\)", sentences[-2])
@@ -249,7 +251,8 @@ def test_the_order_is_measured_the_best_marked_and_findings_say_so(rows):
 
 def test_ties_share_a_place_undefined_ones_are_last():
     tied = tidy(score_row("c", "all", f"Alg1/{m}", "rmse", 1.0, "m", "lower") for m in ("H", "G"))
-    assert fusion_order(tied, "rmse") == "H = G"
+    assert fusion_order(tied, "rmse") == ["H", "G"]
+    assert fusion_order(tied[tied["method"] == "Alg1/H"], "rmse") == []
     values = dict(zip("abcdef", (1.0, 2.0, 2.0, 3.0, math.nan, math.nan), strict=True))
     tabled = of_methods({**values, "EMVS/cam0": 2.0})
     ranks = {one.method: (one.rank, one.place) for one in standings_of(tabled, "mean_error")}
@@ -329,6 +332,14 @@ NEAR, SURE = {**MOTION, "rig__lateral_travel": 0.05}, {**WINS, "EMVS_cam0__share
 def test_why_a_single_camera_is_ahead_follows_from_the_numbers(values, words, there):
     assert (words in f"{why(**values)}\n") == there
     assert why(**PAIR) == ""
+
+
+def test_fusion_functions_stand_in_one_order_on_whatever_pixels():
+    values = {"Alg1_H__mean_error": 0.2, "Alg1_A__mean_error": 0.1, "Alg1_G__mean_error": 0.3,
+              "Alg1_H__common_mean_error": 0.05, "Alg1_A__common_mean_error": 0.09}  # fmt: skip
+    first, common = findings(tidy(numbers(**values)), "mean_error")[:2]
+    assert first.endswith("best first: A 10.00, H 20.00, G 30.00.")
+    assert common == "In the same order, on common pixels: A 9.00, H 5.00."
 
 
 def test_a_mean_over_cases_weighs_them_counts_all_and_keeps_undefined():

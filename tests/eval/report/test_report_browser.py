@@ -109,6 +109,46 @@ def test_the_cursor_reads_the_same_pixel_everywhere(tmp_path, page, data):
     assert float(numbers["confidence"]) == pytest.approx(method.confidence[y, x], rel=0.01)
 
 
+def test_printed_all_is_black_on_white_and_nothing_waits_for_a_click(tmp_path, page):
+    """The rules for print on a window about as wide as a sheet of A4."""
+    assert page.count("@media print") > 1
+    question = """
+      const seen = (what) => [...document.querySelectorAll(what)].filter(
+        (one) => one.getClientRects().length && getComputedStyle(one).display !== "none").length;
+      return {
+        ink: getComputedStyle(document.body).color, choices: seen(".choice"),
+        chosen: seen(".chips label"), open: seen("nav, .controls, .readout, details:not([open])"),
+        buttons: seen("button"), tables: seen("table"),
+        cut: [...document.querySelectorAll(".scroll")].filter(
+          (one) => one.scrollWidth > one.clientWidth + 1).length,
+      };"""
+    got = _ask(tmp_path, page.replace("@media print", "@media screen"), question)
+    assert got["choices"] == got["chosen"] > 0
+    assert got["tables"] > 0
+    assert (got["ink"], got["open"], got["buttons"], got["cut"]) == ("rgb(0, 0, 0)", 0, 0, 0)
+    dark = re.findall(r"@media ([^{]*prefers-color-scheme: dark[^{]*)", page)
+    assert dark
+    assert all(query.startswith("screen and") for query in dark)
+
+
+def test_a_narrow_screen_shows_the_verdicts_of_a_comparison(tmp_path):
+    for name, factor in (("a", 1.0), ("b", 2.0)):
+        (tmp_path / name).mkdir()
+        results = report_data("desk").results
+        results.rows.loc[results.rows["metric"] == "mean_error", "value"] *= factor
+        write_results(tmp_path / name, results)
+    page = page_text(comparison_page(compare(read_compared([tmp_path / "a", tmp_path / "b"]))))
+    page = page.replace('<html lang="en">', '<html lang="en" class="ready">')
+    narrow = page.replace("@media (max-width: 560px)", "@media screen")
+    question = """
+      document.body.style.width = "400px";
+      const cells = [...document.querySelectorAll(".of.m0 tbody td:nth-child(2)")];
+      return cells.map((cell) => [cell.textContent, cell.getBoundingClientRect().right]);"""
+    cells = _ask(tmp_path, narrow, question)
+    assert cells
+    assert all(text.startswith("undecided") and 0 < right <= 400 for text, right in cells)
+
+
 @pytest.mark.slow
 def test_a_comparison_shows_the_chosen_method_and_opens_what_is_folded(tmp_path, monkeypatch):
     monkeypatch.setattr(side_by_side, "load_run", lambda _: report_data("desk"))

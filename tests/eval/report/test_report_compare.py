@@ -15,6 +15,7 @@ from eventsweep.eval.report.compare import pictures as side_by_side
 from eventsweep.eval.report.compare.page import (
     compare,
     comparison_page,
+    lead_text,
     number_grids,
     settings_text,
     write_comparison,
@@ -149,7 +150,10 @@ def test_the_page_says_who_is_better_then_what_was_changed_and_ends_with_setting
     assert main(["compare", *map(str, folders), "--out", str(tmp_path / "out")]) == 0
     assert "map.planes 100 → 20" in capsys.readouterr().out
     text = (tmp_path / "out/compare.html").read_text()
-    said = "b against a, desk: ", "planes 100 → 20", 'id="numbers0"', 'id="settings"'
+    said = (
+        '<p class="lead">b equals a', "b against a, desk: ", "planes 100 → 20", 'id="numbers0"',
+        'id="settings"',
+    )  # fmt: skip
     places = [text.index(what) for what in said]
     assert places == sorted(places)
     lines = list(csv.reader((tmp_path / "out/tables/settings.csv").open()))
@@ -169,6 +173,68 @@ def test_settings_of_simulator_and_scores_differ_too_and_have_units(tmp_path):
     assert found["numpy"][2] == "9"
     assert "map.planes" not in found
     assert "map.planes" in {one.name for one in comparison.settings}, "equal ones can be looked up"
+
+
+def lead_of(path, *by_method):
+    """The first line of a page; per method, values of two results."""
+    both = [{m: {"mean_error": pair[k]} for m, pair in by_method} for k in (0, 1)]
+    return lead_text(compared_suites(path, *both).pairs[0])
+
+
+def scaled(values, factor, noise=0.0):
+    """Each seed's values times about a factor."""
+    return {s: tuple(v * (factor + noise * (-1) ** s) for v in of) for s, of in values.items()}
+
+
+def test_the_first_line_says_who_is_better_and_by_how_much_in_the_middle(tmp_path):
+    base = dict.fromkeys(range(6), (0.2, 0.2))
+    better = [(f"m{k}", (base, scaled(base, 1 - share, 0.01)))
+              for k, share in enumerate((0.1, 0.2, 0.6))]  # fmt: skip
+    said = lead_of(tmp_path / "better", *better)
+    half = 100 * 0.01 * np.sqrt(6 / 5) / np.sqrt(6) * stats.t.ppf(0.975, 5)
+    assert said == (
+        f"b is better than a: mean error −20.0 % ± {half:.1f} (median of 3 methods)."
+    )  # fmt: skip
+    worse = [better[0], ("z", (base, scaled(base, 1.3, 0.01)))]
+    assert "is better than a in 1 number and worse in 1: " in lead_of(tmp_path / "both", *worse)
+    assert lead_of(tmp_path / "worse", worse[1]).startswith("b is worse than a: mean error +30.0 %")
+    same = lead_of(tmp_path / "same", ("m", (base, base)))
+    assert same == "b equals a in every number that is judged."
+    noisy = lead_of(tmp_path / "none", ("m", (base, scaled(base, 1.0, 0.3))))
+    assert noisy.startswith("b shows no difference to a: mean error ")
+    one = {0: (0.2,)}
+    alone = lead_of(tmp_path / "one", ("m", (one, scaled(one, 1.5))))
+    assert alone == "b against a: undecided, one seed: mean error +50.0 % (no interval)."
+
+
+def test_what_cannot_be_compared_has_no_change(tmp_path):
+    folders = [run_folder(tmp_path / "a"), run_folder(tmp_path / "b", versions={"eventsweep": "9"})]
+    (pair,) = compared(*folders).pairs
+    assert lead_text(pair) == "b cannot be compared with a."
+
+
+def test_the_verdict_stands_beside_the_names(tmp_path):
+    for names, first in (("ab", ["method"]), ("abc", ["method", "result"])):
+        folders = [run_folder(tmp_path / names / n, 1.0 + k) for k, n in enumerate(names)]
+        page = comparison_page(compared(*folders))
+        grids = [block for section in page.sections for block in _grids(section.blocks)]
+        tables = [grid for grid in grids if grid.heads[0].title == "method"]
+        assert tables
+        for grid in tables:
+            titles = [f"{head.title} {head.unit}".strip() for head in grid.heads]
+            assert titles[: len(first) + 2] == [*first, "verdict", "Δ %"]
+            assert len({len(line) for line in grid.lines} | {len(titles)}) == 1
+            at = len(first)
+            assert all(
+                line[at].text.startswith(("undecided", "equal", "not")) for line in grid.lines
+            )
+
+
+def _grids(blocks):
+    for block in blocks:
+        if block.kind == "grid":
+            yield block
+        yield from _grids(getattr(block, "blocks", ()))
 
 
 def test_a_default_that_is_stated_is_no_difference(tmp_path):
@@ -282,6 +348,7 @@ def test_without_a_common_seed_nothing_is_paired(tmp_path):
     assert (one.verdict, one.why) == ("undecided", "no seed in common")
     assert one.change == pytest.approx(one.first)
     assert "nothing is paired" in comparison.pairs[0].data[0]
+    assert lead_text(comparison.pairs[0]) == "b against a: undecided, no seed in common."
 
 
 def test_means_weigh_cases_alike_and_their_seeds_stay_apart(tmp_path):
