@@ -29,6 +29,7 @@ from eventsweep.eval.report.html import (
 )
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Tracked
+from eventsweep.plugins.track.scored import Judged
 
 _MOST_POINTS = 4000  # of the map, drawn
 _MOST_STEPS = 200  # of the slider
@@ -43,8 +44,9 @@ _COLOURS = {
 }
 
 
-def track_page(name: str, tracked: Tracked, cloud: PointCloud) -> str:
+def track_page(name: str, tracked: Tracked, cloud: PointCloud, score: Judged | None = None) -> str:
     """The page as HTML."""
+    has_scores = score is not None and score.found is not None
     lost = sum(change.status is Status.LOST for change in tracked.changes)
     uncertain = sum(status is Status.UNCERTAIN for status in tracked.statuses)
     first_us, last_us = tracked.span_us
@@ -65,9 +67,16 @@ def track_page(name: str, tracked: Tracked, cloud: PointCloud) -> str:
         sections=(
             Section("path", "Path", (text, plot, _changes(tracked))),
             Section("status", "Status", (_counts(tracked),)),
+            *(() if score is None else (score.section(),)),
             made_here(),
         ),
-        files=("trajectory.txt", "covariances.txt", "track.json", "cloud.ply"),
+        files=(
+            "trajectory.txt",
+            "covariances.txt",
+            "track.json",
+            "cloud.ply",
+            *(("results.json", "results.csv") if has_scores else ()),
+        ),
     )
     return page_text(page)
 

@@ -40,7 +40,7 @@ from eventsweep.sim.sensor_presets import read_preset
 
 SPARE = {
     "rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml", MARKER,
-    "plane_depth_gt.h5", "dataset_depth.npz", "dataset_extrinsics.npz",
+    "plane_depth_gt.h5", "dataset_depth.npz", "dataset_extrinsics.npz", "calib_results_imu.txt",
 }  # fmt: skip
 """What a recording may lack: hand-eye where poses are then the first camera's; whose it is."""
 MODEL = {"tumvie": "kb4", "tumvie-vio": "kb4", "mvsec": "kb4", "m3ed": "kb4", "evimo2": "kb4"}
@@ -116,8 +116,8 @@ def made(folder, kind):
 
 def opened_at(folder):
     """What `map` is given: a bag is opened itself, with what lies beside it; one of two folders."""
-    inner = (folder / "bag", folder / "left_camera" / "sfm" / "eval" / "plane_000000")
-    return next((place for place in inner if place.is_dir()), folder)
+    inner = ("bag", "rosbag", "left_camera/sfm/eval/plane_000000")
+    return next((place for name in inner if (place := folder / name).is_dir()), folder)
 
 
 def recording_begun(folder, kind):

@@ -350,9 +350,77 @@ def write_eds(sequence, folder):
     return folder
 
 
+def write_evslam(sequence, folder, truth="groundtruth/slider_fast.tum"):
+    """A bag of DVXplorers, Kalibr's chain of five cameras and an IMU, poses of the left camera."""
+    for name in ("rosbag", "calibration", "groundtruth", "gt"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    sides = [f"/dvxplorer_{side}" for side in ("left", "right")]
+    with Bag(folder / "rosbag" / "slider_fast.bag") as bag:
+        for k, side in enumerate(sides):
+            bag.events(f"{side}/events", everything(sequence, k), size_of(sequence))
+        write_imu(bag, "/dvxplorer_left/imu", sequence.event_span_us(0)[0])
+    topics = [f"{side}/events" for side in sides]
+    topics += [f"/camera/{name}/image_rect_raw" for name in ("color", "infra1", "infra2")]
+    text = yaml.safe_dump(evslam_chain(sequence.rig, topics))
+    (folder / "calibration" / "calib_results_cam.txt").write_text(text)
+    (folder / "calibration" / "calib_results_imu.txt").write_text("imu0:\n  update_rate: 800.0\n")
+    rows = tum_rows(sequence.trajectory.t_us, T_world_cam(sequence, 0))
+    if truth.endswith("_gt.txt"):  # with the camera's velocity, which nobody needs here
+        rows = np.column_stack([rows, np.zeros((len(rows), 3))])
+    np.savetxt(folder / truth, rows, fmt="%.9f")
+    return folder / "rosbag"
+
+
+def evslam_chain(rig, topics):
+    """Kalibr's cameras: two of events, then three of frames, each linked with the one before."""
+    step, T_cam_imu = np.eye(4), np.eye(4)
+    step[0, 3], T_cam_imu[:3, 3] = 0.02, (0.01, -0.02, 0.03)
+    chain = {}
+    for k, topic in enumerate(topics):
+        entry = kalibr_values(rig.cameras[min(k, 1)])
+        if k:
+            T = step if k > 1 else se3.inverse(rig.T_body_cam[1]) @ rig.T_body_cam[0]
+            entry["T_cn_cnm1"], T_cam_imu = T.tolist(), T @ T_cam_imu
+        entry |= {"T_cam_imu": T_cam_imu.tolist(), "timeshift_cam_imu": 0.001, "rostopic": topic}
+        chain[f"cam{k}"] = entry
+    return chain
+
+
+def write_imu(bag, topic, t_us):
+    """One sensor_msgs/Imu at rest."""
+    types, nine = bag.store.types, np.zeros(9)
+    vector = types["geometry_msgs/msg/Vector3"]
+    bag.write(
+        topic, "sensor_msgs/msg/Imu", t_us, orientation_covariance=nine,
+        orientation=types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+        angular_velocity=vector(0.0, 0.0, 0.0), angular_velocity_covariance=nine,
+        linear_acceleration=vector(0.0, 0.0, 9.81), linear_acceleration_covariance=nine,
+    )  # fmt: skip
+
+
+def write_esvo2(sequence, folder):
+    """A bag of DVXplorers beside ROS's lenses with `T_right_left`; true poses in another file."""
+    folder.mkdir(parents=True)
+    with Bag(folder / "hnu.bag") as bag:
+        for k, side in enumerate(("left", "right")):
+            topic = f"/dvxplorer_{side}/events"
+            bag.events(topic, everything(sequence, k), size_of(sequence))
+        write_imu(bag, "/dvxplorer_left/imu", sequence.event_span_us(0)[0])
+    T_right_left = se3.inverse(sequence.rig.T_body_cam[1]) @ sequence.rig.T_body_cam[0]
+    places = {"T_right_left": T_right_left, "T_b_c": np.eye(4)}
+    for camera, side in zip(sequence.rig.cameras, ("left", "right"), strict=True):
+        values = ros_values(camera) | {"camera_name": side}
+        for name, T in places.items():
+            values[name] = {"rows": 3, "cols": 4, "data": T[:3].ravel().tolist()}
+        (folder / f"{side}.yaml").write_text(yaml.safe_dump(values))
+    rows = tum_rows(sequence.trajectory.t_us, T_world_cam(sequence, 0))
+    np.savetxt(folder.parent / "hnu_gt.txt", rows, fmt="%.9f")
+    return folder
+
+
 WRITERS = {
     "esim": write_esim, "rpg_eccv18": write_rpg, "rosbag2": write_ros2, "raw": write_raw,
-    "m3ed": write_m3ed, "vector": write_vector, "evimo2": write_evimo2,
+    "m3ed": write_m3ed, "vector": write_vector, "evimo2": write_evimo2, "evslam": write_evslam,
 }  # fmt: skip
 """Of two cameras."""
 SINGLE = {"event-camera-dataset": write_event_camera_dataset, "eds": write_eds}
