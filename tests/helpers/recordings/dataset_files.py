@@ -9,6 +9,7 @@ import struct
 import h5py
 import numpy as np
 import yaml
+from PIL import Image
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -16,7 +17,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from event_files import ros2_message, ros2_types, write_evimo2_events, write_m3ed_camera
 from eventsweep.emvs.formats.calibration_writers import kalibr_chain
 from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
 
+GREY = Camera(80, 60, 70.0, 71.0, 39.5, 30.0, "radtan", (-0.1, 0.02, 1e-3, 2e-3))
+"""Lens of frame cameras."""
+EXPOSURE_US = 4000
 LENS = {"pinhole": "plumb_bob", "radtan": "plumb_bob", "kb4": "equidistant"}
 MESSAGE = 2000
 EVENT = "uint16 x\nuint16 y\ntime ts\nbool polarity\n"
@@ -205,7 +210,18 @@ def kalibr_values(camera):
     }
 
 
-def write_m3ed(sequence, folder):
+def gradient(camera, _T_world_cam):
+    """A picture of nothing."""
+    rows, columns = np.arange(camera.height_px), np.arange(camera.width_px)
+    return np.add.outer(rows, columns).astype(np.uint8)
+
+
+def beside(k):
+    """`T_left_frame`: where the frame cameras sit in the left event camera, turned a little."""
+    return se3.from_quat_xyzw([0.03 - 0.05 * k, 0.01, -0.02], np.array([0.02, -0.03, 0.01, 0.9993]))
+
+
+def write_m3ed(sequence, folder, picture=gradient):
     """`plane_data.h5`, poses `Cn_T_C0` of the left camera against its first one, lidar's depth."""
     folder.mkdir()
     T_world_left, t_us = T_world_cam(sequence, 0), sequence.trajectory.t_us
@@ -217,6 +233,7 @@ def write_m3ed(sequence, folder):
             for key, value in kalibr_values(sequence.rig.cameras[k]).items():
                 group[f"calib/{key}"] = value
             group["calib/T_to_prophesee_left"] = T_left[k]
+        write_ovc(file, sequence, picture)
     with h5py.File(folder / "plane_pose_gt.h5", "w") as file:
         file["Cn_T_C0"] = se3.inverse(T_world_left) @ T_world_left[0]
         file["ts"] = t_us.astype(float)
@@ -229,11 +246,26 @@ def write_m3ed(sequence, folder):
     return folder
 
 
-def write_vector(sequence, folder):
+def write_ovc(file, sequence, picture):
+    """The grey pair and the colour camera: blue first."""
+    file["ovc/ts"] = times_us = sequence.truth_times_us(0)
+    T_world_left = sequence.trajectory.at(times_us) @ sequence.rig.T_body_cam[0]
+    for k, name in enumerate(("left", "right", "rgb")):
+        group, place = file.create_group(f"ovc/{name}"), beside(k)
+        for key, value in kalibr_values(GREY).items():
+            group[f"calib/{key}"] = value
+        group["calib/T_to_prophesee_left"] = place
+        images = np.stack([picture(GREY, T @ place) for T in T_world_left])[..., None]
+        images = images * [[[1, 1, 1]]] if name == "rgb" else images
+        images = images.astype(np.uint8)
+        group.create_dataset("data", data=images, chunks=(1, *images.shape[1:]), compression="lzf")
+
+
+def write_vector(sequence, folder, picture=gradient):
     """Events like DSEC's, a marker's poses, ROS's lenses, places against a frame camera."""
     (folder / "calib").mkdir(parents=True)
     T_cam0_tracked = se3.from_quat_xyzw([0.05, -0.02, 0.1], np.array([0, 0.28, 0, 0.96]))
-    T_tracked_left = se3.from_quat_xyzw([0.01, 0.03, -0.07], np.array([0.6, 0, 0, 0.8]))
+    T_tracked_left = se3.inverse(beside(0) @ T_cam0_tracked)
     T_body_cam = sequence.rig.T_body_cam
     joint, first_us = {}, sequence.event_span_us(0)[0]
     for k, side in enumerate(("left", "right")):
@@ -245,6 +277,8 @@ def write_vector(sequence, folder):
         (folder / "calib" / name).write_text(yaml.safe_dump(values))
         T = T_cam0_tracked @ T_tracked_left @ se3.inverse(T_body_cam[0]) @ T_body_cam[k]
         joint[f"cam{k + 2}"] = {f"T_cam0_cam{k + 2}": T.ravel().tolist()}
+    T_cam0_cam1 = se3.inverse(beside(0)) @ beside(1)
+    joint["cam1"] = {"T_cam0_cam1": T_cam0_cam1.ravel().tolist()}
     path = folder / "calib" / "small_scale_joint_camera_extrinsic_results.yaml"
     path.write_text(yaml.safe_dump(joint))
     marker = {"cam0": {"T_cam_body": T_cam0_tracked.ravel().tolist()}}
@@ -254,7 +288,25 @@ def write_vector(sequence, folder):
     rows = tum_rows(sequence.trajectory.t_us, T_world_tracked)
     head = "ground truth\ntimestamp[s] px py pz qx qy qz qw"
     np.savetxt(folder / "plane1.synced.gt.txt", rows, fmt="%.12f", header=head)
+    write_regular_cameras(sequence, folder, picture)
     return folder
+
+
+def write_regular_cameras(sequence, folder, picture):
+    """Images named by the begin of their exposure, s, and begin and end of all."""
+    times_us = sequence.truth_times_us(0)
+    T_world_left = sequence.trajectory.at(times_us) @ sequence.rig.T_body_cam[0]
+    for k, side in enumerate(("left", "right")):
+        lens = folder / "calib" / f"{side}_regular_camera_intrinsic_results.yaml"
+        lens.write_text(yaml.safe_dump(ros_values(GREY)))
+        images = folder / f"plane1.synced.{side}_camera"
+        images.mkdir()
+        lines = ["# start and end of the exposure time[s] for each image"]
+        for t_us, T in zip(times_us.tolist(), T_world_left, strict=True):
+            begin, end = ((t_us + sign * EXPOSURE_US // 2) / 1e6 for sign in (-1, 1))
+            lines.append(f"{begin:.6f} {end:.6f}")
+            Image.fromarray(picture(GREY, T @ beside(k))).save(images / f"{begin:.6f}.png")
+        (images / "timestamp.txt").write_text("\n".join(lines) + "\n")
 
 
 def write_indexed(file, e, offset_us):
