@@ -177,12 +177,19 @@ def _plain(file: h5py.File, name: str) -> dict[str, Any]:
         raise InputError(f"lacks {name}; download it again")
     values: dict[str, Any] = {}
     for key, node in file[name].items():
-        if not isinstance(node, h5py.Dataset) or node.size is None or node.size > _MOST_VALUES:
+        if not _is_small(node):
             raise InputError(f"{name}/{key} is not a valid calibration value; download it again")
         value = node[()]
         value = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
         values[key] = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
     return values
+
+
+def _is_small(node: object) -> bool:
+    """Whether a node is a short list of numbers or a text; a damaged other kind may crash HDF5."""
+    if not isinstance(node, h5py.Dataset) or node.size is None or node.size > _MOST_VALUES:
+        return False
+    return not node.dtype.hasobject or h5py.check_string_dtype(node.dtype) is not None
 
 
 def _has_any(path: Path, stack: _Stack) -> bool:
