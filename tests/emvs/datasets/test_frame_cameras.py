@@ -147,6 +147,16 @@ def test_m3eds_imagers_have_lens_and_place(sequence, tmp_path):
         assert np.abs(off).max() <= 1
 
 
+def test_a_calibration_of_an_odd_type_is_not_read(sequence, tmp_path):
+    """HDF5 would read lists of any length from wherever a damaged file points to."""
+    folder = dataset_files.write_m3ed(sequence, tmp_path / "m")
+    with h5py.File(folder / "plane_data.h5", "r+") as file:
+        name = "prophesee/left/calib/camera_model"
+        del file[name]
+        file.create_dataset(name, (), dtype=h5py.vlen_dtype(np.uint8))
+    refused("camera_model is not a valid calibration value", open_recording, folder)
+
+
 def test_of_colour_the_first_is_blue(tmp_path):
     with h5py.File(tmp_path / "f.h5", "w") as file:
         file["data"] = np.full((1, 4, 6, 3), (200, 100, 50), np.uint8)
