@@ -10,7 +10,7 @@ from typing import Any
 from eventsweep.emvs.data.poses import read_poses, write_kitti, write_tum
 from eventsweep.emvs.data.recording import Recording, has_poses
 from eventsweep.emvs.datasets import open_recording
-from eventsweep.emvs.datasets.export import RecordingExport, kinds, write_recording
+from eventsweep.emvs.datasets.export import RecordingExport, kinds, left_out, write_recording
 from eventsweep.emvs.datasets.posed import EventSource
 from eventsweep.emvs.datasets.raw_streams import Readable, open_readable
 from eventsweep.emvs.errors import InputError
@@ -130,7 +130,7 @@ def _events(
 ) -> Written:
     readable = open_readable(source, options.columns)
     shift_us = options.shift_us if options.shift_us is not None else -_start_us(readable)
-    counted, chosen = [0], _chosen(readable, options)
+    counted, chosen, lost = [0], _chosen(readable, options), ""
     with progress.stage(f"write {options.to}", 1.0) as update:
 
         def report_progress(done: int) -> None:
@@ -143,12 +143,13 @@ def _events(
             job = RecordingExport(readable.recording, sources, shift_us, report_progress)
             write_recording(job, out, options.to, force=options.force, inputs=inputs)
             what = f"recording of {len(sources)} cameras as {options.to}"
+            lost = left_out(readable.recording, options.to)
         else:
             with output_file(out, force=options.force, inputs=inputs) as place:
                 count = _event_file(readable, chosen, place, options, shift_us, report_progress)
             what = f"{count:,} events as {options.to}"
     moved = f", all times shifted by {shift_us} µs" if shift_us else ", times as they were"
-    return Written(what + moved, tuple(_notes(chosen)))
+    return Written(what + moved, (*_notes(chosen), *filter(None, [lost])))
 
 
 def _is_whole(recording: Recording, out: Path, options: Options) -> bool:

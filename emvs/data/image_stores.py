@@ -178,7 +178,7 @@ class FrameWriter(ClosingWriter):
         """Adds a picture."""
         if photo.image.shape != self._shape:
             raise InputError(f"frame of shape {photo.image.shape}: this file needs {self._shape}")
-        if not self._last_us <= photo.start_us < photo.end_us:
+        if not self._last_us <= photo.start_us <= photo.end_us or photo.end_us == self._last_us:
             raise InputError(
                 f"frame from {photo.start_us} to {photo.end_us} µs, but the previous one ends at "
                 f"{self._last_us} µs: append frames in time order, without overlap"

@@ -33,6 +33,7 @@ _SLOW_S, _SLOW_PAIR_S = 60.0, 86_400.0  # from pose to pose: no trajectory, even
 _ROLES = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 _COLUMNS = " ".join(_ROLES)
 _KITTI = 12
+_WITH_VELOCITY = len(_ROLES) + 3  # EvSLAM's
 
 
 class _Table(NamedTuple):
@@ -45,7 +46,8 @@ class _Table(NamedTuple):
 def read_poses(path: str | Path, unit: str | None = None, shift_us: int = 0) -> Trajectory:
     """Reads lines `t x y z qx qy qz qw`, or the columns that a header names, in any order.
 
-    KITTI's rows of twelve numbers take their times from a file `times.txt` beside them.
+    KITTI's rows of twelve numbers take their times from a file `times.txt` beside them; of eleven
+    numbers without header the last three, EvSLAM's velocity, are left out.
 
     Args:
         path: the text; blanks, commas or semicolons part columns, `#` or `%` starts a comment.
@@ -152,8 +154,10 @@ def _table(path: Path) -> _Table:
         raise InputError(f"{path}: no poses; expected lines `{_COLUMNS}`")
     columns = header_of(str(path), head, lines[0][1], _ROLES)
     if columns is None:
-        count = _KITTI if len(fields_of(lines[0][1])) == _KITTI else len(_ROLES)
-        return _Table(_rows(path, lines, range(count), count), "")
+        count = len(fields_of(lines[0][1]))
+        count = count if count in (_KITTI, _WITH_VELOCITY) else len(_ROLES)
+        kept = _KITTI if count == _KITTI else len(_ROLES)
+        return _Table(_rows(path, lines, range(kept), count), "")
     roles = [column.role for column in columns]
     pair = "secs" in roles
     places = [roles.index("secs" if role == "t" and pair else role) for role in _ROLES]

@@ -35,6 +35,7 @@ _TUMVIE_FRAMES = ("*vi_gt_data/{}_images", "{}_images")
 VECTOR_LEFT = "*.synced.left_event.hdf5"
 _VECTOR_RIGHT = "*.synced.right_event.hdf5"
 _VECTOR_TRUTH = "*.synced.gt.txt"
+_VECTOR_FRAMES = ("*.synced.{}_camera", "{}_camera")
 _VECTOR_LENSES = ("left_event_camera_intrinsic*.yaml", "right_event_camera_intrinsic*.yaml")
 # Where VECtor's sequences by hand have a marker, those of the large scale have a lidar.
 _VECTOR_LARGE = ("corridors", "school", "units")
@@ -122,7 +123,30 @@ def open_vector(folder: Path) -> PosedRecording:
         poses=None if poses is None else {"file": poses.name},
         events=[{"file": left.name}, {"file": right.name}],
     )
+    find_frames = partial(_vector_frames, folder, lenses, joint, T_first)
+    recording = replace(recording, beside=find_frames)
     return recording.tracked_at(se3.inverse(T_cam0_tracked) @ T_cam0_event[0])
+
+
+def _vector_frames(
+    folder: Path, lenses: Path, joint: Path, T_first: NDArray[np.float64]
+) -> tuple[FrameCamera, ...]:
+    """The frame cameras whose images are there, with begin and end of their exposures.
+
+    `T_first` leads from the left one, `cam0`, to the left event camera.
+    """
+    found = []
+    for k, side in enumerate(("left", "right")):
+        images = find_folder(folder, _VECTOR_FRAMES, side)
+        if images is None:
+            continue
+        lens = find_one(lenses, [f"{side}_regular_camera_intrinsic*.yaml"], "the lens of images")
+        times_us = read_times_us(find_one(images, ["timestamp.txt"], "the times of images"), 2, "s")
+        T_cam0_cam = _motion(joint, "cam1", "T_cam0_cam1") if k else np.eye(4)
+        place = read_rig(lens).cameras[0], T_first @ T_cam0_cam
+        pictures = image_files(images, "*.png", *times_us.T)
+        found.append(FrameCamera(f"frame_{side}", *place, pictures))
+    return tuple(found)
 
 
 def open_eds(folder: Path) -> PosedRecording:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import tomli_w
 import yaml
 
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.image_stores import FrameCamera, Photo, frame_cameras
 from eventsweep.emvs.data.poses import POSES_FILE, write_tum
 from eventsweep.emvs.data.recording import Recording, events_span_us, has_poses
 from eventsweep.emvs.datasets import dsec, radiance
@@ -71,8 +72,13 @@ class RecordingExport:
         return tuple(first @ T for T in self.rig.T_body_cam)
 
     def on_first_camera(self) -> Rig:
-        """The rig, whose body is the first camera; without frame cameras, which are not written."""
+        """The rig, whose body is the first camera; without frame cameras."""
         return replace(self.rig, T_body_cam=self.T_cam0_cam(), frame_cameras=None)
+
+    def placed(self, seen: Iterable[FrameCamera]) -> list[radiance.Placed]:
+        """Frame cameras with their ways, on the shifted clock."""
+        poses, T_first = self.poses(), np.linalg.inv(self.rig.T_body_cam[0])
+        return [radiance.Placed(one, poses.times(T_first @ one.T_body_cam)) for one in seen]
 
     def size_px(self, camera: int) -> tuple[int, int]:
         """Width and height of a sensor."""
@@ -216,11 +222,46 @@ def _rosbag(job: RecordingExport, folder: Path) -> None:
 
 def _nerfstudio(job: RecordingExport, folder: Path) -> None:
     """Files with a `recording.toml`, and the views beside them."""
+    model, beside = radiance.one_model(job.rig.cameras, _beside(job.recording))
+    radiance.write_transforms(folder, model, _views(job, folder, beside))
+
+
+def _colmap(job: RecordingExport, folder: Path) -> None:
+    """Files with a `recording.toml`, and COLMAP's model of the pictures beside them."""
+    radiance.write_colmap(folder, _views(job, folder, _beside(job.recording)))
+
+
+def _views(
+    job: RecordingExport, folder: Path, beside: Sequence[FrameCamera]
+) -> Iterator[radiance.View]:
+    """Writes the recording, and gives the views of its cameras."""
     poses = job.poses()
     _described(job, folder, "npz")
-    cameras = tuple(poses.times(T) for T in job.T_cam0_cam())
+    cameras = [poses.times(T) for T in job.T_cam0_cam()]
     names = [f"cam{k}{FORMATS['npz'].suffix}" for k in range(len(job.rig))]
-    radiance.write_transforms(folder, job.recording, cameras, names, job.shift_us)
+    return radiance.views_of(job.recording, cameras, job.placed(beside), names, job.shift_us)
+
+
+def _beside(recording: Recording) -> list[FrameCamera]:
+    """The frame cameras of their own pixels."""
+    return [seen for seen in frame_cameras(recording) if seen.shares is None]
+
+
+def left_out(recording: Recording, kind: str) -> str:
+    """Which frame cameras a layout does not take, in a sentence; empty where it takes all."""
+    try:
+        seen = list(frame_cameras(recording))
+        if kind == "nerfstudio":
+            kept = radiance.one_model(recording.rig.cameras, seen)[1]
+            seen = [each for each in seen if each not in kept]
+    except InputError as error:
+        return f"frames are left out: {error}"
+    if not seen or kind in ("sequence", "colmap", "eventnerf"):
+        return ""
+    names = ", ".join(each.name for each in seen)
+    return (
+        f"frames of {names} are left out: {kind} as written here takes none of them; sequence does"
+    )
 
 
 def _eventnerf(job: RecordingExport, folder: Path) -> None:
@@ -247,7 +288,12 @@ def _eventnerf(job: RecordingExport, folder: Path) -> None:
                 job.on_written(done)
         times_us = radiance.view_times_us(poses, (first_us, last_us))
         views = Trajectory.from_matrices(times_us, T_world_cam.at(times_us))
-        radiance.write_views(split, job.recording, k, views, job.shift_us)
+        pictures = radiance.event_views(job.recording, k, views, job.shift_us)
+        radiance.write_views(split, camera, pictures)
+    for k, placed in enumerate(job.placed(_beside(job.recording))):
+        split = folder / f"frame{k}" / "train"
+        pictures = radiance.frame_views(placed, job.shift_us)
+        radiance.write_views(split, placed.seen.camera, pictures)
     # One recording, on the clock that the scenes came from.
     cameras = tuple(camera.undistorted() for camera in job.rig.cameras)
     files = [
@@ -275,11 +321,12 @@ def _covered(job: RecordingExport, camera: int, span_us: tuple[int, int]) -> tup
 def _sequence(job: RecordingExport, folder: Path, **kept: Any) -> None:
     from eventsweep.emvs.data.writer import SequenceWriter
 
-    done = 0
+    done, seen = 0, frame_cameras(job.recording)
+    rig = replace(job.on_first_camera(), frame_cameras=_frame_rig(job, seen))
     with SequenceWriter(
         folder,
         name=job.recording.name,
-        rig=job.on_first_camera(),
+        rig=rig,
         trajectory=job.poses() if job.has_poses else None,
         span_us=None if job.has_poses else job.span_us(),
         config={"converted_from": job.recording.name},
@@ -291,6 +338,32 @@ def _sequence(job: RecordingExport, folder: Path, **kept: Any) -> None:
                 writer.append_events(camera, events)
                 done += len(events)
                 job.on_written(done)
+        for one in seen:
+            for photo in _photos(one, job.shift_us):
+                if one.shares is not None:
+                    writer.append_photo(one.shares, photo)
+                elif rig.frame_cameras is not None:
+                    writer.append_beside(rig.frame_cameras.camera_names.index(one.name), photo)
+
+
+def _frame_rig(job: RecordingExport, seen: Sequence[FrameCamera]) -> Rig | None:
+    """The frame cameras in the first camera's frame, with those that took no picture."""
+    rig, T_first = job.rig.frame_cameras, np.linalg.inv(job.rig.T_body_cam[0])
+    known = {} if rig is None else dict(
+        zip(rig.camera_names, zip(rig.cameras, rig.T_body_cam, strict=True), strict=True)
+    )  # fmt: skip
+    known |= {one.name: (one.camera, one.T_body_cam) for one in seen if one.shares is None}
+    if not known:
+        return None
+    cameras, places = zip(*known.values(), strict=True)
+    return Rig(f"{job.rig.name}, frames", cameras, tuple(T_first @ T for T in places), (*known,))
+
+
+def _photos(seen: FrameCamera, shift_us: int) -> Iterator[Photo]:
+    """A camera's pictures on the shifted clock."""
+    for index in range(len(seen.pictures.t_us)):
+        photo = seen.photo(index)
+        yield photo._replace(start_us=photo.start_us + shift_us, end_us=photo.end_us + shift_us)
 
 
 def _dsec(job: RecordingExport, folder: Path) -> None:
@@ -309,6 +382,7 @@ LAYOUTS: dict[str, Callable[[RecordingExport, Path], None]] = {
     "mvsec": _mvsec,
     "rosbag1": _rosbag,
     "nerfstudio": _nerfstudio,
+    "colmap": _colmap,
     "eventnerf": _eventnerf,
 }
 """Layouts of their own; every other event format becomes files with a `recording.toml`."""

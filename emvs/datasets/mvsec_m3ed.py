@@ -5,15 +5,24 @@ Both put events, poses as 4x4 matrices and depth at the sensor's own pixels into
 
 from __future__ import annotations
 
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import cv2
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.hdf5 import Hdf5Writer, check_columns, open_hdf5, read_whole
+from eventsweep.emvs.data.hdf5 import (
+    Hdf5Writer,
+    check_columns,
+    check_dataset,
+    open_hdf5,
+    read_whole,
+)
+from eventsweep.emvs.data.image_stores import FrameCamera, Photo
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording, find_one, find_optional
@@ -29,6 +38,7 @@ MVSEC_DATA = "*_data.hdf5"
 M3ED_DATA = "*_data.h5"
 _MVSEC_TRUTH, _M3ED_TRUTH = "*_gt.hdf5", "*_pose_gt.h5"
 _SIDES = ("prophesee/left", "prophesee/right")
+_OVC, _OVC_TIMES = ("left", "right", "rgb"), "ovc/ts"
 _LARGEST_US = 2.0**60
 _MOST_POSES = 1_000_000
 _MOST_VALUES = 64  # of a calibration
@@ -91,19 +101,74 @@ def open_m3ed(folder: Path) -> PosedRecording:
         poses=poses,
         sources=tuple(EventSource(data, side) for side in _SIDES),
         truth=depth,
+        beside=partial(_m3ed_frames, data),
     )
 
 
 def _m3ed_rig(path: Path) -> Rig:
-    """The cameras of the groups `calib`, which hold Kalibr's keys."""
+    """The event cameras, the left one as the body."""
     with open_hdf5(path) as file, located(path):
-        entries = [_plain(file, f"{side}/calib") for side in _SIDES]
-        cameras = tuple(map(kalibr_camera_of, entries, _SIDES))
-        keys = [f"{side}/calib/T_to_prophesee_left" for side in _SIDES]
-        places = [entry.get("T_to_prophesee_left") for entry in entries]
-        T_left_cam = [near_rigid(*place) for place in zip(places, keys, strict=True)]
+        cameras, T_left_cam = zip(*(_m3ed_camera(file, side) for side in _SIDES), strict=True)
     T_first = se3.inverse(T_left_cam[0])
     return Rig(path.stem, cameras, tuple(T_first @ T for T in T_left_cam))
+
+
+def _m3ed_camera(file: h5py.File, name: str) -> tuple[Camera, NDArray[np.float64]]:
+    """The camera of a group `calib`, which holds Kalibr's keys, and its place, `T_left_cam`."""
+    entry, key = _plain(file, f"{name}/calib"), f"{name}/calib/T_to_prophesee_left"
+    return kalibr_camera_of(entry, name), near_rigid(entry.get("T_to_prophesee_left"), key)
+
+
+def _m3ed_frames(path: Path) -> tuple[FrameCamera, ...]:
+    """The imagers beside the event cameras; a stamp each, whose exposure is not known.
+
+    Raises:
+        InputError: images without times or calibration, or of another kind.
+    """
+    found = []
+    with open_hdf5(path) as file, located(path):
+        T_first = se3.inverse(_m3ed_camera(file, _SIDES[0])[1])
+        for name in _OVC:
+            data = f"ovc/{name}/data"
+            if data not in file:
+                continue
+            if _OVC_TIMES not in file:
+                raise InputError(f"has {data}, but not {_OVC_TIMES}; download it again")
+            count = _check_images(file[data], check_dataset(path, file[data]))
+            t_us = _times(path, read_whole(path, file[_OVC_TIMES]), count, 1.0)
+            if (np.diff(t_us) <= 0).any():
+                raise InputError(f"{_OVC_TIMES}: times of images do not rise; download it again")
+            camera, T_left_cam = _m3ed_camera(file, f"ovc/{name}")
+            pictures = StackedImages(path, data, t_us)
+            found.append(FrameCamera(f"frame_{name}", camera, T_first @ T_left_cam, pictures))
+    return tuple(found)
+
+
+def _check_images(data: h5py.Dataset, count: int) -> int:
+    """Refuses what is no stack of grey or colour images; gives their number."""
+    if data.dtype != np.uint8 or data.ndim not in (3, 4) or data.shape[3:] not in ((), (1,), (3,)):
+        raise InputError(
+            f"{data.name} has shape {data.shape} of {data.dtype}; needs (N, H, W), or with 1 or 3 "
+            "channels, of uint8"
+        )
+    return count
+
+
+@dataclass(frozen=True, eq=False)
+class StackedImages:
+    """Pictures in a data set of HDF5, read one at a time: (N, H, W), (N, H, W, 1) or blue first."""
+
+    path: Path
+    data: str
+    t_us: NDArray[np.int64]
+
+    def photo(self, index: int) -> Photo:
+        """The picture at an index, grey; its exposure has no length."""
+        with open_hdf5(self.path) as file:
+            image = np.asarray(file[self.data][index])
+        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.shape[2:] == (3,) else image
+        t_us = int(self.t_us[index])
+        return Photo(t_us, t_us, 1.0, np.asarray(grey.reshape(image.shape[:2]), np.uint8))
 
 
 def _plain(file: h5py.File, name: str) -> dict[str, Any]:
@@ -112,12 +177,19 @@ def _plain(file: h5py.File, name: str) -> dict[str, Any]:
         raise InputError(f"lacks {name}; download it again")
     values: dict[str, Any] = {}
     for key, node in file[name].items():
-        if not isinstance(node, h5py.Dataset) or node.size is None or node.size > _MOST_VALUES:
+        if not _is_small(node):
             raise InputError(f"{name}/{key} is not a valid calibration value; download it again")
         value = node[()]
         value = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
         values[key] = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
     return values
+
+
+def _is_small(node: object) -> bool:
+    """Whether a node is a short list of numbers or a text; a damaged other kind may crash HDF5."""
+    if not isinstance(node, h5py.Dataset) or node.size is None or node.size > _MOST_VALUES:
+        return False
+    return not node.dtype.hasobject or h5py.check_string_dtype(node.dtype) is not None
 
 
 def _has_any(path: Path, stack: _Stack) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from eventsweep.emvs.datasets.posed import PosedRecording, find_optional
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import open_events
 from eventsweep.emvs.formats.base import Sizes
+from eventsweep.emvs.formats.calibration import cameras_of_topics
 from eventsweep.emvs.formats.rosbag import METADATA, SUFFIXES, RosbagWriter, bag_at, is_ros2
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
@@ -24,7 +26,9 @@ __all__ = ["METADATA", "SUFFIXES", "RecordingBag", "bag_at", "lacks", "open_bag_
 
 POSE_TOPIC = "/T_world_cam0"
 _LENS = {"pinhole": "plumb_bob", "radtan": "plumb_bob", "kb4": "equidistant"}
-_CALIBRATIONS = ("camchain*.yaml", "calib*.yaml", "calibration*.yaml", "rig.json")
+_EVSLAM = tuple(f"calib_results_cam{end}" for end in (".yaml", ".txt", "_[!i]*.yaml", "_[!i]*.txt"))
+_CALIBRATIONS = (*_EVSLAM, "camchain*.yaml", "calib*.yaml", "calibration*.yaml", "rig.json")
+_ESVO = ("left.yaml", "right.yaml")
 _HAND_EYE = ("hand_eye.json", "hand_eye.yaml")
 _POSES = ("poses.txt", "*.tum.txt", "groundtruth.txt")
 
@@ -98,11 +102,35 @@ def lacks(path: Path) -> str:
     if not is_bag(path):
         return f"its name ends in none of {', '.join(SUFFIXES)}"
     kinds, streams = topics(path), sorted(open_events(path).streams)
-    calibration = find_optional(path.parent, _CALIBRATIONS, "the calibration")
     missing = [name for name in map(info_topic, streams) if name not in kinds]
-    if calibration is None and missing:
+    if missing and _calibrations(path, kinds, streams) == [path]:
         return f"no calibration: no topic {missing[0]}, no camera chain beside it"
     return ""
+
+
+def _calibrations(path: Path, kinds: Mapping[str, str], streams: Sequence[str]) -> list[Path]:
+    """The file of the calibration, or ESVO's two; the bag itself where there is none.
+
+    EvSLAM's lies in a folder `calibration` beside the bags' own, which `camera_info` in a bag
+    precedes.
+    """
+    what = "the calibration"
+    beside = find_optional(path.parent, _CALIBRATIONS, what)
+    pair = [path.parent / name for name in _ESVO]
+    if beside is None and len(streams) == len(pair) and all(each.is_file() for each in pair):
+        return pair
+    if beside is None and any(info_topic(stream) not in kinds for stream in streams):
+        beside = find_optional(path.resolve().parent.parent / "calibration", _EVSLAM, what)
+    return [beside or path]
+
+
+def _published_poses(path: Path) -> Path | None:
+    """EvSLAM's true poses of a bag, of the left event camera."""
+    bags = path.resolve().parent
+    folders = (bags, bags.parent / "groundtruth", bags.parent / "gt")
+    names = (f"{path.stem}.tum", f"{path.stem}_gt.txt")
+    found = (folder / name for folder in folders for name in names)
+    return next((file for file in found if file.is_file()), None)
 
 
 def open_bag_recording(path: Path) -> PosedRecording:
@@ -110,26 +138,34 @@ def open_bag_recording(path: Path) -> PosedRecording:
 
     Streams are taken in the order of their names, so that left comes before right.
     """
-    beside = path.parent
-    calibration = find_optional(beside, _CALIBRATIONS, "the calibration")
+    beside, kinds = path.parent, topics(path)
     hand_eye = find_optional(beside, _HAND_EYE, "the hand-eye calibration")
     poses = find_optional(beside, _POSES, "the poses")
     streams = tuple(sorted(open_events(path).streams))
     if len(streams) > 64:
         raise InputError(f"{path}: {len(streams)} event topics; choose some in a recording.toml")
-    topic, lacks_poses = ("", "") if poses else pose_topic(topics(path), streams)
+    topic, lacks_poses = ("", "") if poses else pose_topic(kinds, streams)
+    if lacks_poses:
+        poses = _published_poses(path)
+    calibrations = _calibrations(path, kinds, streams)
+    cameras = () if calibrations == [path] else cameras_of_topics(calibrations, streams)
     return described(
         beside,
         "ROS2 bag" if is_ros2(path) else "ROS1 bag",
         name=path.stem,
-        calibration={"file": (calibration or path).name},
+        calibration={"file": [_from(beside, each) for each in calibrations], "cameras": cameras},
         lacks=lacks_poses,
         poses=None
-        if lacks_poses
+        if lacks_poses and poses is None
         else {
-            "file": (poses or path).name,
+            "file": _from(beside, poses or path),
             "topic": topic,
             "hand_eye": None if hand_eye is None else hand_eye.name,
         },
         events=[{"file": path.name, "stream": stream} for stream in streams],
     )
+
+
+def _from(folder: Path, file: Path) -> str:
+    """A file's place as seen from a folder."""
+    return file.name if file.parent == folder else str(file)

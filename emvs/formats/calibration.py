@@ -76,6 +76,27 @@ def read_rig(path: Path | Sequence[Path], cameras: Sequence[str | int] = ()) -> 
         raise InputError(f"{names}: {said(error, 600)}") from error
 
 
+def cameras_of_topics(paths: Sequence[Path], topics: Sequence[str]) -> tuple[str, ...]:
+    """The cameras of a Kalibr chain that belong to topics, in their order.
+
+    A camera belongs to its `rostopic`, or to a topic beside it where no other camera does: some
+    are calibrated by pictures made of their events. Empty unless each topic has its own camera.
+    """
+    chain = parsed(paths[0]) if len(paths) == 1 else {}
+    named = [
+        (name, str(entry.get("rostopic", "")))
+        for name, entry in chain.items()
+        if isinstance(name, str) and isinstance(entry, dict) and _CHAINED.fullmatch(name)
+    ]
+    found = []
+    for topic in topics:
+        exact = [name for name, own in named if own == topic]
+        above = topic.rpartition("/")[0]
+        near = [name for name, own in named if above and own.rpartition("/")[0] == above]
+        found += (exact or near) if len(exact or near) == 1 else []
+    return tuple(found) if len(set(found)) == len(topics) else ()
+
+
 def left_out(path: Path) -> str:
     """What a file of one camera says of another, for a note where it is read alone."""
     said_of = unused_places(named_as_ros(parsed(path)))

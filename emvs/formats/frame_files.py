@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,8 @@ from eventsweep.emvs.data.image_stores import Photo
 from eventsweep.emvs.errors import InputError, refused
 from eventsweep.emvs.formats.depth import check_pixels, read_grey
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, read_text
+
+_LARGEST_US = 1 << 62
 
 
 @dataclass(frozen=True)
@@ -54,18 +57,31 @@ class ImageFiles:
         return Photo(*span_us, 1.0, self.read(self.paths[index]))
 
 
-def read_times_us(path: Path, columns: int) -> NDArray[np.int64]:
-    """(T, columns) whole µs of a file with one line per image; `#` begins a comment."""
-    faults = OSError, ValueError, OverflowError
-    cure = f"; needs {columns} whole µs in each line"
+def read_times_us(path: Path, columns: int, unit: str = "us") -> NDArray[np.int64]:
+    """(T, columns) µs of a file with one line per image; `#` begins a comment.
+
+    Its numbers are whole µs, or those of another unit, `s`.
+    """
+    faults = OSError, ValueError, ArithmeticError
+    needed = "whole µs" if unit == "us" else f"times in {unit}"
+    cure = f"; needs {columns} {needed} in each line"
     with refused(f"{path}: cannot be read as times", *faults, cure=cure):
         lines = read_text(path, TABLE_BYTES, "ascii").splitlines()
         rows = [line.replace(",", " ").split() for line in lines if line.strip()]
-        values = [[int(word) for word in row[:columns]] for row in rows if row[0][0] != "#"]
+        read = int if unit == "us" else _of_seconds
+        values = [[read(word) for word in row[:columns]] for row in rows if row[0][0] != "#"]
         table = np.array(values, np.int64).reshape(len(values), columns)
-        if (table < 0).any() or (table > 1 << 62).any():
+        if (table < 0).any() or (table > _LARGEST_US).any():
             raise ValueError("a time below 0 or beyond 2^62")
     return table
+
+
+def _of_seconds(word: str) -> int:
+    """A time in µs, exact however large it is."""
+    t_us = Decimal(word) * 10**6
+    if not abs(t_us) <= _LARGEST_US:
+        raise ValueError(f"{word[:40]} s is beyond 2^62 µs")
+    return round(t_us)
 
 
 def image_files(

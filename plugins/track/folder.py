@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.poses import write_tum
-from eventsweep.emvs.data.recording import Recording, events_span_us, has_poses
+from eventsweep.emvs.data.recording import Recording, events_span_us
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.depth.point_cloud import (
     PointCloud,
@@ -33,13 +33,15 @@ from eventsweep.eval.jobs.code_version import code_version
 from eventsweep.eval.progress import Display
 from eventsweep.eval.report.html import REPORT_NAME
 from eventsweep.eval.report.rerun import View
-from eventsweep.eval.scoring.trajectories.score import TrajectoryScore, score_poses
+from eventsweep.eval.results.results import write_results
+from eventsweep.eval.scoring.trajectories.sources import Source
 from eventsweep.plugins.track.odometry.checkpoint import State, read_state, write_state
 from eventsweep.plugins.track.odometry.config import TrackConfig
 from eventsweep.plugins.track.odometry.online import OnlineMap
 from eventsweep.plugins.track.odometry.pose import Pose, Status
 from eventsweep.plugins.track.odometry.recorded import Tracked, track
 from eventsweep.plugins.track.page import maps_words, track_page
+from eventsweep.plugins.track.scored import Judged, judged
 
 SCHEMA_VERSION = 1
 _KEEP_EVERY_S, _KEEP_SHARE = 5.0, 0.05
@@ -47,19 +49,28 @@ _SHOWN_US = 33_333  # between two poses of a view
 _VOXEL_M, _RADIUS_M, _NEIGHBOURS = 0.01, 0.05, 3
 
 
+class Written(NamedTuple):
+    """What was written: the track, its plain values, and its score if it was asked for."""
+
+    tracked: Tracked
+    facts: dict[str, Any]
+    score: Judged | None
+
+
 def track_recording(
     recording: Recording, path: Path, out: Path, config: TrackConfig, progress: Display, *,
     first_map: DepthMap | None = None, T_world_body: NDArray[np.float64] | None = None,
-    force: bool = False, view: View | None = None,
-) -> tuple[Tracked, TrajectoryScore | str]:  # fmt: skip
-    """Writes poses, covariances, `track.json`, `cloud.ply` and `report.html`.
+    truth: Source | str = "", force: bool = False, view: View | None = None,
+) -> Written:  # fmt: skip
+    """Writes poses, covariances, `track.json`, `cloud.ply` and `report.html`, and scores if asked.
 
-    Returns the poses, and how they compare with the recording's own, see `against_own`.
+    Scores need true poses; a text says why there are none, an empty one that nobody asked.
 
     While it works, its state is kept in a hidden folder beside `out`: after a kill the same call
     goes on from there, and ends with the same bytes.
     """
-    voxels, inputs = VoxelCloud(_VOXEL_M), (path, config)
+    read = [truth.path] if isinstance(truth, Source) else []
+    voxels, inputs = VoxelCloud(_VOXEL_M), (path, config, *read)
     seen = None if view is None else _Seen(view, recording)
     check_output(out, force=force)
 
@@ -82,29 +93,23 @@ def track_recording(
         write_tum(folder / "trajectory.txt", tracked.trajectory)
         write_covariances(folder / "covariances.txt", tracked)
         write_ply(folder / "cloud.ply", cloud)
+        score = judged(tracked.trajectory, truth) if truth else None
+        found = facts_of(tracked) | ({} if score is None else {"score": score.facts()})
+        results = None if score is None else score.results(recording.name)
+        if results is not None:
+            write_results(folder, results)
         facts = {
             "schema_version": SCHEMA_VERSION,
             "recording": recording.name,
             "config": config.model_dump(mode="json"),
             "versions": versions(),
-            **facts_of(tracked),
+            **found,
         }
         text = json.dumps(facts, indent=2, ensure_ascii=False) + "\n"
         (folder / "track.json").write_text(text, encoding="utf-8")
-        against = against_own(recording, tracked)
-        page = track_page(recording.name, tracked, cloud, against)
+        page = track_page(recording.name, tracked, cloud, score)
         (folder / REPORT_NAME).write_text(page, encoding="utf-8")
-    return tracked, against
-
-
-def against_own(recording: Recording, tracked: Tracked) -> TrajectoryScore | str:
-    """The scores against the recording's own poses; why there are none, empty without poses."""
-    if not has_poses(recording):
-        return ""
-    try:
-        return score_poses(recording.trajectory, tracked.trajectory)
-    except InputError as error:  # too few, or of another clock: the track itself is whole
-        return str(error)
+    return Written(tracked, found, score)
 
 
 class _Kept:

@@ -31,11 +31,10 @@ from eventsweep.eval.report.html import (
     page_text,
     plural,
 )
-from eventsweep.eval.report.trajectory_page import sentences
-from eventsweep.eval.scoring.trajectories.score import TrajectoryScore
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Tracked
 from eventsweep.plugins.track.odometry.trust import UNCONFIRMED
+from eventsweep.plugins.track.scored import Judged
 
 _MOST_POINTS = 4000  # of the map, drawn
 _MOST_STEPS = 200  # of the slider
@@ -52,10 +51,9 @@ _COLOURS = {
 }
 
 
-def track_page(
-    name: str, tracked: Tracked, cloud: PointCloud, against: TrajectoryScore | str = ""
-) -> str:
-    """The page as HTML; `against` the recording's own poses, or why they say nothing of it."""
+def track_page(name: str, tracked: Tracked, cloud: PointCloud, score: Judged | None = None) -> str:
+    """The page as HTML."""
+    has_scores = score is not None and score.found is not None
     figure = _overview(tracked, cloud)
     text = Text(
         "The path has the colours of its status, below. Axes are those of the first pose's world: "
@@ -69,14 +67,21 @@ def track_page(
         subtitle=f"{len(tracked.trajectory):,} poses, {maps_words(tracked)}.",
         blocks=(
             Text(lead(tracked), "lead"),
-            Sentences(tuple(_findings(tracked, against))),
+            Sentences(tuple(_findings(tracked, score))),
         ),
         sections=(
             Section("path", "Path", (plot, text)),
             Section("status", "Status", (_changes(tracked), _counts(tracked))),
+            *(() if score is None else (score.section(),)),
             made_here(),
         ),
-        files=("trajectory.txt", "covariances.txt", "track.json", "cloud.ply"),
+        files=(
+            "trajectory.txt",
+            "covariances.txt",
+            "track.json",
+            "cloud.ply",
+            *(("results.json", "results.csv") if has_scores else ()),
+        ),
         verdict=_verdict(tracked),
     )
     return page_text(page)
@@ -107,8 +112,8 @@ def _verdict(tracked: Tracked) -> str:
     return "doubtful" if said & {Status.LOST, Status.UNCERTAIN} else "good"
 
 
-def _findings(tracked: Tracked, against: TrajectoryScore | str) -> Iterator[str]:
-    """What to do where it is not sure, and how it compares with the recording's own poses."""
+def _findings(tracked: Tracked, score: Judged | None) -> Iterator[str]:
+    """What to do where it is not sure, and how it compares with true poses."""
     if UNCONFIRMED in {change.reason for change in tracked.changes}:
         yield "Too short: a second map confirms the beginning, so track a longer stretch."
     elif _verdict(tracked) != "good":
@@ -117,19 +122,8 @@ def _findings(tracked: Tracked, against: TrajectoryScore | str) -> Iterator[str]
             "says when and why others are not. Then “eventsweep check RECORDING” looks for faults "
             "in events, calibration and clocks."
         )
-    yield from against_words(against)
-    if isinstance(against, TrajectoryScore):
-        yield from (f"Note: {note}." for note in against.notes)
-
-
-def against_words(against: TrajectoryScore | str) -> Iterator[str]:
-    """How the poses compare with the recording's own, in a line; nothing where it has none."""
-    if isinstance(against, TrajectoryScore):
-        (sentence,) = sentences({"track": against})
-        words = sentence.removeprefix("track: ").split("; ")[0]
-        yield f"Against the recording's own poses, which were not used: {words}."
-    elif against:
-        yield f"Not compared with the recording's own poses: {against}"
+    if score is not None:
+        yield score.lead()
 
 
 def _changes(tracked: Tracked) -> Grid:

@@ -24,6 +24,7 @@ import dataset_files
 import dataset_world as world
 import fuzz_events
 import rover
+from eventsweep.emvs.data.image_stores import frame_cameras
 from eventsweep.emvs.data.poses import read_poses, write_kitti, write_tum
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import dsec, open_recording
@@ -40,12 +41,17 @@ from eventsweep.sim.sensor_presets import read_preset
 
 SPARE = {
     "rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml", MARKER,
-    "plane_depth_gt.h5", "dataset_depth.npz", "dataset_extrinsics.npz",
+    "plane_depth_gt.h5", "dataset_depth.npz", "dataset_extrinsics.npz", "calib_results_imu.txt",
 }  # fmt: skip
 """What a recording may lack: hand-eye where poses are then the first camera's; whose it is."""
 MODEL = {"tumvie": "kb4", "tumvie-vio": "kb4", "mvsec": "kb4", "m3ed": "kb4", "evimo2": "kb4"}
+FRAMES = {
+    "vector-frames": ("*_camera/*", "calib/*_regular_*", "calib/*joint*"),
+    "m3ed-frames": ("*_data.h5",),
+}  # fmt: skip
+"""Files of a layout's frame cameras."""
 LAYOUTS = ("dsec", "tumvie", "tumvie-vio", "mvsec", "rosbag1", "evt3")
-FOLDERS = ("sequence", *LAYOUTS, *dataset_files.SINGLE, *dataset_files.WRITERS)
+FOLDERS = ("sequence", *LAYOUTS, *dataset_files.SINGLE, *dataset_files.WRITERS, *FRAMES)
 T_ON_IMU = {"T_cam_imu": single.TURN.tolist()}
 OTHERS = {
     "ros": single.lens_of_ros(baseline_m=0.1), "pair": single.lens_of_ros(single.TURN),
@@ -96,6 +102,7 @@ ODD = (
 
 def made(folder, kind):
     """A sound miniature: the folder or file to open."""
+    kind = kind.removesuffix("-frames")
     cameras = 1 if kind in dataset_files.SINGLE else 2
     ours = world.write_sequence(folder / "ours", MODEL.get(kind, "radtan"), cameras, steps=120)
     sequence, out = Sequence.open(ours), folder / "sound"
@@ -116,23 +123,25 @@ def made(folder, kind):
 
 def opened_at(folder):
     """What `map` is given: a bag is opened itself, with what lies beside it; one of two folders."""
-    inner = (folder / "bag", folder / "left_camera" / "sfm" / "eval" / "plane_000000")
-    return next((place for place in inner if place.is_dir()), folder)
+    inner = ("bag", "rosbag", "left_camera/sfm/eval/plane_000000")
+    return next((place for name in inner if (place := folder / name).is_dir()), folder)
 
 
 def recording_begun(folder, kind):
     """An example: one file of the folder damaged, or taken away."""
     source, target = made(folder, kind), folder / "damaged"
-    read_everything(source)
+    read = read_frames if kind in FRAMES else read_everything
+    read(source)
 
     def example(rng):
         shutil.copytree(source, target)
-        files = sorted(path for path in target.rglob("*") if path.is_file())
+        found = (path for name in FRAMES.get(kind, ("**/*",)) for path in target.glob(name))
+        files = sorted(path for path in found if path.is_file())
         file = files[int(rng.integers(0, len(files)))]
         gone = rng.random() < 0.15
         file.unlink() if gone else file.write_bytes(fuzz_events.damaged(file.read_bytes(), rng))
         try:
-            read_everything(target)
+            read(target)
             assert not gone or file.name in SPARE, f"{file.name} is not missed"
             return True
         except InputError as error:
@@ -160,6 +169,19 @@ def read_everything(folder):
             depth_m = found.truth_view_depth_m(k, int(t_us))
             assert depth_m.shape == (camera.height_px, camera.width_px)
             assert (depth_m[np.isfinite(depth_m)] > 0).all()
+    read_frames(folder)
+
+
+def read_frames(folder):
+    """All pictures of frame cameras, with places, times and lenses."""
+    for seen in frame_cameras(open_recording(opened_at(folder))):
+        assert np.isfinite(seen.T_body_cam).all()
+        assert (np.diff(seen.pictures.t_us) > 0).all()
+        for index in range(min(len(seen.pictures.t_us), 50)):
+            photo = seen.photo(index)
+            assert photo.start_us <= photo.end_us
+            assert photo.image.dtype == np.uint8
+            assert photo.image.shape == (seen.camera.height_px, seen.camera.width_px)
 
 
 def file_begun(folder, kind):

@@ -70,9 +70,9 @@ class View:
 
 def test_a_view_is_shown_poses_the_events_between_them_and_maps(recording, tmp_path):
     view = View()
-    tracked, against = odometry.track_recording(
+    tracked = odometry.track_recording(
         recording, tmp_path / "recording", tmp_path / "out", line_world.CONFIG, SILENT, view=view
-    )
+    ).tracked
     assert len(view.maps) == tracked.maps > 0
     assert all(result.slices.values for result in view.maps)
     times_us = [t_us for t_us, _ in view.bodies]
@@ -83,7 +83,6 @@ def test_a_view_is_shown_poses_the_events_between_them_and_maps(recording, tmp_p
     t_us, T_world_body = view.bodies[-1]
     found = tracked.trajectory.at([t_us])[0]
     np.testing.assert_allclose(T_world_body[:3, 3], found[:3, 3], atol=0.02)
-    assert against.values["time_covered"] > 50
 
 
 class InterruptedRecording(line_world.Wrapped):

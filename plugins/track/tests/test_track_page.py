@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +11,12 @@ from matplotlib.colors import to_hex
 
 from eventsweep.emvs.depth.point_cloud import PointCloud
 from eventsweep.emvs.geometry.trajectory import Trajectory
-from eventsweep.plugins.track.folder import against_own
+from eventsweep.eval.scoring.trajectories.sources import Source
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Change, Tracked
 from eventsweep.plugins.track.odometry.trust import UNCONFIRMED
 from eventsweep.plugins.track.page import _COLOURS, _by_status, maps_words, track_page
+from eventsweep.plugins.track.scored import judged
 from report_data import WellFormed
 
 
@@ -64,7 +66,8 @@ NO_CLOUD = PointCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
 def page_of(own=None, **changes):
     """The page of a way that was tracked as it says, beside its own poses, if any."""
     track = replace(tracked(), **changes)
-    page = track_page("way", track, NO_CLOUD, "" if own is None else against_own(own, track))
+    truth = None if own is None else Source("way", Path("way"), own.trajectory)
+    page = track_page("way", track, NO_CLOUD, truth and judged(track.trajectory, truth))
     WellFormed(page)
     return page
 
@@ -113,11 +116,11 @@ def test_a_short_track_is_not_said_to_have_no_map():
 
 def test_true_poses_are_compared_where_there_are_any():
     page = page_of(Posed())
-    found = re.search(r"own poses, which were not used: ATE ([\d.]+) cm, or ([\d.]+) %", page)
+    found = re.search(r"which the tracker did not see: ATE ([\d.]+) cm, or ([\d.]+) %", page)
     assert float(found[1]) == pytest.approx(2 / np.sqrt(2), rel=0.05)
-    assert "own poses" not in page_of()
+    assert "true poses" not in page_of()
     late = page_of(Posed(shift_us=60_000_000))
-    assert "Not compared with the recording&#39;s own poses: " in late
+    assert "Not scored: " in late
 
 
 def test_the_path_has_the_colour_of_its_status_and_gaps_are_open():

@@ -1,16 +1,20 @@
-"""Frame cameras of DSEC's and TUM-VIE's layouts: made files, lenses and places, and damage."""
+"""Frame cameras as publishers lay them out: made files, lenses and places, and damage."""
 
 import json
 
+import h5py
 import numpy as np
 import pytest
 import yaml
 from PIL import Image
 
+import dataset_files
 import dataset_world as world
 from dataset_world import rewritten
 from eventsweep.emvs.data.image_stores import frame_cameras
+from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets.mvsec_m3ed import StackedImages
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats.frame_files import read_times_us
 from eventsweep.emvs.geometry import se3
@@ -105,6 +109,107 @@ def test_tumvies_frames_have_lens_and_place(ours, tmp_path):
     assert left.pictures.t_us.tolist() == STARTS
     assert left.photo(2)[:2] == (50_000, 50_000)
     assert abs(int(left.photo(2).image.mean()) - 120) <= 1
+
+
+@pytest.fixture(scope="module")
+def sequence(ours):
+    return Sequence.open(ours)
+
+
+def test_vectors_frames_have_lens_place_and_exposure(sequence, tmp_path):
+    recording = open_recording(dataset_files.write_vector(sequence, tmp_path / "v"))
+    left, right = frame_cameras(recording)
+    assert (left.name, right.name, left.shares) == ("frame_left", "frame_right", None)
+    for k, seen in enumerate((left, right)):
+        same_lens(seen.camera, dataset_files.GREY)
+        np.testing.assert_allclose(seen.T_body_cam, dataset_files.beside(k), atol=1e-6)
+        assert seen.pictures.t_us.tolist() == list(world.TRUTH_US)
+        assert seen.photo(1)[:2] == (world.TRUTH_US[1] - 2000, world.TRUTH_US[1] + 2000)
+        np.testing.assert_array_equal(
+            seen.photo(2).image, dataset_files.gradient(dataset_files.GREY, None)
+        )
+
+
+def test_m3eds_imagers_have_lens_and_place(sequence, tmp_path):
+    folder = dataset_files.write_m3ed(sequence, tmp_path / "m", world.plane_image)
+    found = frame_cameras(open_recording(folder))
+    assert [each.name for each in found] == ["frame_left", "frame_right", "frame_rgb"]
+    for k, seen in enumerate(found):
+        same_lens(seen.camera, dataset_files.GREY)
+        T_left = dataset_files.beside(k)
+        np.testing.assert_allclose(seen.T_body_cam, T_left, atol=1e-6)
+        assert seen.pictures.t_us.tolist() == list(world.TRUTH_US)
+        t_us = world.TRUTH_US[2]
+        T = sequence.trajectory.at(t_us) @ sequence.rig.T_body_cam[0] @ T_left
+        start_us, end_us, _, image = seen.photo(2)
+        assert (start_us, end_us) == (t_us, t_us)
+        off = image.astype(int) - world.plane_image(seen.camera, T)
+        assert np.abs(off).max() <= 1
+
+
+def test_a_calibration_of_an_odd_type_is_not_read(sequence, tmp_path):
+    """HDF5 would read lists of any length from wherever a damaged file points to."""
+    folder = dataset_files.write_m3ed(sequence, tmp_path / "m")
+    with h5py.File(folder / "plane_data.h5", "r+") as file:
+        name = "prophesee/left/calib/camera_model"
+        del file[name]
+        file.create_dataset(name, (), dtype=h5py.vlen_dtype(np.uint8))
+    refused("camera_model is not a valid calibration value", open_recording, folder)
+
+
+def test_of_colour_the_first_is_blue(tmp_path):
+    with h5py.File(tmp_path / "f.h5", "w") as file:
+        file["data"] = np.full((1, 4, 6, 3), (200, 100, 50), np.uint8)
+    photo = StackedImages(tmp_path / "f.h5", "data", np.array([7])).photo(0)
+    assert (photo.start_us, photo.image.shape) == (7, (4, 6))
+    assert abs(int(photo.image[0, 0]) - (0.114 * 200 + 0.587 * 100 + 0.299 * 50)) <= 1
+
+
+def same_lens(found, true):
+    assert (found.width_px, found.height_px) == (true.width_px, true.height_px)
+    rays = np.array([[0.1, -0.2, 1.0], [-0.3, 0.25, 1.0]])
+    np.testing.assert_allclose(found.project(rays), true.project(rays), atol=1e-6)
+
+
+def edited(path, edit):
+    with h5py.File(path, "r+") as file:
+        edit(file)
+
+
+def replaced(file, name, values):
+    del file[name]
+    file[name] = values
+
+
+@pytest.mark.parametrize(("layout", "change", "line"), [
+    ("vector", lambda f: (f / "plane1.synced.left_camera/timestamp.txt").write_text("0.1 x\n"),
+     "needs 2 times in s in each line"),
+    ("vector", lambda f: (f / "plane1.synced.left_camera/timestamp.txt").write_text("1e300 1\n"),
+     r"beyond 2\^62 µs"),
+    ("vector", lambda f: (f / "plane1.synced.left_camera/timestamp.txt").write_text("0.1 0.2\n"),
+     "3 images for 1 times"),
+    ("vector", lambda f: (f / "plane1.synced.right_camera/timestamp.txt").unlink(),
+     "lacks the times of images"),
+    ("vector", lambda f: next(f.glob("calib/left_regular*")).unlink(), "lacks the lens of images"),
+    ("vector", lambda f: next(f.glob("calib/small*")).write_text(
+        next(f.glob("calib/small*")).read_text().replace("T_cam0_cam1", "T_cam1_cam0")),
+     "cam1.T_cam0_cam1"),
+    ("m3ed", lambda f: edited(f / "plane_data.h5", lambda h: h.__delitem__("ovc/ts")),
+     "has ovc/left/data, but not ovc/ts"),
+    ("m3ed", lambda f: edited(f / "plane_data.h5", lambda h: h.__delitem__("ovc/rgb/calib")),
+     "lacks ovc/rgb/calib"),
+    ("m3ed", lambda f: edited(f / "plane_data.h5", lambda h: replaced(h, "ovc/ts", [3, 2, 1])),
+     "do not rise"),
+    ("m3ed", lambda f: edited(f / "plane_data.h5", lambda h: replaced(h, "ovc/ts", [3, 4])),
+     "2 times for 3 entries"),
+    ("m3ed", lambda f: edited(f / "plane_data.h5", lambda h: replaced(
+        h, "ovc/left/data", np.zeros((3, 60, 80, 2), "u1"))), "with 1 or 3 channels"),
+])  # fmt: skip
+def test_damage_of_imagers_is_refused_in_one_line(sequence, tmp_path, layout, change, line):
+    folder = dataset_files.WRITERS[layout](sequence, tmp_path / "d")
+    change(folder)
+    recording = open_recording(folder)  # maps need no frames
+    refused(line, frame_cameras, recording)
 
 
 @pytest.mark.parametrize(("change", "line"), [

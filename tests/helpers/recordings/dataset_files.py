@@ -9,6 +9,7 @@ import struct
 import h5py
 import numpy as np
 import yaml
+from PIL import Image
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -16,7 +17,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from event_files import ros2_message, ros2_types, write_evimo2_events, write_m3ed_camera
 from eventsweep.emvs.formats.calibration_writers import kalibr_chain
 from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
 
+GREY = Camera(80, 60, 70.0, 71.0, 39.5, 30.0, "radtan", (-0.1, 0.02, 1e-3, 2e-3))
+"""Lens of frame cameras."""
+EXPOSURE_US = 4000
 LENS = {"pinhole": "plumb_bob", "radtan": "plumb_bob", "kb4": "equidistant"}
 MESSAGE = 2000
 EVENT = "uint16 x\nuint16 y\ntime ts\nbool polarity\n"
@@ -205,7 +210,18 @@ def kalibr_values(camera):
     }
 
 
-def write_m3ed(sequence, folder):
+def gradient(camera, _T_world_cam):
+    """A picture of nothing."""
+    rows, columns = np.arange(camera.height_px), np.arange(camera.width_px)
+    return np.add.outer(rows, columns).astype(np.uint8)
+
+
+def beside(k):
+    """`T_left_frame`: where the frame cameras sit in the left event camera, turned a little."""
+    return se3.from_quat_xyzw([0.03 - 0.05 * k, 0.01, -0.02], np.array([0.02, -0.03, 0.01, 0.9993]))
+
+
+def write_m3ed(sequence, folder, picture=gradient):
     """`plane_data.h5`, poses `Cn_T_C0` of the left camera against its first one, lidar's depth."""
     folder.mkdir()
     T_world_left, t_us = T_world_cam(sequence, 0), sequence.trajectory.t_us
@@ -217,6 +233,7 @@ def write_m3ed(sequence, folder):
             for key, value in kalibr_values(sequence.rig.cameras[k]).items():
                 group[f"calib/{key}"] = value
             group["calib/T_to_prophesee_left"] = T_left[k]
+        write_ovc(file, sequence, picture)
     with h5py.File(folder / "plane_pose_gt.h5", "w") as file:
         file["Cn_T_C0"] = se3.inverse(T_world_left) @ T_world_left[0]
         file["ts"] = t_us.astype(float)
@@ -229,11 +246,26 @@ def write_m3ed(sequence, folder):
     return folder
 
 
-def write_vector(sequence, folder):
+def write_ovc(file, sequence, picture):
+    """The grey pair and the colour camera: blue first."""
+    file["ovc/ts"] = times_us = sequence.truth_times_us(0)
+    T_world_left = sequence.trajectory.at(times_us) @ sequence.rig.T_body_cam[0]
+    for k, name in enumerate(("left", "right", "rgb")):
+        group, place = file.create_group(f"ovc/{name}"), beside(k)
+        for key, value in kalibr_values(GREY).items():
+            group[f"calib/{key}"] = value
+        group["calib/T_to_prophesee_left"] = place
+        images = np.stack([picture(GREY, T @ place) for T in T_world_left])[..., None]
+        images = images * [[[1, 1, 1]]] if name == "rgb" else images
+        images = images.astype(np.uint8)
+        group.create_dataset("data", data=images, chunks=(1, *images.shape[1:]), compression="lzf")
+
+
+def write_vector(sequence, folder, picture=gradient):
     """Events like DSEC's, a marker's poses, ROS's lenses, places against a frame camera."""
     (folder / "calib").mkdir(parents=True)
     T_cam0_tracked = se3.from_quat_xyzw([0.05, -0.02, 0.1], np.array([0, 0.28, 0, 0.96]))
-    T_tracked_left = se3.from_quat_xyzw([0.01, 0.03, -0.07], np.array([0.6, 0, 0, 0.8]))
+    T_tracked_left = se3.inverse(beside(0) @ T_cam0_tracked)
     T_body_cam = sequence.rig.T_body_cam
     joint, first_us = {}, sequence.event_span_us(0)[0]
     for k, side in enumerate(("left", "right")):
@@ -245,6 +277,8 @@ def write_vector(sequence, folder):
         (folder / "calib" / name).write_text(yaml.safe_dump(values))
         T = T_cam0_tracked @ T_tracked_left @ se3.inverse(T_body_cam[0]) @ T_body_cam[k]
         joint[f"cam{k + 2}"] = {f"T_cam0_cam{k + 2}": T.ravel().tolist()}
+    T_cam0_cam1 = se3.inverse(beside(0)) @ beside(1)
+    joint["cam1"] = {"T_cam0_cam1": T_cam0_cam1.ravel().tolist()}
     path = folder / "calib" / "small_scale_joint_camera_extrinsic_results.yaml"
     path.write_text(yaml.safe_dump(joint))
     marker = {"cam0": {"T_cam_body": T_cam0_tracked.ravel().tolist()}}
@@ -254,7 +288,25 @@ def write_vector(sequence, folder):
     rows = tum_rows(sequence.trajectory.t_us, T_world_tracked)
     head = "ground truth\ntimestamp[s] px py pz qx qy qz qw"
     np.savetxt(folder / "plane1.synced.gt.txt", rows, fmt="%.12f", header=head)
+    write_regular_cameras(sequence, folder, picture)
     return folder
+
+
+def write_regular_cameras(sequence, folder, picture):
+    """Images named by the begin of their exposure, s, and begin and end of all."""
+    times_us = sequence.truth_times_us(0)
+    T_world_left = sequence.trajectory.at(times_us) @ sequence.rig.T_body_cam[0]
+    for k, side in enumerate(("left", "right")):
+        lens = folder / "calib" / f"{side}_regular_camera_intrinsic_results.yaml"
+        lens.write_text(yaml.safe_dump(ros_values(GREY)))
+        images = folder / f"plane1.synced.{side}_camera"
+        images.mkdir()
+        lines = ["# start and end of the exposure time[s] for each image"]
+        for t_us, T in zip(times_us.tolist(), T_world_left, strict=True):
+            begin, end = ((t_us + sign * EXPOSURE_US // 2) / 1e6 for sign in (-1, 1))
+            lines.append(f"{begin:.6f} {end:.6f}")
+            Image.fromarray(picture(GREY, T @ beside(k))).save(images / f"{begin:.6f}.png")
+        (images / "timestamp.txt").write_text("\n".join(lines) + "\n")
 
 
 def write_indexed(file, e, offset_us):
@@ -350,9 +402,77 @@ def write_eds(sequence, folder):
     return folder
 
 
+def write_evslam(sequence, folder, truth="groundtruth/slider_fast.tum"):
+    """A bag of DVXplorers, Kalibr's chain of five cameras and an IMU, poses of the left camera."""
+    for name in ("rosbag", "calibration", "groundtruth", "gt"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    sides = [f"/dvxplorer_{side}" for side in ("left", "right")]
+    with Bag(folder / "rosbag" / "slider_fast.bag") as bag:
+        for k, side in enumerate(sides):
+            bag.events(f"{side}/events", everything(sequence, k), size_of(sequence))
+        write_imu(bag, "/dvxplorer_left/imu", sequence.event_span_us(0)[0])
+    topics = [f"{side}/events" for side in sides]
+    topics += [f"/camera/{name}/image_rect_raw" for name in ("color", "infra1", "infra2")]
+    text = yaml.safe_dump(evslam_chain(sequence.rig, topics))
+    (folder / "calibration" / "calib_results_cam.txt").write_text(text)
+    (folder / "calibration" / "calib_results_imu.txt").write_text("imu0:\n  update_rate: 800.0\n")
+    rows = tum_rows(sequence.trajectory.t_us, T_world_cam(sequence, 0))
+    if truth.endswith("_gt.txt"):  # with the camera's velocity, which nobody needs here
+        rows = np.column_stack([rows, np.zeros((len(rows), 3))])
+    np.savetxt(folder / truth, rows, fmt="%.9f")
+    return folder / "rosbag"
+
+
+def evslam_chain(rig, topics):
+    """Kalibr's cameras: two of events, then three of frames, each linked with the one before."""
+    step, T_cam_imu = np.eye(4), np.eye(4)
+    step[0, 3], T_cam_imu[:3, 3] = 0.02, (0.01, -0.02, 0.03)
+    chain = {}
+    for k, topic in enumerate(topics):
+        entry = kalibr_values(rig.cameras[min(k, 1)])
+        if k:
+            T = step if k > 1 else se3.inverse(rig.T_body_cam[1]) @ rig.T_body_cam[0]
+            entry["T_cn_cnm1"], T_cam_imu = T.tolist(), T @ T_cam_imu
+        entry |= {"T_cam_imu": T_cam_imu.tolist(), "timeshift_cam_imu": 0.001, "rostopic": topic}
+        chain[f"cam{k}"] = entry
+    return chain
+
+
+def write_imu(bag, topic, t_us):
+    """One sensor_msgs/Imu at rest."""
+    types, nine = bag.store.types, np.zeros(9)
+    vector = types["geometry_msgs/msg/Vector3"]
+    bag.write(
+        topic, "sensor_msgs/msg/Imu", t_us, orientation_covariance=nine,
+        orientation=types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+        angular_velocity=vector(0.0, 0.0, 0.0), angular_velocity_covariance=nine,
+        linear_acceleration=vector(0.0, 0.0, 9.81), linear_acceleration_covariance=nine,
+    )  # fmt: skip
+
+
+def write_esvo2(sequence, folder):
+    """A bag of DVXplorers beside ROS's lenses with `T_right_left`; true poses in another file."""
+    folder.mkdir(parents=True)
+    with Bag(folder / "hnu.bag") as bag:
+        for k, side in enumerate(("left", "right")):
+            topic = f"/dvxplorer_{side}/events"
+            bag.events(topic, everything(sequence, k), size_of(sequence))
+        write_imu(bag, "/dvxplorer_left/imu", sequence.event_span_us(0)[0])
+    T_right_left = se3.inverse(sequence.rig.T_body_cam[1]) @ sequence.rig.T_body_cam[0]
+    places = {"T_right_left": T_right_left, "T_b_c": np.eye(4)}
+    for camera, side in zip(sequence.rig.cameras, ("left", "right"), strict=True):
+        values = ros_values(camera) | {"camera_name": side}
+        for name, T in places.items():
+            values[name] = {"rows": 3, "cols": 4, "data": T[:3].ravel().tolist()}
+        (folder / f"{side}.yaml").write_text(yaml.safe_dump(values))
+    rows = tum_rows(sequence.trajectory.t_us, T_world_cam(sequence, 0))
+    np.savetxt(folder.parent / "hnu_gt.txt", rows, fmt="%.9f")
+    return folder
+
+
 WRITERS = {
     "esim": write_esim, "rpg_eccv18": write_rpg, "rosbag2": write_ros2, "raw": write_raw,
-    "m3ed": write_m3ed, "vector": write_vector, "evimo2": write_evimo2,
+    "m3ed": write_m3ed, "vector": write_vector, "evimo2": write_evimo2, "evslam": write_evslam,
 }  # fmt: skip
 """Of two cameras."""
 SINGLE = {"event-camera-dataset": write_event_camera_dataset, "eds": write_eds}

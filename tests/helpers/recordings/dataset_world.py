@@ -84,6 +84,15 @@ def plane_depth_m(T_world_cam, bearing):
     return depth_m.astype(np.float32)
 
 
+def plane_image(camera, T_world_cam):
+    """(H, W) uint8: a smooth picture on the plane, through the camera's lens."""
+    bearing = camera.bearing_table()
+    depth_m = plane_depth_m(T_world_cam, bearing).astype(np.float64)
+    points = np.concatenate([bearing, np.ones((*bearing.shape[:2], 1))], axis=-1)
+    x, y, _ = np.moveaxis(se3.transform(T_world_cam, points * depth_m[..., None]), -1, 0)
+    return np.rint(127 + 60 * np.sin(9 * x) + 60 * np.sin(11 * y)).astype(np.uint8)
+
+
 def write_sequence(path: Path, model: str, cameras: int = 2, steps: int = STEPS) -> Path:
     """Writes the sequence in our layout, with truth at `TRUTH_US`."""
     rig = rig_of(model, cameras)
