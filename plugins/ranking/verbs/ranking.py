@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,16 +25,21 @@ def ranking(
     """Rank the methods of one or more results; writes index.html, ranking.json and methods/.
 
     Args:
-        results: Folders of `suite` or of earlier rankings, oldest first, or LABEL=FOLDER.
+        results: Folders of `suite`, of scores as CASE/seedN, or of earlier rankings, oldest first;
+            or LABEL=FOLDER.
         out: Folder to write: index.html, ranking.json, a page for every method and pictures.
         site: Address or folder of the documentation, for links to the rules and home.
     """
-    from eventsweep.plugins.ranking.entries import read_source
     from eventsweep.plugins.ranking.pages.page import HTML_NAME, write_ranking
+    from eventsweep.plugins.ranking.sources import read_source
 
     page = write_ranking([read_source(result) for result in results], out, site)
     console = common.console()
-    console.result(_facts(page.public), _summary(page.public))
+    facts = _facts(page.public)
+    if page.tracks:
+        facts["tracks"] = {name: _facts(found) for name, found in page.tracks.items()}
+    parts = (_summary(found) for found in (page.public, *page.tracks.values()))
+    console.result(facts, chain.from_iterable(parts))
     console.wrote(out / HTML_NAME)
 
 
