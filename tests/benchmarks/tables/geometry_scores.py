@@ -1,7 +1,7 @@
 """Scores fused maps as geometries: `python tests/benchmarks geometry_scores --out FOLDER`.
 
 Each sequence is simulated, mapped in sliding windows and fused by the commands that users have, and
-its clouds and meshes are scored into `FOLDER/scored/SCENE/seedN`, from where `eventsweep ranking`
+its clouds and meshes are scored into `FOLDER/geometry/SCENE/seedN`, from where `eventsweep ranking`
 takes them. What is done is not done again; after a change of the program take another folder. With
 `--page` the table is written into a page.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import redirect_stderr
 from io import StringIO
 from pathlib import Path
@@ -56,21 +56,21 @@ def scored(sequence: Sequence, folder: Path) -> Results:
     Raises:
         InputError: a command failed.
     """
-    out = folder / "scored" / sequence.place
+    out = folder / "geometry" / sequence.place
     if not out.exists():
-        at = _mapped(sequence, folder)
+        at = mapped(sequence, folder)
         named = [word for method in FUSED for word in _fused(method, at)]
         truth = ("--truth", at / "sequence", "--case", sequence.scene)
-        _verb("score", *named, *truth, "--out", out)
+        verb("score", *named, *truth, "--out", out)
     return read_results(out)
 
 
-def _mapped(sequence: Sequence, folder: Path) -> Path:
-    """The folder of a sequence and its map."""
+def mapped(sequence: Sequence, folder: Path) -> Path:
+    """The folder of a sequence and its map, beside the scores of the run."""
     out = folder / "run" / sequence.place
     if not (out / "results.json").exists():
         methods = (word for method in (*FUSED, "SGM/window") for word in ("--method", method))
-        _verb(
+        verb(
             "run", sequence.scene, "--seed", sequence.seed, "--seconds", SECONDS,
             "--map.window-s", WINDOW_S, "--map.stride-s", STRIDE_S, *methods, "--out", out,
         )  # fmt: skip
@@ -79,7 +79,7 @@ def _mapped(sequence: Sequence, folder: Path) -> Path:
 
 def _fused(method: str, at: Path) -> Iterator[str]:
     """`NAME=FILE` of a method's cloud and mesh."""
-    _verb(
+    verb(
         "fuse", at / "map", "--method", method, "--voxel-m", VOXEL_M,
         "--mesh", "--mesh-part", PART,
     )  # fmt: skip
@@ -88,11 +88,16 @@ def _fused(method: str, at: Path) -> Iterator[str]:
         yield f"{name}-{kind}={at}/map/global/{name}/{kind}.ply"
 
 
-def _verb(*words: object) -> None:
+def verb(*words: object, ends: Collection[int] = (0,)) -> None:
+    """Runs a command of the program.
+
+    Raises:
+        InputError: it ended with another exit code than those of `ends`.
+    """
     said = StringIO()
     with redirect_stderr(said):
         code = eventsweep([*map(str, words), "--quiet"])
-    if code:
+    if code not in ends:
         raise InputError(f"exit code {code} of {' '.join(map(str, words))}: {said.getvalue()}")
 
 
