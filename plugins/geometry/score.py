@@ -172,9 +172,12 @@ def _limits_m(region: _Region) -> Iterator[tuple[str, Any, Any]]:
     """Name and both limits, one after the other: those of the depth are as many as the points."""
     yield from ((f"{cm}cm", cm / 100, cm / 100) for cm in WITHIN_CM)
     for percent in WITHIN_PERCENT:
-        of = (np.multiply(percent / 100, depth_m, dtype=np.float64)
-              for depth_m in (region.a_depth_m, region.c_depth_m))  # fmt: skip
-        yield f"{percent}pct", *of
+        a_m, c_m = region.a_depth_m, region.c_depth_m
+        yield f"{percent}pct", _share_m(percent, a_m), _share_m(percent, c_m)
+
+
+def _share_m(percent: float, depth_m: NDArray[np.float32]) -> Floats:
+    return np.multiply(percent / 100, depth_m, dtype=np.float64)
 
 
 def f1(precision: float, recall: float) -> float:

@@ -224,7 +224,7 @@ def track(name: str, found: Ranked) -> Section:
     blocks = (
         Text(lead_words(found.standings, len(joined.base.seeds)), "lead"),
         Text(f"{its.about} {where}"),
-        *([Sentences(refused)] if refused else []),
+        Sentences(refused),
         grid(("method", Head("rank"), Head("mean place"), *(h.head() for h in heads)), lines),
     )
     return Section(name, its.title, blocks)

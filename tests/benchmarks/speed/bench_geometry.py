@@ -30,7 +30,7 @@ from eventsweep.plugins.geometry.readers import read_geometry
 from eventsweep.plugins.geometry.surfels import KINDS, Surfels
 from markdown_blocks import show
 from simulate_stages import machine
-from table_code import ROOT, Code
+from table_code import FOREIGN, ROOT, Code
 
 MARK = "large"
 POINTS, WALLS, SPACING_M = 10_000_000, 10, 0.01
@@ -175,7 +175,7 @@ def in_its_own_process(folder: Path) -> list[Step]:
 def code() -> dict[str, Code]:
     """What the numbers depend on."""
     functions = ("bench_geometry:made", "bench_geometry:measured", "bench_geometry:table")
-    return {f"plugins/geometry/geometry.md#{MARK}": Code(functions)}
+    return {f"plugins/geometry/geometry.md#{MARK}": Code(functions, without=FOREIGN)}
 
 
 def main() -> int:

@@ -39,7 +39,7 @@ PLANES = SUITES | LEARNED | {
 EDITS = {
     "emvs/dsi/fusion_kernels.py": MAPPED | REAL,
     "sim/rendering/renderer.py": SIMULATED,
-    "eval/scoring/metrics.py": SCORED,
+    "eval/scoring/metrics.py": SCORED | {"plugins/geometry/geometry.md#large"},
     "emvs/formats/prophesee_kernels.py": {"docs/formats.md#speeds"},
     "scenes/planes.py": PLANES,
     "scenes/planes.xml": PLANES,

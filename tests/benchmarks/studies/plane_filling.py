@@ -38,7 +38,7 @@ def filled(depth_m: NDArray[np.floating], mask: NDArray[np.bool_]) -> NDArray[np
     outside = np.isnan(found)
     if outside.any():
         found[outside] = NearestNDInterpolator(places, inverse)(every[outside])
-    return (1 / found).reshape(mask.shape).astype(np.float32)
+    return np.asarray((1 / found).reshape(mask.shape), np.float32)
 
 
 def fill_map(folder: Path, method: str, out: Path) -> None:
