@@ -38,8 +38,8 @@ def ranking(
     facts = _facts(page.public)
     if page.tracks:
         facts["tracks"] = {name: _facts(found) for name, found in page.tracks.items()}
-    parts = (_summary(found) for found in (page.public, *page.tracks.values()))
-    console.result(facts, chain.from_iterable(parts))
+    parts = (_summary(found, f"{name}: ") for name, found in page.tracks.items())
+    console.result(facts, chain(_summary(page.public), *parts))
     console.wrote(out / HTML_NAME)
 
 
@@ -52,11 +52,11 @@ def _facts(ranked: Ranked) -> dict[str, Any]:
     return {"standings": standings, "not_ranked": ranked.lacking, "refused": refused}
 
 
-def _summary(ranked: Ranked) -> Iterator[Part]:
+def _summary(ranked: Ranked, track: str = "") -> Iterator[Part]:
     from eventsweep.eval.cli.console import table
 
     rows = ((row.method, str(row.rank), f"{row.place:.2f}") for row in ranked.standings)
-    title = f"ranks by {ranked.metric.replace('_', ' ')}"
+    title = f"{track}ranks by {ranked.metric.replace('_', ' ')}"
     yield table(title, ("method", ">rank", ">mean place"), rows)
     for label, why in ranked.joined.refused:
         yield f"{label}: {why}"
