@@ -15,6 +15,8 @@ OTHER_SUFFIXES = (
     ".usdz", ".dae", ".3ds",
 )  # fmt: skip
 """Geometries in formats that are not read: refused as such, and not as poses."""
+DEPTH_SUFFIXES = (".npz", ".npy", ".png", ".tif", ".tiff", ".exr", ".pfm")
+"""Depth maps, also rendered ones: refused with the way to their scores, and not as poses."""
 Length = Annotated[float, Field(gt=0, le=1e3, allow_inf_nan=False)]
 
 

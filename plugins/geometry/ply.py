@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import struct
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -27,6 +27,7 @@ _TYPES = {
 _NAMES = {"f8": "double", "f4": "float", "i4": "int", "u1": "uchar"}
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _MOST_HEADER_BYTES, _MOST_ELEMENTS, _MOST_PROPERTIES = 1 << 16, 64, 1024
+_BLOCK = 1 << 18  # rows
 _INDICES = ("vertex_indices", "vertex_index")
 Columns = dict[str, NDArray[np.float64]]
 
@@ -65,8 +66,12 @@ class PlyFile:
     triangles: NDArray[np.int64]
 
 
-def read_ply(path: Path) -> PlyFile:
+def read_ply(path: Path, only: Collection[str] | None = None) -> PlyFile:
     """Reads the vertices and faces of a PLY file, ASCII or binary.
+
+    Args:
+        path: the file.
+        only: columns of the vertices that are kept, where it has them; all by default.
 
     Raises:
         InputError: no PLY, a damaged or impossible one, or one without vertices.
@@ -83,8 +88,8 @@ def read_ply(path: Path) -> PlyFile:
             if element.name == "vertex":
                 if not element.is_plain:
                     raise InputError(f"{path}: its vertices hold lists; export plain coordinates")
-                vertices = _plain(path, file, element, order, size) if order else _columns(
-                    path, element, rows
+                vertices = _plain(path, file, element, order, size, only) if order else _columns(
+                    path, element, rows, only
                 )  # fmt: skip
             elif element.name == "face":
                 lists = _lists(path, file, element, order, size) if order else _ascii_lists(
@@ -178,12 +183,23 @@ def _cut_off(path: Path, element: _Element) -> InputError:
     )
 
 
-def _plain(path: Path, file: BinaryIO, element: _Element, order: str, size: int) -> Columns:
+def _plain(
+    path: Path, file: BinaryIO, element: _Element, order: str, size: int,
+    only: Collection[str] | None,
+) -> Columns:  # fmt: skip
     kinds = np.dtype([(one.name, order + one.kind) for one in element.properties])
     if element.count * kinds.itemsize > size - file.tell():
         raise _cut_off(path, element)
-    rows = np.fromfile(file, kinds, element.count)
-    return {name: rows[name].astype(np.float64) for name in kinds.names or ()}
+    columns = {name: np.empty(element.count) for name in _kept(element, only)}
+    for first in range(0, element.count, _BLOCK):
+        rows = np.fromfile(file, kinds, min(_BLOCK, element.count - first))
+        for name, column in columns.items():
+            column[first : first + len(rows)] = rows[name]
+    return columns
+
+
+def _kept(element: _Element, only: Collection[str] | None) -> list[str]:
+    return [one.name for one in element.properties if only is None or one.name in only]
 
 
 def _skip(path: Path, file: BinaryIO, element: _Element, order: str, size: int) -> None:
@@ -292,9 +308,12 @@ def _ascii(path: Path, file: BinaryIO, element: _Element, size: int) -> list[byt
     return lines
 
 
-def _columns(path: Path, element: _Element, lines: list[bytes] | None) -> Columns:
+def _columns(
+    path: Path, element: _Element, lines: list[bytes] | None, only: Collection[str] | None
+) -> Columns:
+    kept = _kept(element, only)
     if not lines:
-        return {one.name: np.empty(0) for one in element.properties}
+        return {name: np.empty(0) for name in kept}
     try:
         rows = np.loadtxt(lines, np.float64, comments=None, ndmin=2, encoding="latin-1")
     except ValueError as error:
@@ -304,7 +323,8 @@ def _columns(path: Path, element: _Element, lines: list[bytes] | None) -> Column
             f"{path}: its vertices have {rows.shape[1]} numbers, its header names "
             f"{len(element.properties)}"
         )
-    return {one.name: rows[:, k] for k, one in enumerate(element.properties)}
+    named = {one.name: rows[:, k] for k, one in enumerate(element.properties)}
+    return {name: named[name] for name in kept}
 
 
 def _ascii_lists(

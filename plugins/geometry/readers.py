@@ -101,7 +101,7 @@ def _points(path: Path, suffix: str, config: GeometryConfig) -> tuple[str, Point
         return "points", points, f"{len(points):,} points"
     if suffix != ".ply":
         return _sampled(path, *_open3d_mesh(path), config)
-    file = read_ply(path)
+    file = read_ply(path, only={*"xyz", *_OF_SPLATS})
     if missing := [axis for axis in "xyz" if axis not in file.vertices]:
         raise InputError(f"{path}: its vertices have no {', '.join(missing)}; export coordinates")
     points = np.column_stack([file.vertices[axis] for axis in "xyz"])

@@ -23,7 +23,7 @@ from eventsweep.eval.scoring.metrics import (
 from eventsweep.eval.scoring.trajectories.metrics import TRAJECTORY_METRICS
 from eventsweep.plugins.geometry.alignment import align_to, spread_m
 from eventsweep.plugins.geometry.nearest import Nearest, along_curve
-from eventsweep.plugins.geometry.surfels import KINDS, Surfels
+from eventsweep.plugins.geometry.surfels import KINDS, Surfels, ordered
 from eventsweep.plugins.geometry.truth import SEEN
 
 Align = Literal["none", "se3", "sim3"]
@@ -50,7 +50,7 @@ class GeometryScore:
 
     points: Floats
     to_truth_m: Floats
-    nearest: NDArray[np.int64]
+    nearest: NDArray[np.integer[Any]]
     to_points_m: Floats
     world_own: Similarity
     notes: tuple[str, ...]
@@ -63,8 +63,8 @@ class _Region:
     name: str
     a_m: Floats
     c_m: Floats
-    a_depth_m: Floats
-    c_depth_m: Floats
+    a_depth_m: NDArray[np.float32]
+    c_depth_m: NDArray[np.float32]
 
 
 class Judge:
@@ -78,8 +78,7 @@ class Judge:
     """
 
     def __init__(self, truth: Surfels) -> None:
-        order = along_curve(truth.points_world)
-        self.truth = Surfels(*(values[order] for values in vars(truth).values()))
+        self.truth = ordered(truth)
         columns = self.truth.points_world, self.truth.normals, self.truth.radius_m
         self._discs = Nearest(*columns, is_ordered=True)
 
@@ -135,7 +134,7 @@ class Judge:
 
     def _regions(self, found: GeometryScore) -> Iterator[_Region]:
         truth, near = self.truth, found.nearest
-        own_depth, depth = (d.astype(np.float64) for d in (truth.depth_m[near], truth.depth_m))
+        own_depth, depth = truth.depth_m[near], truth.depth_m
         yield _Region("all", found.to_truth_m, found.to_points_m, own_depth, depth)
         for name, chosen in classes(truth).items():
             of = chosen[near]
@@ -162,16 +161,23 @@ def _values(region: _Region) -> Iterator[tuple[str, float, int]]:
     yield "completion", completion, len(c_m)
     yield "completion_median", _median(c_m), len(c_m)
     yield "chamfer", (accuracy + completion) / 2, len(a_m) + len(c_m)
-    limits: list[tuple[str, Any, Any]] = [(f"{cm}cm", cm / 100, cm / 100) for cm in WITHIN_CM]
-    limits += [
-        (f"{percent}pct", percent / 100 * region.a_depth_m, percent / 100 * region.c_depth_m)
-        for percent in WITHIN_PERCENT
-    ]
-    for name, for_a, for_c in limits:
+    for name, for_a, for_c in _limits_m(region):
         precision, recall = 100 * _mean(a_m < for_a), 100 * _mean(c_m < for_c)
         yield f"surface_precision_{name}", precision, len(a_m)
         yield f"surface_recall_{name}", recall, len(c_m)
         yield f"surface_f1_{name}", f1(precision, recall), len(a_m) + len(c_m)
+
+
+def _limits_m(region: _Region) -> Iterator[tuple[str, Any, Any]]:
+    """Name and both limits, one after the other: those of the depth are as many as the points."""
+    yield from ((f"{cm}cm", cm / 100, cm / 100) for cm in WITHIN_CM)
+    for percent in WITHIN_PERCENT:
+        a_m, c_m = region.a_depth_m, region.c_depth_m
+        yield f"{percent}pct", _share_m(percent, a_m), _share_m(percent, c_m)
+
+
+def _share_m(percent: float, depth_m: NDArray[np.float32]) -> Floats:
+    return np.multiply(percent / 100, depth_m, dtype=np.float64)
 
 
 def f1(precision: float, recall: float) -> float:

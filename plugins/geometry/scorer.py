@@ -5,7 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from eventsweep.plugins.geometry.config import OTHER_SUFFIXES, SUFFIXES, GeometryConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.plugins.geometry.config import (
+    DEPTH_SUFFIXES,
+    OTHER_SUFFIXES,
+    SUFFIXES,
+    GeometryConfig,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -18,8 +24,8 @@ Config = GeometryConfig
 
 
 def takes(scored: str) -> bool:
-    """Whether `FILE` or `NAME=FILE` is a geometry, by its name."""
-    return Path(scored).suffix.lower() in (*SUFFIXES, *OTHER_SUFFIXES)
+    """Whether `FILE` or `NAME=FILE` is a geometry, or a depth map, by its name."""
+    return Path(scored).suffix.lower() in (*SUFFIXES, *OTHER_SUFFIXES, *DEPTH_SUFFIXES)
 
 
 def score(
@@ -27,6 +33,7 @@ def score(
     config: GeometryConfig, align: str | None, case: str | None, force: bool, command: str,
 ) -> None:  # fmt: skip
     """Scores geometries against a sequence; prints a table, and writes a folder if asked."""
+    _refuse_depth(scored)
     from eventsweep.eval.results.results import to_json
     from eventsweep.plugins.geometry.output import score_files
 
@@ -39,6 +46,17 @@ def score(
         console.warn(note)
     if out is not None:
         console.wrote(out / "report.html")
+
+
+def _refuse_depth(scored: tuple[str, ...]) -> None:
+    for one in scored:
+        suffix = Path(one).suffix.lower()
+        if suffix in DEPTH_SUFFIXES:
+            kept = "npz" if suffix == ".pfm" else suffix[1:]
+            raise InputError(
+                f"{one}: depth is scored in its view: give a map's folder instead, without "
+                f"--truth, and --prediction NAME=DIR with the depth as DIR/TIME_US.{kept}"
+            )
 
 
 def _printed(written: WrittenGeometries) -> Iterator[Part]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.geometry import se3
 from eventsweep.eval.scoring.regions import near_boundary
+from eventsweep.plugins.geometry.nearest import along_curve
 
 KINDS = ("plane", "curved", "edge", "thin", "far")
 """Classes of surfaces, by their number; `eval.scoring.metrics` says what each is."""
@@ -42,6 +43,14 @@ class Surfels:
 
     def __len__(self) -> int:
         return len(self.points_world)
+
+
+def ordered(surfels: Surfels) -> Surfels:
+    """The same in the order of a space-filling curve; not copied if they are in it."""
+    order = along_curve(surfels.points_world)
+    if (order[1:] > order[:-1]).all():
+        return surfels
+    return Surfels(*(values[order] for values in vars(surfels).values()))
 
 
 def surfels_of(

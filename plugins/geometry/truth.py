@@ -16,14 +16,17 @@ from eventsweep.emvs.utils.cache import Cache, default_cache, key_of
 from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.eval.jobs.code_version import source_digest
 from eventsweep.plugins.geometry.ply import write_points
-from eventsweep.plugins.geometry.surfels import KINDS, Surfels, surfels_of
+from eventsweep.plugins.geometry.surfels import KINDS, Surfels, ordered, surfels_of
 
 SEEN = (("once", 1, 1), ("few", 2, 9), ("many", 10, None))
 """Classes by how many pictures show a surface: name, least and most."""
 _BITS = 21  # per axis of a cell's number
 _MERGE_AT_LEAST = 1_000_000
 _FILE = "truth.npz"
-_MODULES = tuple(f"eventsweep.plugins.geometry.{name}" for name in ("truth", "surfels"))
+_MODULES = tuple(
+    f"eventsweep.plugins.geometry.{name}"
+    for name in ("truth", "surfels", "nearest", "nearest_kernels")
+)
 
 
 def open_sequence(path: Path) -> Sequence:
@@ -74,7 +77,7 @@ def true_surfaces(
     found = cells.surfels()
     if not len(found):
         raise InputError(f"{sequence.path}: its cameras saw no surface: nothing to score against")
-    return found
+    return ordered(found)  # as they are searched: once here, not in every score
 
 
 def cached_surfaces(
@@ -87,12 +90,20 @@ def cached_surfaces(
     }  # fmt: skip
 
     def fill(folder: Path) -> None:
-        found = true_surfaces(sequence, cell_m, far_m, progress)
-        np.savez(folder / _FILE, **vars(found))
+        store(folder, true_surfaces(sequence, cell_m, far_m, progress))
 
-    entry = Cache(default_cache()).get(key_of(facts), facts, fill)
-    with np.load(entry.path / _FILE, allow_pickle=False) as stored:
-        return Surfels(**{field.name: stored[field.name] for field in fields(Surfels)})
+    return stored(Cache(default_cache()).get(key_of(facts), facts, fill).path)
+
+
+def store(folder: Path, truth: Surfels) -> None:
+    """Writes surfels into a folder of a cache."""
+    np.savez(folder / _FILE, **vars(truth))
+
+
+def stored(folder: Path) -> Surfels:
+    """What `store` wrote."""
+    with np.load(folder / _FILE, allow_pickle=False) as columns:
+        return Surfels(**{field.name: columns[field.name] for field in fields(Surfels)})
 
 
 def write_truth(path: Path, truth: Surfels) -> None:

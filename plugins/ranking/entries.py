@@ -17,19 +17,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import Field, model_validator
 
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.inputs import file_in
 from eventsweep.eval.results.direction import Direction
 from eventsweep.eval.results.files import read_json
 from eventsweep.eval.results.results import (
     DEFAULT_MAPPER,
-    SUITE_NAME,
     ArchiveFacts,
     MeasuredCost,
     Results,
     Sample,
-    read_results,
     shown_name,
 )
 from eventsweep.eval.results.table import EVENTS, POOLED, Value, each, together
@@ -37,6 +34,7 @@ from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.suite.predictions import perfect_scores
 from eventsweep.plugins.ranking.submission import SubmissionFacts
+from eventsweep.plugins.ranking.tracks import OTHERS, SEMI_DENSE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -96,6 +94,7 @@ class RankingEntry(FrozenModel):
 
     Attributes:
         label: what people call it, such as a version.
+        track: which one it enters: `semi-dense`, or one of `tracks.OTHERS`.
         suite: name of the suite.
         digest: hash of its definition.
         archive: whose sequences were used; None where they were drawn anew.
@@ -117,6 +116,7 @@ class RankingEntry(FrozenModel):
     """
 
     label: str
+    track: str = SEMI_DENSE
     suite: str
     digest: str
     archive: ArchiveFacts | None = None
@@ -139,8 +139,11 @@ class RankingEntry(FrozenModel):
     @model_validator(mode="after")
     def _of_every_seed(self) -> RankingEntry:
         """One number and one sequence for each seed, numbers of known cases, no infinite ones."""
-        if self.values and RANKED_BY not in self.units:
-            raise ValueError(f"units: {RANKED_BY} is missing")
+        if self.track not in (SEMI_DENSE, *OTHERS):
+            raise ValueError(f"track: {self.track} is not known")
+        ranked_by = OTHERS[self.track].ranked_by if self.track in OTHERS else RANKED_BY
+        if self.values and ranked_by not in self.units:
+            raise ValueError(f"units: {ranked_by} is missing")
         for case, ranked in self.cases.items():
             if len(ranked.sequences) != len(self.seeds):
                 raise ValueError(f"cases.{case}: {len(ranked.sequences)} sequences")
@@ -188,8 +191,11 @@ class RankingData(FrozenModel):
     entries: tuple[RankingEntry, ...] = Field(min_length=1)
 
     def to_text(self) -> str:
-        """As JSON, one method a line."""
+        """As JSON; a suite's entries as before there were other tracks."""
         content = self.model_dump(mode="json")
+        for entry in content["entries"]:
+            if entry["track"] == SEMI_DENSE:
+                del entry["track"]
         return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
@@ -200,7 +206,7 @@ def entry_of(result: Results, label: str) -> RankingEntry:
     rows = rows[(rows["window"] == POOLED) & (rows["method"] != EVENTS)]
     depth, poses = rows[rows["metric"].isin(METRICS)], rows[rows["metric"].isin(POSE_METRICS)]
     names = {method: shown_name(method, mappers) for method in dict.fromkeys(rows["method"])}
-    values = _by_method(depth.assign(method=depth["method"].map(names)), result.seeds)
+    values = by_method(depth.assign(method=depth["method"].map(names)), result.seeds)
     perfect = perfect_scores(result.rows)
     return RankingEntry(
         label=label,
@@ -212,7 +218,7 @@ def entry_of(result: Results, label: str) -> RankingEntry:
         units={r.metric: (r.unit, r.direction) for r in each(together([depth, poses]))},
         versions_of_metrics=_metric_versions(result),
         values=values,
-        poses=_by_method(poses, result.seeds),
+        poses=by_method(poses, result.seeds),
         stated={n: SubmissionFacts.model_validate(one) for n, one in result.stated.items()},
         cost={shown_name(name, mappers): one for name, one in result.cost.items()},
         perfect={shown_name(name, mappers): where for name, where in perfect.items()},
@@ -229,7 +235,7 @@ def entry_of(result: Results, label: str) -> RankingEntry:
     )
 
 
-def _by_method(
+def by_method(
     rows: pd.DataFrame, seeds: Sequence[int]
 ) -> dict[str, dict[str, dict[str, tuple[float, ...]]]]:
     """Per method, metric and case one value for each seed; NaN where there is none."""
@@ -270,34 +276,6 @@ def _rendered_from(sample: Sample) -> str:
 def _metric_versions(result: Results) -> dict[str, str]:
     known = result.samples[0].metrics if result.samples else {}
     return {name: version for name, version in known.items() if name in (*METRICS, *POSE_METRICS)}
-
-
-class Source(NamedTuple):
-    """A result: its entries, and the folder that may hold pictures."""
-
-    folder: Path
-    entries: tuple[RankingEntry, ...]
-
-
-def read_source(asked: str) -> Source:
-    """Reads `LABEL=RESULT` or `RESULT`: a suite's result, or a `ranking.json` of several."""
-    label, equals, place = asked.partition("=")
-    path = Path(asked)
-    if equals and label and place and "/" not in label and not path.exists():
-        path = Path(place)
-    else:
-        label = ""
-    folder = path if path.is_dir() else path.parent
-    if path.name == DATA_NAME or (path / DATA_NAME).is_file():
-        if label:
-            raise InputError(f"{asked}: a {DATA_NAME} has labels of its own; leave {label}= out")
-        return Source(folder, read_data(path).entries)
-    if path.name != SUITE_NAME and not (path / SUITE_NAME).is_file():
-        raise InputError(
-            f"{path}: not the result of a suite; needs {SUITE_NAME} or {DATA_NAME} in it"
-        )
-    label = label or folder.resolve().name
-    return Source(folder, (read_results(path, lambda result: entry_of(result, label)),))
 
 
 def read_data(path: Path) -> RankingData:

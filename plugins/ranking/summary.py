@@ -22,6 +22,7 @@ from eventsweep.plugins.ranking.entries import (
     finite_mean,
     join,
 )
+from eventsweep.plugins.ranking.tracks import OTHERS as TRACKS
 
 MAIN = RANKED_BY
 OTHERS = (
@@ -189,6 +190,13 @@ def history(entries: Sequence[RankingEntry], joined: Merged) -> History:
 def _alone(joined: Merged, entry: RankingEntry) -> Merged:
     """The same cases and seeds, with every method as one entry has it."""
     return joined._replace(owner=dict.fromkeys(joined.owner, entry))
+
+
+def of_tracks(entries: Sequence[RankingEntry]) -> dict[str, Ranked]:
+    """The ranking of each other track that has public entries, by its name."""
+    public = [entry for entry in entries if entry.part == "public"]
+    found = {name: [one for one in public if one.track == name] for name in TRACKS}
+    return {name: ranked(join(own), TRACKS[name].ranked_by) for name, own in found.items() if own}
 
 
 def parts(entries: Sequence[RankingEntry]) -> tuple[Merged, Merged | None]:

@@ -110,7 +110,8 @@ def score(
             sequence.
         out: Folder to write with --truth: results.json, results.csv, report.html.
         case: Name of the recording in the results; by default the truth's.
-        prediction: NAME=DIR or DIR with depth maps of another method, scored too; repeatable.
+        prediction: NAME=DIR or DIR with depth maps of another method, or rendered from splats,
+            scored too; repeatable.
     """
     if truth is not None:
         _refuse(

@@ -9,6 +9,7 @@ import pytest
 import eventsweep as es
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.scoring.metrics import PRIMARY_OF_GEOMETRIES
+from eventsweep.plugins.geometry.config import DEPTH_SUFFIXES
 from eventsweep.plugins.geometry.ply import read_ply, write_points
 from refusals import command_refused, untouched
 from report_data import WellFormed
@@ -149,3 +150,11 @@ def test_the_gate_and_compare_take_geometries(here, capsys):
     text = (here / "compared" / "compare.html").read_text("utf-8")
     assert "worse here" in text
     assert "surface F1 5 cm" in text
+
+
+@pytest.mark.parametrize("suffix", DEPTH_SUFFIXES)
+def test_depth_maps_are_sent_to_where_they_are_scored(here, capsys, suffix):
+    (here / f"depth{suffix}").write_bytes(b"")
+    said = command_refused(capsys, "score", f"mine=depth{suffix}", "--truth", "seq")
+    assert "--prediction NAME=DIR" in said
+    assert ".pfm" not in said.partition("DIR/")[2]  # predictions have no such format

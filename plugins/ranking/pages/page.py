@@ -37,13 +37,15 @@ from eventsweep.plugins.ranking.entries import (
     Merged,
     RankingData,
     RankingEntry,
-    Source,
 )
 from eventsweep.plugins.ranking.pages import sections
 from eventsweep.plugins.ranking.pages.method_page import FOLDER as METHODS
 from eventsweep.plugins.ranking.pages.method_page import method_page, page_names
 from eventsweep.plugins.ranking.pages.sections import RankingPage
+from eventsweep.plugins.ranking.sources import Source
 from eventsweep.plugins.ranking.summary import MAIN
+from eventsweep.plugins.ranking.tracks import OTHERS as TRACKS
+from eventsweep.plugins.ranking.tracks import SEMI_DENSE
 
 HTML_NAME = "index.html"
 _PICTURE_BYTES = 1 << 22
@@ -65,8 +67,11 @@ def write_ranking(sources: Sequence[Source], out: Path, site: str = "") -> Ranki
     twice = repeated(entry.label for entry in entries)
     if twice is not None:
         raise InputError(f"two results are called {twice}: name one as in LABEL=RESULT")
-    if not any(one.part == "public" for one in entries):
-        raise InputError("only results of a hidden part: give one of the public part as well")
+    if not any(one.part == "public" for one in entries if one.track == SEMI_DENSE):
+        only = (
+            "of other tracks" if any(e.track != SEMI_DENSE for e in entries) else "of a hidden part"
+        )
+        raise InputError(f"only results {only}: give one of a suite's public part as well")
     found = _pictures(sources)
     page = _page_of(entries, found)
     links = _links(site or release.DOCUMENTATION)
@@ -84,7 +89,8 @@ def write_ranking(sources: Sequence[Source], out: Path, site: str = "") -> Ranki
 
 
 def _page_of(entries: tuple[RankingEntry, ...], found: Mapping[str, MethodPictures]) -> RankingPage:
-    public, hidden = summary.parts(entries)
+    own = tuple(entry for entry in entries if entry.track == SEMI_DENSE)
+    public, hidden = summary.parts(own)
     if not public.cases or not public.complete():
         raise InputError(
             f"{public.base.label}: no method was run on every case that methods are ranked by: "
@@ -94,11 +100,12 @@ def _page_of(entries: tuple[RankingEntry, ...], found: Mapping[str, MethodPictur
     ranked = summary.ranked(public)
     names = page_names([standing.method for standing in ranked.standings])
     return RankingPage(
-        entries,
+        own,
         ranked,
         summary.ranked(hidden) if hidden and hidden.cases else None,
         pictures,
         {method: f"{METHODS}/{name}" for method, name in names.items()},
+        summary.of_tracks(entries),
     )
 
 
@@ -135,8 +142,8 @@ class MethodPictures:
         for which, one in self.about.items():
             uri = data_uri("image/webp", self.content[which])
             text = (
-                f"{which} case: {one['case']}, {one['abs_rel']:.2f} % error; depth, true depth, "
-                f"error (orange: {one['error_cm']:g} cm)"
+                f"{which} case: {one['case']}, {one['abs_rel']:.2f} % error; from the left: depth, "
+                f"true depth, error (orange: {one['error_cm']:g} cm)"
             )
             yield Picture(method, (Layer(uri, text),))
 
@@ -185,10 +192,10 @@ def ranking_page(
     """What the page shows; `links` are (title, address) pairs."""
     base = page.joined.base
     shown = (
+        *(sections.track(name, found) for name, found in page.tracks.items()),
         *sections.hidden(page), sections.ranks(page), sections.coverage(page),
         sections.conditions(page), sections.scenes(page), *sections.poses(page),
-        sections.cost(page), *sections.causes(page), *sections.gallery(page),
-        *sections.history(page),
+        sections.cost(page), *sections.causes(page), *sections.history(page),
     )  # fmt: skip
     seeds = plural(len(base.seeds), "seed")
     lead, *findings = _findings(page)
@@ -217,7 +224,10 @@ def _rule() -> str:
 
 
 def _findings(page: RankingPage) -> Iterator[str]:
-    yield lead_words(page.public.standings, len(page.joined.base.seeds))
+    lead = lead_words(page.public.standings, len(page.joined.base.seeds))
+    yield f"Semi-dense depth: {lead}" if page.tracks else lead
+    for name, found in page.tracks.items():
+        yield f"{TRACKS[name].title}: {lead_words(found.standings, len(found.joined.base.seeds))}"
     for entry in page.entries:
         for method, where in entry.perfect.items():
             places = f"{', '.join(where)} ({entry.label})"

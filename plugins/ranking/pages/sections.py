@@ -14,9 +14,9 @@ from eventsweep.eval.report.html import (
     GridCell,
     Head,
     Picture,
-    Pictures,
     Plot,
     Section,
+    Sentences,
     Text,
     grid,
     plural,
@@ -26,7 +26,7 @@ from eventsweep.eval.report.html import (
 from eventsweep.eval.report.ranking import column, definition, named_cell, value_cell
 from eventsweep.eval.results.direction import Direction, best
 from eventsweep.eval.scoring.outlier_causes import CAUSES
-from eventsweep.eval.scoring.standings import Standing
+from eventsweep.eval.scoring.standings import Standing, lead_words
 from eventsweep.plugins.ranking import summary
 from eventsweep.plugins.ranking.entries import (
     COVERAGES,
@@ -37,6 +37,7 @@ from eventsweep.plugins.ranking.entries import (
 )
 from eventsweep.plugins.ranking.figure import cost_figure, coverage_figure, history_figure
 from eventsweep.plugins.ranking.summary import CONDITIONS, MAIN, OTHERS, Ranked
+from eventsweep.plugins.ranking.tracks import OTHERS as TRACKS
 
 _RELATIVE = "× median method"
 
@@ -45,7 +46,7 @@ _RELATIVE = "× median method"
 class RankingPage:
     """What a page is made of; entries are oldest first, and ranks are by the main metric.
 
-    `pages` are addresses of pages of single methods.
+    `pages` are addresses of pages of single methods, `tracks` the rankings of other tracks.
     """
 
     entries: tuple[RankingEntry, ...]
@@ -53,6 +54,7 @@ class RankingPage:
     hidden: Ranked | None
     pictures: Mapping[str, tuple[Picture, ...]]
     pages: Mapping[str, str] = field(default_factory=dict)
+    tracks: Mapping[str, Ranked] = field(default_factory=dict)
 
     @property
     def joined(self) -> Merged:
@@ -196,6 +198,36 @@ def ranks(page: RankingPage) -> Section:
     titles = [column(metric).title for metric in known]
     grids = [_standing_grid(one, definition(one.metric)) for one in ranked]
     return Section("ranks", "Ranks by other metrics", tables("ranks", titles, grids))
+
+
+def track(name: str, found: Ranked) -> Section:
+    """A track beside the suite's: who is ahead, and a line for each method."""
+    its, joined = TRACKS[name], found.joined
+    metrics = [metric for metric in its.metrics if metric in joined.base.units]
+    heads = [column(metric) for metric in metrics]
+    values = {
+        (one.method, metric): summary.arithmetic(joined, one.method, metric, joined.cases)
+        for one in found.standings
+        for metric in metrics
+    }
+    tops = {h.name: best((values[m.method, h.name] for m in found.standings), h.direction)
+            for h in heads}  # fmt: skip
+    lines = [
+        (named_cell(one.method), _rank(one), _number(one.place),
+         *(value_cell(values[one.method, h.name], joined.base.units[h.name][0], tops[h.name])
+           for h in heads))
+        for one in found.standings
+    ]  # fmt: skip
+    seeds = plural(len(joined.base.seeds), "seed")
+    where = f"{', '.join(joined.cases)}; {seeds}. Means over cases; ranks are by the first metric."
+    refused = tuple(f"{label}: {why}." for label, why in joined.refused)
+    blocks = (
+        Text(lead_words(found.standings, len(joined.base.seeds)), "lead"),
+        Text(f"{its.about} {where}"),
+        Sentences(refused),
+        grid(("method", Head("rank"), Head("mean place"), *(h.head() for h in heads)), lines),
+    )
+    return Section(name, its.title, blocks)
 
 
 def coverage(page: RankingPage) -> Section:
@@ -391,19 +423,6 @@ def causes(page: RankingPage) -> Iterator[Section]:
     )
     plot = Plot(svg(causes_figure, shares), "outliers by cause")
     yield Section("causes", "Why points are wrong", (text, plot, grid(heads, lines)))
-
-
-def gallery(page: RankingPage) -> Iterator[Section]:
-    """Best and worst case of each method; nothing where no picture is there."""
-    pictures = [picture for method in page.methods for picture in page.pictures.get(method, ())]
-    if pictures:
-        text = Text(
-            "Depth, true depth and error, blue (none) to orange (the stated value or more), in "
-            "the first window of the first seed: the case with the smallest relative error, and "
-            "that with the largest."
-        )
-        blocks = text, Pictures(tuple(pictures))
-        yield Section("pictures", "Best and worst case of each method", blocks)
 
 
 def history(page: RankingPage) -> Iterator[Section]:

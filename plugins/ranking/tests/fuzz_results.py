@@ -35,8 +35,9 @@ from eventsweep.eval.suite import definition, output
 from eventsweep.plugins.ranking.archives.manifest import ArchiveManifest, PackedFile, PackedSequence
 from eventsweep.plugins.ranking.archives.manifest import parse as parse_archive
 from eventsweep.plugins.ranking.archives.tarball import pack
-from eventsweep.plugins.ranking.entries import DATA_NAME, RankingData, read_source
+from eventsweep.plugins.ranking.entries import DATA_NAME, RankingData
 from eventsweep.plugins.ranking.pages.page import write_ranking
+from eventsweep.plugins.ranking.sources import read_source
 from eventsweep.plugins.ranking.submission import (
     MANIFEST,
     Asked,

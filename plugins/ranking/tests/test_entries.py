@@ -7,6 +7,7 @@ import pytest
 
 from eventsweep.plugins.ranking import entries as ranking
 from eventsweep.plugins.ranking import summary
+from eventsweep.plugins.ranking.sources import read_source
 from ranking_entries import CASES, entry
 from refusals import line_of
 
@@ -15,8 +16,8 @@ def test_what_is_written_is_read_undefined_numbers_too(tmp_path):
     data = ranking.RankingData(entries=(entry("one", {"a": 0.1}), entry("two", {"b": 0.2})))
     (tmp_path / ranking.DATA_NAME).write_text(data.to_text())
     assert ranking.read_data(tmp_path) == data
-    assert ranking.read_source(str(tmp_path)).entries == data.entries
-    assert ranking.read_source(str(tmp_path / ranking.DATA_NAME)).folder == tmp_path
+    assert read_source(str(tmp_path)).entries == data.entries
+    assert read_source(str(tmp_path / ranking.DATA_NAME)).folder == tmp_path
     one = entry("one", {"a": 0.1}, seeds=2)
     values = {"a": {"mean_error": {"wall": (math.nan, 0.1)}}}
     one = one.model_copy(update={"values": values})
@@ -33,17 +34,17 @@ def test_what_is_written_is_read_undefined_numbers_too(tmp_path):
 ])  # fmt: skip
 def test_damaged_data_is_one_line(tmp_path, text, words):
     (tmp_path / ranking.DATA_NAME).write_text(text)
-    said = line_of(ranking.read_source, str(tmp_path))
+    said = line_of(read_source, str(tmp_path))
     assert ranking.DATA_NAME in said
     assert words in said
 
 
 def test_what_is_no_result_is_one_line(tmp_path):
-    assert "not the result of a suite" in line_of(ranking.read_source, str(tmp_path))
+    assert "not the result of a suite" in line_of(read_source, str(tmp_path))
     (tmp_path / ranking.DATA_NAME).write_text(
         ranking.RankingData(entries=(entry("one", {"a": 1.0}),)).to_text()
     )
-    assert "labels of its own" in line_of(ranking.read_source, f"new={tmp_path}")
+    assert "labels of its own" in line_of(read_source, f"new={tmp_path}")
 
 
 def test_the_newest_result_of_a_method_counts_and_other_sequences_do_not():

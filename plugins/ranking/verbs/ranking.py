@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,16 +25,21 @@ def ranking(
     """Rank the methods of one or more results; writes index.html, ranking.json and methods/.
 
     Args:
-        results: Folders of `suite` or of earlier rankings, oldest first, or LABEL=FOLDER.
+        results: Folders of `suite`, of scores as CASE/seedN, or of earlier rankings, oldest first;
+            or LABEL=FOLDER.
         out: Folder to write: index.html, ranking.json, a page for every method and pictures.
         site: Address or folder of the documentation, for links to the rules and home.
     """
-    from eventsweep.plugins.ranking.entries import read_source
     from eventsweep.plugins.ranking.pages.page import HTML_NAME, write_ranking
+    from eventsweep.plugins.ranking.sources import read_source
 
     page = write_ranking([read_source(result) for result in results], out, site)
     console = common.console()
-    console.result(_facts(page.public), _summary(page.public))
+    facts = _facts(page.public)
+    if page.tracks:
+        facts["tracks"] = {name: _facts(found) for name, found in page.tracks.items()}
+    parts = (_summary(found, f"{name}: ") for name, found in page.tracks.items())
+    console.result(facts, chain(_summary(page.public), *parts))
     console.wrote(out / HTML_NAME)
 
 
@@ -46,11 +52,11 @@ def _facts(ranked: Ranked) -> dict[str, Any]:
     return {"standings": standings, "not_ranked": ranked.lacking, "refused": refused}
 
 
-def _summary(ranked: Ranked) -> Iterator[Part]:
+def _summary(ranked: Ranked, track: str = "") -> Iterator[Part]:
     from eventsweep.eval.cli.console import table
 
     rows = ((row.method, str(row.rank), f"{row.place:.2f}") for row in ranked.standings)
-    title = f"ranks by {ranked.metric.replace('_', ' ')}"
+    title = f"{track}ranks by {ranked.metric.replace('_', ' ')}"
     yield table(title, ("method", ">rank", ">mean place"), rows)
     for label, why in ranked.joined.refused:
         yield f"{label}: {why}"

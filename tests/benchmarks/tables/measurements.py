@@ -76,6 +76,15 @@ PARTS = (
         f"{_TOOL} bench_raster --page plugins/raster/raster.md",
         timed=True,
     ),
+    Part(
+        ("plugins/geometry/geometry.md#large",),
+        f"{_TOOL} bench_geometry --page plugins/geometry/geometry.md",
+        1.7,
+    ),
+    Part(
+        ("plugins/geometry/geometry.md#geometry-scores",),
+        f"{_TOOL} geometry_scores --out OUT --page plugins/geometry/geometry.md",
+    ),
     Part(("docs/simulator.md#fidelity-rays",), f"{_FIDELITY} --rays"),
     Part(("docs/simulator.md#fidelity-drawn",), f"{_FIDELITY} --drawn 2028"),
     Part(("docs/studies.md#studies",), "make studies", 19.4),

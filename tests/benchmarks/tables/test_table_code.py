@@ -24,6 +24,7 @@ SCORED = SUITES | {
     "docs/paper.md#paper", "docs/paper.md#reproduction", "docs/studies.md#studies",
     "docs/baselines.md#baselines", "docs/gate.md#recipe",
     "plugins/diagnose/check.md#check-faults", "plugins/track/odometry.md#track-scores",
+    "plugins/geometry/geometry.md#geometry-scores",
 }  # fmt: skip
 MAPPED = SCORED | LEARNED | {"plugins/cuda/cuda.md#gpu"}
 SIMULATED = MAPPED | {
@@ -38,7 +39,7 @@ PLANES = SUITES | LEARNED | {
 EDITS = {
     "emvs/dsi/fusion_kernels.py": MAPPED | REAL,
     "sim/rendering/renderer.py": SIMULATED,
-    "eval/scoring/metrics.py": SCORED,
+    "eval/scoring/metrics.py": SCORED | {"plugins/geometry/geometry.md#large"},
     "emvs/formats/prophesee_kernels.py": {"docs/formats.md#speeds"},
     "scenes/planes.py": PLANES,
     "scenes/planes.xml": PLANES,
@@ -48,6 +49,9 @@ EDITS = {
     },
     "plugins/cuda/voting_kernels.py": {"plugins/cuda/cuda.md#gpu"},
     "plugins/raster/shading_kernels.py": SIMULATED,
+    "plugins/geometry/nearest_kernels.py": {
+        "plugins/geometry/geometry.md#geometry-scores", "plugins/geometry/geometry.md#large",
+    },
     "plugins/video/film.py": set(),
     "eval/report/run_page.py": set(),
     "eval/report/templates/page.html.j2": set(),
