@@ -69,6 +69,10 @@ PARTS = (
         ("plugins/raster/raster.md#raster",),
         f"{_TOOL} bench_raster --page plugins/raster/raster.md",
     ),
+    Part(
+        ("plugins/align/align.md#align-draws",),
+        f"{_TOOL} align_draws --out OUT --page plugins/align/align.md",
+    ),
     Part(("docs/simulator.md#fidelity-rays",), f"{_FIDELITY} --rays"),
     Part(("docs/simulator.md#fidelity-drawn",), f"{_FIDELITY} --drawn 2028"),
     Part(("docs/studies.md#studies",), "make studies", 19.4),
