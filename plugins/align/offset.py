@@ -26,9 +26,10 @@ _SEARCH_PX, _SEARCHED_PX = 1.5, 4.5
 _STAGES = ((3.0, 4), (2.0, 4), (2.0, 3), (2.0, 3), (2.0, 1), (2.0, 1), *[(1.5, 1)] * 5)
 """How far from an edge, px, and the first of the values besides the clock that is fitted."""
 WIDTHS = 2.5
-"""Half-width of an interval in standard deviations: it holds 95 % of what draws leave.
+"""Half-width of an interval in standard deviations of `covariance`.
 
-Measured on the draws for development, see `python tests/benchmarks align_draws`.
+The 95 % quantile of the first 16 draws for development of `python tests/benchmarks align_draws`,
+whose table says how many of all draws such intervals hold.
 """
 _FEWEST_TILES = 4
 _NAMES = (
