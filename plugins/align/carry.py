@@ -102,11 +102,13 @@ def aligned_events(
 def event_rho(events: Events, depths: Depths) -> Array:
     """(N,) inverse depth of each event: the nearest surface of its pixel and those around it.
 
-    An edge that passes belongs to the nearer of its two surfaces.
+    An edge that passes belongs to the nearer of its two surfaces. On one slanted surface neighbours
+    are nearer as well, but those opposite are as much farther.
     """
-    rho = depths[0][0]
-    near = cv2.dilate(rho, np.ones((3, 3), np.uint8))
-    return np.where(near > rho * (1 + SAME_SURFACE), near, rho)[events.y, events.x]
+    rho, around = depths[0][0], np.ones((3, 3), np.uint8)
+    near, far = cv2.dilate(rho, around), cv2.erode(np.where(rho < 0, rho.max(), rho), around)
+    is_other = near - rho > SAME_SURFACE * rho + 2 * (rho - far)
+    return np.where(is_other, near, rho)[events.y, events.x]
 
 
 def _seen(events: Events, uv_px: Array, rho: Array, hides: Array) -> AlignedEvents:

@@ -105,6 +105,7 @@ def align(
     _check_useful(setup, chosen, times_us)
     before, found, after, why = _compared(setup, chosen, progress)
     notes += [why] if why else []
+    notes += [found.note] if found is not None and found.note else []
     if apply:
         if found is None:
             raise InputError(f"{setup.recording.name}: nothing to apply: {why}")
@@ -268,8 +269,8 @@ def _write_corrected(path: Path, setup: Setup) -> None:
     assert setup.frames is not None
     frames, rig = setup.frames, setup.recording.rig
     name = frames.name if frames.shares is None else f"{frames.name} frames"
-    place = setup.correction.placed(frames.T_body_cam)
-    beside = Rig(f"{rig.name}, frames", (frames.camera,), (place,), (name,))
+    place, lens = setup.correction.placed(frames.T_body_cam), setup.correction.lens(frames.camera)
+    beside = Rig(f"{rig.name}, frames", (lens,), (place,), (name,))
     values = replace(rig, frame_cameras=beside).to_json()
     values["frames_late_us"] = {name: round(setup.correction.late_us, 3)}
     path.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")

@@ -1,10 +1,8 @@
-"""Clock and rotation of a frame camera that bring edges of frames and events together.
+"""Clock, rotation and principal point of a frame camera that bring its edges and events together.
 
-Gauss-Newton over the events' distances from the edges of the frames. A sensor sends an event only
-when the light has changed by a threshold: its edges lag behind those of the frames, as with a late
-clock. So three nuisances are fitted as well: a lag in pixels, one over the edge's slope, and a
-shift towards the bright side. Intervals come from the scatter between patches of the frames, whose
-events depend on each other, and from what these three leave: `COHERENT_PX`.
+A coarse search for the shift, then Gauss-Newton over the events' distances from edges. Intervals
+come from leaving out parts: what lies in one tile of the frame, over all frames, depends on each
+other, and so does all of one kind, edges of one direction with events of one polarity.
 """
 
 from __future__ import annotations
@@ -13,31 +11,37 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.plugins.align.edges import match
+from eventsweep.plugins.align.equations import ALL, VALUES, Rows, rows, sums
 from eventsweep.plugins.align.residual import Sample, places
 from eventsweep.plugins.align.rig import Correction, Setup
 from eventsweep.plugins.align.views import Array
 
 MARGIN_US = 20_000
 """No clock is found to be later or earlier than this."""
-_GATES_PX = (8.0, 6.0, 4.0, 3.0, 2.0, 2.0, 2.0, 2.0, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5)
-_STEPS = np.array([100.0, 1e-4, 1e-4, 1e-4])  # µs, rad
-_ALL = 7  # four values, three nuisances
-COHERENT_PX = np.array([0.15, 0.065, 0.065, 0.065])
-"""Edges of events and frames may be off by so much all together, px: behind, right, down, turned.
+_MOST_EVENTS, _MOST_SEARCHED = 8_000, 3_000  # of a frame
+_SEARCH_PX, _SEARCHED_PX = 1.5, 4.5
+_STAGES = ((3.0, 4), (2.0, 4), (2.0, 3), (2.0, 3), (2.0, 1), (2.0, 1), *[(1.5, 1)] * 5)
+"""How far from an edge, px, and the first of the values besides the clock that is fitted."""
+WIDTHS = 2.5
+"""Half-width of an interval in standard deviations of `covariance`.
 
-What draws with exact truth leave, see `plugins/align/tests/test_offset.py`.
+The 95 % quantile of the first 16 draws for development of `python tests/benchmarks align_draws`,
+whose table says how many of all draws such intervals hold.
 """
-_HUBER_PX = 0.7
-_PATCH_PX = 48
-_NAMES = ("clock", "rotation about x", "rotation about y", "rotation about z")
-_UNITS = ("ms", "deg", "deg", "deg")
-_SCALE = np.array([1e-3, *[180 / np.pi] * 3])
-_LOOSE = (10.0, 2.0, 2.0, 2.0)
-"""Half-widths beyond which the data do not determine a value, ms and deg."""
+_FEWEST_TILES = 4
+_NAMES = (
+    "clock", "rotation about x", "rotation about y", "rotation about z",
+    "principal point right", "principal point down", "edges right", "edges down",
+)  # fmt: skip
+_UNITS = ("ms", "deg", "deg", "deg", "px", "px", "px", "px")
+_SCALE = np.array([1e-3, *[180 / np.pi] * 3, *[1.0] * 4])
+_LOOSEST_MS, _LOOSEST_DEG, _LOOSEST_PX = 10.0, 2.0, 2.0
+"""Half-widths beyond which the data do not determine a value."""
+_APART_DEG = 0.5
+"""A principal point is told from a rotation where its half-width is less than a turn by this."""
 
 
 @dataclass(frozen=True)
@@ -60,127 +64,138 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Found:
-    """The correction, and each of its values with an interval."""
+    """The correction, and each of its values with an interval.
+
+    Attributes:
+        correction: what to apply.
+        estimates: the six values; then how far they move the frame's edges in the mean.
+        mean_move_px: (2, 6) that mean per unit of each value: µs, rad, px.
+        note: what cannot be told apart, or nothing.
+    """
 
     correction: Correction
     estimates: tuple[Estimate, ...]
-
-
-@dataclass
-class _Equations:
-    """Sums over all events beside edges.
-
-    Attributes:
-        normal: (7, 7) normal matrix of the four values and three nuisances.
-        pull: (7,) gradient.
-        coherent: (4, P) what a shift of 1 px of each pattern pulls at the four values.
-        patches: normal matrix and gradient (7, 8) of each patch of a frame.
-    """
-
-    normal: Array
-    pull: Array
-    coherent: Array
-    patches: list[Array]
+    mean_move_px: Array
+    note: str = ""
 
 
 def find_offset(setup: Setup, found: Sequence[Sample]) -> Found:
-    """Finds what the clock and rotation of the frame camera lack.
+    """Finds what the clock, rotation and principal point of the frame camera lack.
 
     Raises:
         InputError: too few events beside edges, or a correction that runs away.
     """
-    values = np.zeros(_ALL)
-    for gate_px in _GATES_PX:
-        sums = _equations(setup.corrected(_correction(values)), found, gate_px)
-        step = -_inverse(sums.normal) @ sums.pull
-        values = np.append(values[:4] + step[:4], step[4:])
-        if abs(values[0]) > MARGIN_US:
-            raise InputError(
-                f"{setup.recording.name}: no clock within {MARGIN_US / 1000:g} ms brings frames "
-                "and events together: check that both use one clock"
-            )
-    return Found(_correction(values), _estimates(values, sums))
+    thin = [_thinned(sample, _MOST_EVENTS) for sample in found]
+    values = np.zeros(ALL)
+    values[4:VALUES] = _searched_px(setup, thin)
+    for gate_px, first in _STAGES:
+        near = _enough(setup, values, thin, gate_px)
+        values = _stepped(setup, values, near, first)
+    return _found(setup, values, _enough(setup, values, thin, gate_px))
 
 
-def _correction(values: Array) -> Correction:
-    late_us, x, y, z = (float(v) for v in values[:4])
-    return Correction(late_us, (x, y, z))
+def _thinned(sample: Sample, most: int) -> Sample:
+    some = slice(None, None, -(-len(sample.rho) // most))
+    points, rho, brighter = sample.points[some], sample.rho[some], sample.brighter[some]
+    return sample._replace(points=points, rho=rho, brighter=brighter)
+
+
+def _searched_px(setup: Setup, found: Sequence[Sample]) -> Array:
+    """The shift, on a grid, that brings most events near edges."""
+    steps = np.arange(-_SEARCHED_PX, _SEARCHED_PX + 0.1, _SEARCH_PX)
+    shifts = np.array([(right, down) for down in steps for right in steps])
+    score = np.zeros(len(shifts))
+    for sample in (_thinned(each, _MOST_SEARCHED) for each in found):
+        uv_px, moving_px, _ = places(setup, sample)
+        for k, shift in enumerate(shifts):
+            pairs = match(sample.edges, uv_px + shift, moving_px, sample.brighter, _SEARCH_PX)
+            score[k] += (1 - (pairs.off_px / _SEARCH_PX) ** 2).sum()
+    return np.asarray(shifts[score.argmax()], np.float64)
+
+
+def _enough(setup: Setup, values: Array, found: Sequence[Sample], gate_px: float) -> Rows:
+    near = rows(setup, values, found, gate_px)
+    if near is None or len(np.unique(near.tile)) < _FEWEST_TILES:
+        raise InputError(
+            f"{setup.recording.name}: too few events lie beside edges of frames to compare clocks"
+        )
+    return near
+
+
+def _stepped(setup: Setup, values: Array, near: Rows, first: int) -> Array:
+    """A step of Gauss-Newton; of the values between the clock and `first` none changes."""
+    normal, side = (each[0] for each in sums(near, np.zeros(len(near.off_px), np.int64)))
+    free = np.r_[0, first:ALL]
+    step = np.zeros(ALL)
+    step[free] = -_inverse(normal[np.ix_(free, free)]) @ side[free]
+    stepped = np.append(values[:VALUES] + step[:VALUES], step[VALUES:])
+    if abs(stepped[0]) > MARGIN_US:
+        raise InputError(
+            f"{setup.recording.name}: no clock within {MARGIN_US / 1000:g} ms brings frames "
+            "and events together: check that both use one clock"
+        )
+    return stepped
 
 
 def _inverse(normal: Array) -> Array:
     """The inverse, of values in units that differ by powers of ten."""
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
-    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10, hermitian=True)
-    return np.asarray(inverse / np.outer(scale, scale), np.float64)
+    scale = np.sqrt(np.maximum(np.diagonal(normal, 0, -2, -1), 1e-30))
+    both = scale[..., :, None] * scale[..., None, :]
+    return np.asarray(np.linalg.pinv(normal / both, rcond=1e-12, hermitian=True) / both, np.float64)
 
 
-def _equations(setup: Setup, found: Sequence[Sample], gate_px: float) -> _Equations:
-    sums = _Equations(np.zeros((_ALL, _ALL)), np.zeros(_ALL), np.zeros((4, 4)), [])
-    for sample in found:
-        _add(sums, setup, sample, gate_px)
-    if len(sums.patches) <= _ALL:
-        raise InputError(
-            f"{setup.recording.name}: too few events lie beside edges of frames to compare clocks"
-        )
-    return sums
+def covariance(near: Rows, values: Array) -> Array:
+    """(9, 9) from leaving out tiles, one after the other, and from leaving out kinds."""
+    fitted = near._replace(off_px=near.off_px + near.J[:, VALUES:] @ values[VALUES:])
+    return _left_out(*sums(fitted, near.tile)) + _left_out(*sums(fitted, near.kind))
 
 
-def _add(sums: _Equations, setup: Setup, sample: Sample, gate_px: float) -> None:
-    uv_px, moving_px, _ = places(setup, sample)
-    pairs = match(sample.edges, uv_px, moving_px, sample.brighter, gate_px)
-    if not len(pairs.points):
-        return
-    normal, slope = sample.edges.normal[pairs.edges], sample.edges.slope[pairs.edges]
-    changes = [_change(setup, sample, uv_px, k)[pairs.points] for k in range(4)]
-    across = np.sign((normal * moving_px[pairs.points]).sum(-1))
-    columns = [(normal * change).sum(-1) for change in changes]
-    J = np.stack([*columns, across, across / slope, np.ones(len(slope))], -1)
-    weight = np.minimum(1.0, _HUBER_PX / np.maximum(np.abs(pairs.off_px), 1e-9))
-    weight = np.where(np.isfinite(J).all(-1), weight, 0.0)
-    J = np.where(np.isfinite(J), J, 0.0)
-    edge_px = sample.edges.uv_px[pairs.edges]
-    each = (J * weight[:, None])[:, :, None] * np.column_stack([J, pairs.off_px])[:, None, :]
-    sums.normal += each[..., :_ALL].sum(0)
-    sums.pull += each[..., _ALL].sum(0)
-    sums.coherent += (J[:, :4] * weight[:, None]).T @ _patterns(edge_px, normal, across)
-    tiles = (edge_px // _PATCH_PX).astype(np.int64)
-    _, patch = np.unique(tiles[:, 1] * 10_000 + tiles[:, 0], return_inverse=True)
-    parts = np.zeros((patch.max() + 1, *each.shape[1:]))
-    np.add.at(parts, patch, each)
-    sums.patches += list(parts)
+def _left_out(normal: Array, side: Array) -> Array:
+    """The jackknife's covariance (Wu, Annals of Statistics 1986), of parts of unequal weight."""
+    whole = _inverse(normal.sum(0)) @ side.sum(0)
+    without = np.einsum("gij,gj->gi", _inverse(normal.sum(0) - normal), side.sum(0) - side)
+    off = without - whole
+    return np.asarray((len(off) - 1) / len(off) * off.T @ off, np.float64)
 
 
-def _patterns(edge_px: Array, normal: Array, across: Array) -> Array:
-    """(M, 4) distance from edges where all are 1 px off: behind, right, down, and turned."""
-    arm = edge_px - edge_px.mean(0)
-    arm /= max(np.sqrt((arm**2).sum(-1).mean()), 1.0)
-    turned = arm[:, 0] * normal[:, 1] - arm[:, 1] * normal[:, 0]
-    return np.stack([across, normal[:, 0], normal[:, 1], turned], -1)
+def _found(setup: Setup, values: Array, near: Rows) -> Found:
+    move_px = near.mean_move_px
+    move_px[:, 0] = 0.0  # of a clock, frames move differently at every time
+    all_of = np.vstack([np.eye(ALL)[:VALUES], move_px])
+    spread = all_of @ covariance(near, values) @ all_of.T
+    half = WIDTHS * np.sqrt(np.maximum(np.diag(spread), 0)) * _SCALE
+    value = all_of @ values * _SCALE
+    known = np.isfinite(half) & (half > 0) & (half <= _loosest(setup))
+    note = "" if known[4] and known[5] else _NOT_APART
+    if note:
+        known[[1, 2, 4, 5]] = False
+        values = _turned_instead(values, near)
+    names = zip(_NAMES, _UNITS, value.tolist(), half.tolist(), known.tolist(), strict=True)
+    late_us, x, y, z, right_px, down_px = map(float, values[:VALUES])
+    correction = Correction(late_us, (x, y, z), (right_px, down_px))
+    return Found(correction, tuple(Estimate(*each) for each in names), move_px[:, :VALUES], note)
 
 
-def _change(setup: Setup, sample: Sample, uv_px: Array, k: int) -> Array:
-    """(N, 2) how the points move in the frame per unit of a value, px."""
-    values = np.zeros(4)
-    values[k] = _STEPS[k]
-    before = setup.correction
-    turned = np.array(before.turn_rad) + values[1:]
-    moved = setup.corrected(Correction(before.late_us + values[0], tuple(turned.tolist())))
-    there, _ = moved.frame_view(sample.number).seen(sample.points, sample.rho)
-    return np.asarray((there - uv_px) / _STEPS[k], np.float64)
+_NOT_APART = (
+    "a rotation about x or y and another principal point move these edges alike: only how far both "
+    "move them together is determined, and a rotation alone would correct it"
+)
 
 
-def _estimates(values: Array, sums: _Equations) -> tuple[Estimate, ...]:
-    """Intervals of 95 %: scatter of patches, whose events are not independent; `COHERENT_PX`."""
-    inverse = _inverse(sums.normal)
-    nuisance = np.append(np.zeros(4), values[4:])  # fitted anew: patches have it in their gradients
-    left = np.array([each[:, _ALL] + each[:, :_ALL] @ nuisance for each in sums.patches])
-    scatter = np.diag(inverse @ (left.T @ left) @ inverse)[:4]
-    coherent = _inverse(sums.normal[:4, :4]) @ sums.coherent * COHERENT_PX
-    spread = student.ppf(0.975, len(left) - _ALL) ** 2 * scatter
-    half = np.sqrt(np.maximum(spread, 0) + (coherent**2).sum(-1))
-    found = []
-    for k, (name, unit) in enumerate(zip(_NAMES, _UNITS, strict=True)):
-        width = float(half[k] * _SCALE[k])
-        known = bool(np.isfinite(width) and 0 < width <= _LOOSE[k])
-        found.append(Estimate(name, unit, float(values[k] * _SCALE[k]), width, known))
-    return tuple(found)
+def _loosest(setup: Setup) -> Array:
+    assert setup.frames is not None
+    apart_px = np.radians(_APART_DEG) * setup.frames.camera.fx_px
+    rotations, principal = [_LOOSEST_DEG] * 3, [apart_px] * 2
+    return np.array([_LOOSEST_MS, *rotations, *principal, *[_LOOSEST_PX] * 2])
+
+
+def _turned_instead(values: Array, near: Rows) -> Array:
+    """The same without another principal point: what it moves, a rotation about x and y moves."""
+    normal = sums(near, np.zeros(len(near.off_px), np.int64))[0][0]
+    turn, shift = [1, 2], [4, 5]
+    instead = values.copy()
+    instead[turn] += _inverse(normal[np.ix_(turn, turn)]) @ normal[np.ix_(turn, shift)] @ (
+        values[shift]
+    )  # fmt: skip
+    instead[shift] = 0.0
+    return instead

@@ -37,10 +37,17 @@ class Correction:
     Attributes:
         late_us: to be added to the times of the frames, µs.
         turn_rad: rotation vector of the frame camera in its own axes, rad.
+        shift_px: to be added to the principal point of the frame camera.
     """
 
     late_us: float = 0.0
     turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shift_px: tuple[float, float] = (0.0, 0.0)
+
+    def lens(self, camera: Camera) -> Camera:
+        """The corrected lens of a frame camera."""
+        right_px, down_px = self.shift_px
+        return replace(camera, cx_px=camera.cx_px + right_px, cy_px=camera.cy_px + down_px)
 
     def placed(self, T_body_cam: Array) -> Array:
         """The corrected place of a frame camera on the body."""
@@ -79,7 +86,7 @@ class Setup:
         assert self.frames is not None
         target = self.target
         if target.name == self.frames.name and self.frames.shares is None:
-            target = replace(target, T_body_cam=correction.placed(self.frames.T_body_cam))
+            target = self._frame_camera(correction)
         return replace(self, target=target, correction=correction)
 
     def view(self, mounted: Mounted, t_us: float) -> View:
@@ -95,9 +102,13 @@ class Setup:
     def frame_view(self, index: int) -> View:
         """The frame camera when it took a frame."""
         assert self.frames is not None
-        place = self.correction.placed(self.frames.T_body_cam)
-        mounted = Mounted(self.frames.name, self.frames.camera, place)
-        return self.view(mounted, self.frame_time_us(index))
+        return self.view(self._frame_camera(self.correction), self.frame_time_us(index))
+
+    def _frame_camera(self, correction: Correction) -> Mounted:
+        assert self.frames is not None
+        frames = self.frames
+        place = correction.placed(frames.T_body_cam)
+        return Mounted(frames.name, correction.lens(frames.camera), place)
 
     def covered(self, margin_us: float = 0.0) -> list[int]:
         """The frames whose time the poses cover."""

@@ -4,7 +4,7 @@ Nothing here comes from the product but the lenses: rays meet two planes, light 
 on them, and a pixel's events are the crossings of its log intensity between fine steps of time.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -106,6 +106,7 @@ class PanelRecording:
     late_us: int = 0
     turn_rad: tuple = (0.0, 0.0, 0.0)
     threshold: float = 0.2
+    shift_px: tuple = (0.0, 0.0)
     name: str = "panel"
     rig: Rig = RIG
     depth_range_m: tuple = (0.8, 3.0)
@@ -118,7 +119,9 @@ class PanelRecording:
         stated = T_BODY_GREY.copy()
         turn = Rotation.from_rotvec(self.turn_rad).as_matrix()
         stated[:3, :3] = stated[:3, :3] @ turn.T
-        self.frame_cameras = (FrameCamera("grey", GREY, stated, taken),)
+        right_px, down_px = self.shift_px
+        lens = replace(GREY, cx_px=GREY.cx_px - right_px, cy_px=GREY.cy_px - down_px)
+        self.frame_cameras = (FrameCamera("grey", lens, stated, taken),)
         self._events = None
 
     def event_span_us(self, camera):

@@ -85,6 +85,10 @@ PARTS = (
         ("plugins/geometry/geometry.md#geometry-scores",),
         f"{_TOOL} geometry_scores --out OUT --page plugins/geometry/geometry.md",
     ),
+    Part(
+        ("plugins/align/align.md#align-draws",),
+        f"{_TOOL} align_draws --out OUT --page plugins/align/align.md",
+    ),
     Part(("docs/simulator.md#fidelity-rays",), f"{_FIDELITY} --rays"),
     Part(("docs/simulator.md#fidelity-drawn",), f"{_FIDELITY} --drawn 2028"),
     Part(("docs/studies.md#studies",), "make studies", 19.4),

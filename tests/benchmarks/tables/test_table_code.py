@@ -31,10 +31,11 @@ SIMULATED = MAPPED | {
     "docs/simulator.md#simulate-stages", "docs/scenes.md#figures",
     "docs/simulator.md#fidelity", "docs/simulator.md#fidelity-rays",
     "docs/simulator.md#fidelity-drawn", "plugins/raster/raster.md#raster",
+    "plugins/align/align.md#align-draws",
 }  # fmt: skip
 PLANES = SUITES | LEARNED | {
     "docs/gate.md#recipe", "docs/paper.md#paper", "docs/scenes.md#figures",
-    "docs/studies.md#studies",
+    "docs/studies.md#studies", "plugins/align/align.md#align-draws",
 }  # fmt: skip
 EDITS = {
     "emvs/dsi/fusion_kernels.py": MAPPED | REAL,
