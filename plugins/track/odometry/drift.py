@@ -24,7 +24,7 @@ from eventsweep.plugins.track.odometry.motion import Motion
 Matrix = NDArray[np.float64]
 _BATCH, _MAP = 1.0, 0.6
 """Standard deviations over those that the filter says: batches that follow each other err alike."""
-_TURN = 0.004  # rad, by calibration, once the way is as long as what is seen is deep
+_TURN = 0.006  # rad, by calibration, once the way is as long as what is seen is deep
 _SCALE = 0.03, 0.1  # of one camera, that sees none; at most
 
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 import eventsweep as es
 from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -34,7 +35,7 @@ from eventsweep.eval.cli import job_flags
 from eventsweep.eval.cli.exit_codes import INTERRUPTED, exit_code
 from eventsweep.eval.cli.main import main as eventsweep
 from eventsweep.eval.config import EvalConfig
-from eventsweep.eval.found_poses import found_poses, method_on_own_poses
+from eventsweep.eval.found_poses import FOUND_FILE, found_poses, method_on_own_poses
 from eventsweep.eval.own_poses import map_on_poses
 from eventsweep.eval.results.table import POOLED
 from eventsweep.eval.scoring.score import score_windows
@@ -277,10 +278,11 @@ def _tracked(twin: Twin, recording: Path, out: Path) -> Row:
     ate_m, ate_percent, covered_percent = (
         float(values[metric]) for metric in ("ate_rmse", "ate_share", "time_covered")
     )
-    claims = claimed(found_poses(out), facts["changes"])
+    poses = read_poses(out / FOUND_FILE)
+    claims = claimed(poses, facts["changes"])
     return Row(
         twin, "", ate_m, ate_percent, covered_percent, lost, cpu_s, _depth_ratio(recording, out),
-        100 * float(claims.mean()), is_wrong(recording, out, claims),
+        100 * float(claims.mean()), is_wrong(recording, poses, claims),
     )  # fmt: skip
 
 
@@ -292,11 +294,11 @@ def claimed(poses: Trajectory, changes: Sequence[dict[str, Any]]) -> NDArray[np.
     return claims
 
 
-def is_wrong(recording: Path, tracked: Path, claims: NDArray[np.bool_]) -> bool:
+def is_wrong(recording: Path, poses: Trajectory, claims: NDArray[np.bool_]) -> bool:
     """Whether the poses that are claimed, aligned by themselves, are far from the true ones."""
     if claims.sum() < _FEWEST_POSES:
         return False
-    poses, truth = found_poses(tracked), es.open_recording(recording).trajectory
+    truth = es.open_recording(recording).trajectory
     kept = (poses.t_us[claims], poses.positions_m[claims], poses.quats_xyzw[claims])
     values = score_poses(truth, Trajectory(*kept)).values
     return bool(values["ate_share"] > _MOST_OFF or values["scale_error"] > _MOST_SCALE)
