@@ -3,7 +3,11 @@
 A pose is found on a map, so it errs by what its batch leaves open, as the filter says, and by what
 the map errs. Each map is made on poses, and errs as they do, independently of the last one: a
 random walk, whose steps a turn of the world swings about the place where they were taken. Within a
-map the way errs by the scale that stereo leaves open, too.
+map the way errs by the scale that stereo leaves open, too. And a calibration is never exact: what
+it errs turns the path the same way all along, by so much per length of the way over depth.
+
+So errors are drift: within a track they hardly change from pose to pose, and all its poses lie in
+their regions or few do. Regions are right over many tracks.
 
 Covariances are (6, 6), of position, m, and turn, rad, both along the axes of the world:
 p_true = p + dp, R_true = exp(d_theta) R_world_body, as robots' messages have them.
@@ -18,8 +22,9 @@ from eventsweep.plugins.track.odometry.checkpoint import State
 from eventsweep.plugins.track.odometry.motion import Motion
 
 Matrix = NDArray[np.float64]
-_BATCH, _MAP = 1.5, 1.0
+_BATCH, _MAP = 1.0, 0.6
 """Standard deviations over those that the filter says: batches that follow each other err alike."""
+_TURN = 0.006  # rad, by calibration, once the way is as long as what is seen is deep
 _SCALE = 0.03, 0.1  # of one camera, that sees none; at most
 
 
@@ -28,24 +33,31 @@ class Drift:
 
     def __init__(self) -> None:
         self.way_m, self._scale_sigma = 0.0, _SCALE[0]
+        self._ways = 0.0  # over depth
         self._walk: Matrix | None = None
         self._batch = np.zeros((6, 6))
         self._place = self._map_place = np.zeros(3)
 
-    def at(self, motion: Motion) -> Matrix:
-        """The (6, 6) covariance of a pose; the next ones follow from there."""
+    def at(self, motion: Motion, per_depth: float) -> Matrix:
+        """The (6, 6) covariance of a pose; the next ones follow from there.
+
+        Args:
+            motion: the pose.
+            per_depth: mean inverse depth of what is seen, 1/m.
+        """
         R, place = motion.T_world_body[:3, :3], motion.T_world_body[:3, 3]
         turned = np.kron(np.eye(2), R)
         self._batch = turned @ motion.covariance[:6, :6] @ turned.T
         if self._walk is None:
             self._walk = _BATCH**2 * self._batch
             self._place = self._map_place = place
-        self.way_m += float(np.linalg.norm(place - self._place))
+        step_m = float(np.linalg.norm(place - self._place))
+        self.way_m, self._ways = self.way_m + step_m, self._ways + per_depth * step_m
         J = np.eye(6)
         J[:3, 3:] = -_cross(place - self._place)
         self._walk, self._place = J @ self._walk @ J.T, place
         covariance: Matrix = self._walk + _BATCH**2 * self._batch + self._by_scale()
-        return covariance
+        return covariance + self._by_calibration()
 
     def next_map(self, scale_sigma: float) -> None:
         """Says that a map is tracked from here on, whose scale stereo measures so well."""
@@ -58,6 +70,10 @@ class Drift:
         off = np.zeros(6)
         off[:3] = self._scale_sigma * (self._place - self._map_place)
         return np.outer(off, off)
+
+    def _by_calibration(self) -> Matrix:
+        turn = _TURN * self._ways
+        return np.diag(np.repeat([turn * self.way_m / 2, turn], 3) ** 2)
 
     def state(self) -> State:
         """All that decides what it says from now on."""

@@ -57,6 +57,7 @@ LEAST_POINTS = 500
 _STEREO = "SGM/ts"
 _ROUNDS, _EVERY = 2, 2  # of mapping the stretch, on poses of every so many batches
 _SETTLING = 3  # registrations of the first batch, whose twist nothing predicts
+_SLOW, _MUST_GAIN = 0.1, 1.02  # of the usual reach; of what agrees
 _LEAST_SHARE = 0.6  # of the batches, around the middle one
 _STRETCH_US = 400_000
 
@@ -88,8 +89,9 @@ def begin(
         return str(error)
     if len(points) < LEAST_POINTS:
         return f"the first map has {len(points)} points: needs {LEAST_POINTS}"
-    for _ in range(_ROUNDS if known is None else 0):
-        tracked = _tracked(batches, k_start, _EVERY, start, points, registration, sizes)
+    for k in range(_ROUNDS if known is None else 0):
+        find = _tracked if k else _slow_or_fast
+        tracked = find(batches, k_start, _EVERY, start, points, registration, sizes)
         if isinstance(tracked, str):
             return tracked
         start, points = _mapped(arrived, tracked[0], middle, config, reach)
@@ -97,6 +99,29 @@ def begin(
             return f"the map of the first poses has {len(points)} points: needs {LEAST_POINTS}"
     tracked = _tracked(batches, k_start, 1, start, points, registration, sizes)
     return tracked if isinstance(tracked, str) else (*tracked, points)
+
+
+def _slow_or_fast(
+    batches: Sequence[Batch], k_start: int, every: int, start: Motion, points: Matrix,
+    registration: Registration, sizes: Sizes,
+) -> tuple[list[Motion], list[Fit]] | str:  # fmt: skip
+    """Tracks as `_tracked` does, with either expectation; as a slow body where that agrees better.
+
+    Before a far wall the rig's own way hardly shows: a body that passes nearby is then followed, as
+    fast as it goes, unless less is expected.
+    """
+    fast = _tracked(batches, k_start, every, start, points, registration, sizes)
+    reach = _SLOW * start.reach
+    slowly = Motion.unknown(start.t_us, start.T_world_body, reach)
+    slow = _tracked(batches, k_start, every, slowly, points, registration, sizes)
+    if isinstance(fast, str) or isinstance(slow, str):
+        return slow if isinstance(fast, str) else fast
+    return slow if _agreement(slow[1]) > _MUST_GAIN * _agreement(fast[1]) else fast
+
+
+def _agreement(fits: Sequence[Fit]) -> float:
+    """Residuals near zero, of all batches."""
+    return sum(fit.closeness * fit.inliers for fit in fits)
 
 
 def _tracked(

@@ -371,7 +371,8 @@ class Tracker:
 
     def _judged(self, motion: Motion, fit: Fit) -> Status:
         """Whether the motion that was just registered can be believed."""
-        covariance, way_m = self._drift.at(motion), max(self._drift.way_m, 1e-9)
+        covariance = self._drift.at(motion, self._registration.rho)
+        way_m = max(self._drift.way_m, 1e-9)
         spread_m = float(np.trace(covariance[:3, :3]) ** 0.5)
         evidence, px = self._registration.evidence(motion), self._registration.in_px(spread_m)
         doubt = self._trust.judge(fit, evidence, spread_m / way_m, px)
@@ -429,7 +430,7 @@ class Tracker:
     def _found(self, motion: Motion, fit: Fit, status: Status, *, filtered: bool = False) -> Pose:
         belief = motion if filtered else None
         t_us = motion.t_us - self._delay_us
-        covariance = self._drift.at(motion)
+        covariance = self._drift.at(motion, self._registration.rho)
         pose = Pose(t_us, motion.T_world_body, motion.twist, status, fit, covariance, belief)
         self._poses.append(pose)
         self._motion = motion

@@ -2,28 +2,47 @@
 
 import json
 
+import numpy as np
 import pytest
 
 import track_scores
 from eventsweep.emvs.errors import InputError
-from track_scores import Row, Twin, measured, table
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from track_scores import Row, Twin, claimed, measured, table, twins_of
 
 
 def row(seed, percent, lost=0, failure="", ratio=1.05):
     ate_m = None if percent is None else percent / 100
     twin = Twin("rpg-boxes", "davis240", seed, 1.5)
-    return Row(twin, failure, ate_m, percent, 99.0, lost, 9.0, None if failure else ratio)
+    ratio = None if failure else ratio
+    return Row(twin, failure, ate_m, percent, 99.0, lost, 9.0, ratio, 97.0, percent == 0.4)
 
 
 def test_failures_count_and_opened_seeds_do_not():
     failed = row(1002, None, failure="no poses")
     text = table([row(0, 9.0), row(1000, 0.2), row(1001, 0.4, lost=1), failed])
-    assert "| 1.5 | 1000, 1001, 1002 | 0.40 | no poses | 99.0 | 2 | 1.05 | 6.0 |" in text
-    assert "| 1.5 | 0 (seen) | 9.00 | 9.00 | 99.0 | 0 | 1.05 | 6.0 |" in text
+    assert "| 1.5 | 1000, 1001, 1002 | 0.40 | no poses | 97 | 1 | 99.0 | 2 | 1.05 | 6.0 |" in text
+    assert "| 1.5 | 0 (seen) | 9.00 | 9.00 | 97 | 0 | 99.0 | 0 | 1.05 | 6.0 |" in text
     assert "depth errors 1.05 times those on true poses in the median, inf at worst" in text
     assert "ATE 0.40 % of the way in the median, no poses at worst" in text
-    assert "on 1 of 3 sequences" in text
+    assert "on 1 of 3 sequences, wrong without a word on 1" in text
     assert "Held-out seeds" not in table([row(0, 1.0)])
+
+
+def test_what_is_claimed_follows_from_the_changes_of_status():
+    poses = Trajectory(np.array([5, 10, 20, 30]), np.zeros((4, 3)), np.tile([0, 0, 0, 1.0], (4, 1)))
+    changes = [
+        {"t_us": t_us, "status": status}
+        for t_us, status in ((0, "starting"), (5, "tracking"), (20, "uncertain"), (25, "tracking"))
+    ]
+    assert claimed(poses, changes).tolist() == [True, True, False, True]
+
+
+def test_twins_of_one_scene_differ_by_sensor_and_rig():
+    twins = list(twins_of(["desk", "desk-dark", "desk-rpg=3"], "2"))
+    assert [twin.name for twin in twins] == [
+        "desk-davis346-2-1.5s", "desk-low-light-2-1.5s", "desk@rpg-davis240-3-1.5s"
+    ]  # fmt: skip
 
 
 def test_a_finished_row_is_kept_and_a_damaged_one_refused(tmp_path, monkeypatch):

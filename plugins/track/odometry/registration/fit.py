@@ -204,6 +204,11 @@ class Registration:
         off = FARTHER * (gain @ g[:6] - g[6]) / information
         return Evidence(float(off), float((TRUST * information) ** -0.5), regions_off)
 
+    @property
+    def rho(self) -> float:
+        """The map's mean inverse depth where it is nearest, 1/m."""
+        return self._map.rho
+
     def in_px(self, length_m: float) -> float:
         """About how long a length is in the images."""
         return self._focal_px * self._map.rho * length_m
