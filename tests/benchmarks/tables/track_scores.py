@@ -63,11 +63,13 @@ OPENED = frozenset({0, 1})
 """Seeds that were looked at while the tracker was built."""
 # A car taught the tracker to expect more speed, a wide image to map more events; the others were
 # looked at when the length of a map's window was chosen, directions of lines, events' delay, speed,
-# the beginning.
+# the beginning, covariances.
 _OPENED_TOO = frozenset(
     {
-        ("moving-objects", 0),
-        ("moving-objects", 1),
+        ("moving-objects", 2),
+        ("mvsec-flying", 16),
+        ("desk", 17),
+        ("rpg-boxes", 21),
         ("dsec-street", 4),
         ("dsec-street", 6),
         ("tumvie-6dof", 4),
