@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from eventsweep.emvs.errors import InputError, heed_interrupt, said
-from eventsweep.emvs.utils.cache import default_cache
+from eventsweep.emvs.utils.files import default_cache
 from eventsweep.emvs.utils.release import install_extra
 
 # What a name must begin with to be an address: others, such as `C:`, stay paths.
