@@ -58,10 +58,10 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path, runtim
                 mask[y, x] = True
         recording = WithoutPixels(recording, masks)
     requested = methods_by_name(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
-    *times_us, left_out = parameters["window"]
+    t0_us, t1_us, t_ref_us, left_out = parameters["window"]
     try:
         map_sliding_into(
-            out, recording, config, Window(*times_us, tuple(left_out)),
+            out, recording, config, Window(t0_us, t1_us, t_ref_us, tuple(left_out)),
             device=device_for_methods(config, requested), clouds=parameters["clouds"],
             name=parameters["name"],
         )  # fmt: skip
