@@ -152,6 +152,7 @@ class DaskWorkers(FutureWorkers):
         """Looks for a scheduler that is gone, and hands it the jobs again that it took along."""
         if self._client.status == "running":
             return
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # it shows its stack
         _log.warning("the scheduler is gone: looking for it for %g s", FIND_S)
         self.leave()
         self._client = self._found()
