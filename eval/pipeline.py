@@ -19,10 +19,12 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from eventsweep.emvs.data.recording import Recording
-    from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
+    from eventsweep.emvs.maps.folder import MapInfo, StoredMap, StoredWindow
+    from eventsweep.emvs.maps.sliding import Elsewhere, Hot, Take
     from eventsweep.emvs.utils.cache import Cache
     from eventsweep.emvs.utils.runtime import Progress
-    from eventsweep.eval.jobs.job import Job
+    from eventsweep.emvs.windows import Window
+    from eventsweep.eval.jobs.job import Job, Outcome
     from eventsweep.eval.jobs.scheduler import Open
     from eventsweep.eval.results.results import Results
     from eventsweep.eval.scoring import run_folder
@@ -247,6 +249,7 @@ def map_recording(
     path: Path, out: Path, settings: Settings, *, force: bool = False,
     finish: Callable[[Path], None] = _add_nothing, warn: Callable[[str], None] | None = None,
     note: Callable[[str], None] = _log.warning, progress: Display = SILENT,
+    crew: Open | None = None, cache: Path | None = None,
 ) -> StoredMap:  # fmt: skip
     """Maps one window of a recording and writes the map folder.
 
@@ -256,7 +259,8 @@ def map_recording(
     `warn` is called, when mapping begins, with a line on each thing that looks doubtful or wrong to
     the checks of plug-ins; without it nothing is checked. What is refused is refused before that.
     `note` is called with a line if the depth range is a guess; a range that was found is shown
-    with the progress.
+    with the progress. `crew` opens workers that map the sliding windows, which the cache then has,
+    too; by default they are mapped here, one after another.
     """
     from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.maps.first_pass import settled
@@ -276,8 +280,56 @@ def map_recording(
             finish(folder)
 
         steps = bars if warn is None else _checking(recording, chosen.config, warn, bars)
-        info = map_windows(recording, out, chosen.config, about, steps, force=force, finish=end)
+        elsewhere = None if crew is None else windows_by(crew, path, cache, progress)
+        info = map_windows(
+            recording, out, chosen.config, about, steps,
+            force=force, finish=end, elsewhere=elsewhere,
+        )  # fmt: skip
     return StoredMap(out, info)
+
+
+def windows_by(
+    crew: Open, path: Path, cache: Path | None, progress: Display, *, clouds: bool = True
+) -> Elsewhere:
+    """What maps windows of the recording at a path by jobs, done by the workers that `crew` opens.
+
+    A worker that dies takes no window along; one that no worker can map for a reason other than
+    the input ends the run, after the others.
+    """
+    from eventsweep.emvs.utils.cache import Cache, default_cache
+    from eventsweep.eval.jobs.job import Failed, stored
+    from eventsweep.eval.jobs.scheduler import run_jobs
+    from eventsweep.eval.stages.window import window_job
+
+    store = Cache(cache or default_cache())
+
+    def by_jobs(head: MapInfo, windows: Mapping[str, Window], hot: Hot, take: Take) -> None:
+        jobs = {
+            f"map/{name}": (name, window_job(path, head, name, window, hot, clouds=clouds))
+            for name, window in windows.items()
+        }
+        broken: list[Failed] = []
+
+        def over(outcome: Outcome) -> None:
+            name, job = jobs[outcome.name]
+            if not isinstance(outcome, Failed):
+                made = stored(job, store)
+                if made is None:
+                    raise InputError(
+                        f"{outcome.name}: its worker keeps it in another folder than {store.folder}"
+                        ": workers need to share the cache; name one that all of them see"
+                    )
+                take(name, made.path)
+            elif outcome.again:
+                broken.append(outcome)
+            else:
+                take(name, outcome.reason)
+
+        run_jobs([job for _, job in jobs.values()], crew, progress, over)
+        if broken:
+            raise InputError(f"{broken[0].name}: {broken[0].reason}; the other windows are kept")
+
+    return by_jobs
 
 
 def _checking(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 
 from eventsweep.emvs import mapper
@@ -15,9 +17,13 @@ from eventsweep.emvs.maps.folder import RecordingInfo, StoredMap, read_map
 from eventsweep.emvs.methods import overview as methods
 from eventsweep.emvs.methods import register as register_method
 from eventsweep.emvs.preflight import check_window_fits
+from eventsweep.emvs.utils.cache import default_cache
 from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.emvs.windows import choose_window
+from eventsweep.eval.jobs.executor import executor_workers
+from eventsweep.eval.pipeline import windows_by
+from eventsweep.eval.progress import SILENT
 
 __all__ = [
     "map_window",
@@ -69,6 +75,8 @@ def map_windows(
     force: bool = False,
     clouds: bool = True,
     progress: Progress = silent,
+    executor: Executor | None = None,
+    cache: str | Path | None = None,
 ) -> StoredMap:
     """Maps a recording into a folder: in sliding windows, or, without `window_s`, in one window.
 
@@ -83,6 +91,9 @@ def map_windows(
         force: whether to remove first what `out` holds.
         clouds: whether to write each window's point cloud.
         progress: called with the name of the stage, how much is done and how much there is.
+        executor: maps sliding windows, such as one of processes, MPI, Ray or Parsl; it stays open.
+            Its workers need this version of the code, a thread each, and the cache's folder.
+        cache: folder of windows that an executor mapped; by default that of the command line.
 
     Returns:
         The map: `windows`, each with `depth_map(method)`; arrays are read when asked for.
@@ -92,8 +103,31 @@ def map_windows(
             window that could be mapped.
     """
     check_path("out", out)
-    recording, config, out = opened(recording), MapperConfig.or_default(config), Path(out)
+    config, out = MapperConfig.or_default(config), Path(out)
+    given = recording if isinstance(recording, str | Path) else getattr(recording, "path", None)
+    recording = opened(recording)
     path = getattr(recording, "path", recording.name)
     about = RecordingInfo.of(recording, Path(path), out)
-    sliding.map_windows(recording, out, config, about, progress, force=force, clouds=clouds)
+    elsewhere = None
+    if executor is not None:
+        elsewhere = _elsewhere(executor, given, config, cache, clouds=clouds)
+    sliding.map_windows(
+        recording, out, config, about, progress, force=force, clouds=clouds, elsewhere=elsewhere
+    )
     return read_map(out)
+
+
+def _elsewhere(
+    executor: Executor, path: str | Path | None, config: MapperConfig, cache: str | Path | None,
+    *, clouds: bool,
+) -> sliding.Elsewhere:  # fmt: skip
+    """What maps windows by an executor, whose workers open the recording themselves."""
+    if not config.slides:
+        raise InputError("an executor maps sliding windows: set window_s or window_events")
+    if path is None:
+        raise InputError(
+            "an executor's workers open the recording themselves: give its path as recording"
+        )
+    store = Path(cache) if cache is not None else default_cache()
+    crew = partial(executor_workers, executor, store.absolute())
+    return windows_by(crew, Path(path), store, SILENT, clouds=clouds)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Self
 
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError, printable, quoted, said
+from eventsweep.emvs.utils.blocks import BlockFile, is_by_blocks
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file
 
 # LZ4 writes ten times as fast as zstd for 1.3 bytes more per event.
@@ -49,24 +50,35 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
         InputError: a missing or truncated file, a data set that is missing or damaged, or one whose
             values lie in another file.
     """
+    blocks = BlockFile(path) if is_by_blocks(path) else None
     try:
         check_file(path)
-        file = h5py.File(path, "r")
+        file = h5py.File(blocks or path, "r")
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except OSError as error:
+        _check_came(blocks)
         raise InputError(
             f"{path}: not a complete HDF5 file ({error}); write or download it again"
         ) from error
-    with file:
+    with blocks or nullcontext(), file:
         try:
             _check_own(path, file)
             yield file
+            _check_came(blocks)
         except InputError as error:  # it may quote the file
+            _check_came(blocks)
             raise InputError(printable(str(error), 1000)) from error
         except _FAULTS as error:
+            _check_came(blocks)
             what = f"{path}: damaged, or not in the expected layout"
             raise InputError(f"{what} ({said(error)}); download or write it again") from error
+
+
+def _check_came(blocks: BlockFile | None) -> None:
+    """Raises what kept blocks of a file at an address from coming: HDF5 took others for them."""
+    if blocks is not None and blocks.fault is not None:
+        raise blocks.fault
 
 
 def _check_own(path: Path, file: h5py.File) -> None:

@@ -11,6 +11,7 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets.ecd import FILES, EventCameraDataset
 from eventsweep.emvs.errors import InputError, check_path, shown
+from eventsweep.emvs.utils.mirror import fetched
 
 DESCRIPTOR = "recording.toml"
 
@@ -31,7 +32,7 @@ def open_recording(path: str | Path) -> Recording:
         InputError: a file that is missing, damaged or impossible.
     """
     check_path("path", path)
-    path = Path(path)
+    path = fetched(Path(path))
     if not path.exists():
         raise NoRecordingError(f"{path}: no such folder; needs a recording's folder")
     if not path.is_dir():

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError, field_serializer, field_validator
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
@@ -23,6 +23,7 @@ from eventsweep.emvs.dsi.slices import Slices
 from eventsweep.emvs.errors import DAMAGED_NPY, InputError, check_path, quoted
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.parameters import FrozenModel, first_fault
+from eventsweep.emvs.utils.address import is_address, mirror_of, named
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, opened_npz, parse_json, read_text
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.emvs.window_result import WindowResult
@@ -42,6 +43,15 @@ class RecordingInfo(FrozenModel):
     name: str
     path: str
     manifest_sha256: str | None = None
+
+    @field_validator("path")
+    @classmethod
+    def _here(cls, path: str) -> str:
+        return str(mirror_of(path)) if is_address(path) else path
+
+    @field_serializer("path")
+    def _there(self, path: str) -> str:
+        return named(path)
 
     @classmethod
     def of(cls, recording: Recording, path: Path, map_folder: Path) -> RecordingInfo:

@@ -7,7 +7,7 @@ run that was stopped goes on where it was.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,13 +38,17 @@ from eventsweep.emvs.maps.store import MapStore, open_store, read_entry, write_e
 from eventsweep.emvs.methods import device_for_methods, methods_by_name
 from eventsweep.emvs.preflight import check_view_fits, check_window_fits
 from eventsweep.emvs.reference_view import reference_view
-from eventsweep.emvs.utils.files import DiskFull, names_full_disk
+from eventsweep.emvs.utils.files import DiskFull, link_tree, names_full_disk
 from eventsweep.emvs.utils.outputs import CURE, atomic_dir, check_output, real
 from eventsweep.emvs.utils.runtime import Progress, silent, versions
 from eventsweep.emvs.windows import Window, WindowPlan, check_poses, choose_window, plan_windows
 
 # The hot pixels of every camera; None where the filter is off
 Hot = tuple[HotPixels, ...] | None
+Take = Callable[[str, Path | str], None]
+"""Takes over a window by its name: the folder of its maps, or why it cannot be mapped."""
+Elsewhere = Callable[[MapInfo, Mapping[str, Window], Hot, Take], None]
+"""Maps windows, given by name, in other processes, in any order."""
 _SINGLE = "w000"
 
 
@@ -58,6 +62,7 @@ def map_windows(
     force: bool = False,
     clouds: bool = True,
     finish: Callable[[Path], None] = lambda _folder: None,
+    elsewhere: Elsewhere | None = None,
 ) -> MapInfo:
     """Maps a recording into a map folder: one window, or sliding windows.
 
@@ -78,6 +83,7 @@ def map_windows(
         clouds: whether to write each window's `cloud.ply`.
         finish: adds to the folder that holds all windows, such as a report; that of one window has
             not taken its place yet.
+        elsewhere: maps sliding windows; by default they are mapped here, one after another.
 
     Returns:
         What `map.json` says in the end.
@@ -90,8 +96,9 @@ def map_windows(
     config = settled(recording, config).config
     if config.slides:
         _map_sliding(
-            recording, out, config, about, progress, force=force, clouds=clouds, finish=finish
-        )
+            recording, out, config, about, progress,
+            force=force, clouds=clouds, finish=finish, elsewhere=elsewhere,
+        )  # fmt: skip
         return read_info(out)
     inputs = _inputs(out, about, config)
     window, hot = one_window(recording, config, out, progress)
@@ -161,6 +168,26 @@ def map_into(
     return write_window(folder, result, config, names, clouds=clouds, name=name)
 
 
+def map_sliding_into(
+    folder: Path, recording: Recording, config: MapperConfig, window: Window,
+    progress: Progress = silent, *, device: Device, clouds: bool, name: str,
+) -> None:  # fmt: skip
+    """Maps one of the sliding windows into a folder, with its entry; arguments as of `map_into`.
+
+    Raises:
+        InputError: it cannot be mapped: poses lie too far apart, or there are too few events.
+    """
+    check_poses(recording.trajectory, window.t0_us, window.t1_us, config)
+    check_window_fits(recording, window)
+    info = map_into(
+        folder, recording, config, window, progress, device=device, clouds=clouds, name=name
+    )
+    write_entry(folder, info)
+
+
+NO_MEMORY = "not enough memory: choose a shorter window"
+
+
 def check_settings(recording: Recording, config: MapperConfig, out: Path) -> None:
     """Refuses, before any event is read, settings that suit no window of a recording."""
     requested = methods_by_name(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
@@ -198,6 +225,7 @@ def described(rig: Rig, hot: Hot) -> dict[str, HotPixelInfo]:
 def _map_sliding(
     recording: Recording, out: Path, config: MapperConfig, about: RecordingInfo,
     progress: Progress, *, force: bool, clouds: bool, finish: Callable[[Path], None],
+    elsewhere: Elsewhere | None,
 ) -> None:  # fmt: skip
     requested = methods_by_name(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
     device = device_for_methods(config, requested)
@@ -219,10 +247,11 @@ def _map_sliding(
         store.begin(head)
         facts = {"hot_pixels": described(recording.rig, hot), "without_pose": dict(lost)}
         run = _Run(head.model_copy(update=facts), plan, store, clouds, progress, device)
-        ahead = [plan.window(k) for k in range(len(plan)) if not store.has(plan.name(k))]
         with run.says_what_is_kept():
-            with projector_on(device).reading(without(recording, hot), ahead) as kept:
-                skipped = run.all_windows(kept)
+            if elsewhere is None:
+                skipped = run.here(without(recording, hot))
+            else:
+                skipped = run.by(elsewhere, hot)
             if len(skipped) == len(plan):
                 raise InputError(
                     f"none of {len(plan)} windows could be mapped; {skipped[0].name}: "
@@ -242,7 +271,45 @@ class _Run:
     progress: Progress
     device: Device
 
-    def all_windows(self, recording: Recording) -> list[SkippedWindow]:
+    def here(self, recording: Recording) -> list[SkippedWindow]:
+        """Maps what is not there yet, one window after another."""
+        left = (k for k in range(len(self.plan)) if not self.store.has(self.plan.name(k)))
+        ahead = [self.plan.window(k) for k in left]
+        with projector_on(self.device).reading(recording, ahead) as kept:
+            return self._all_windows(kept)
+
+    def by(self, elsewhere: Elsewhere, hot: Hot) -> list[SkippedWindow]:
+        """Has others map what is not there yet; the index is written however this ends."""
+        windows = {self.plan.name(k): self.plan.window(k) for k in range(len(self.plan))}
+        waiting = {name: one for name, one in windows.items() if not self.store.has(name)}
+        for name in windows.keys() - waiting.keys():
+            _check_entry(self.store.path / name, windows[name], self.device)
+        skipped: list[SkippedWindow] = []
+        complete, tried = False, 0
+
+        def take(name: str, made: Path | str) -> None:
+            skipped.extend(self._taken(name, made, waiting[name]))
+            if self.store.index_is_due:
+                self._index(skipped, 0, complete=False)
+
+        try:
+            elsewhere(self.head, waiting, hot, take)
+            complete, tried = True, len(self.plan)
+        finally:
+            skipped.sort(key=lambda window: window.name)
+            self._index(skipped, tried, complete=complete)
+        return skipped
+
+    def _taken(self, name: str, made: Path | str, window: Window) -> Iterable[SkippedWindow]:
+        """Takes over a window that was mapped elsewhere; gives back one that could not be."""
+        if isinstance(made, str):
+            yield SkippedWindow(name=name, t0_us=window.t0_us, t1_us=window.t1_us, reason=made)
+            return
+        _check_entry(made, window, self.device)
+        with self.store.window(name) as folder:
+            link_tree(made, folder)
+
+    def _all_windows(self, recording: Recording) -> list[SkippedWindow]:
         """Maps what is not there yet; the index is written however this ends."""
         skipped: list[SkippedWindow] = []
         complete, tried = False, 0
@@ -285,21 +352,18 @@ class _Run:
         except InputError as error:
             reason = str(error)
         except MemoryError:
-            reason = "not enough memory: choose a shorter window"
+            reason = NO_MEMORY
         else:
             return ()
         return (SkippedWindow(name=name, t0_us=window.t0_us, t1_us=window.t1_us, reason=reason),)
 
     def _map(self, recording: Recording, name: str, window: Window) -> None:
         config = self.head.config
-        check_poses(recording.trajectory, window.t0_us, window.t1_us, config)
-        check_window_fits(recording, window)
         with self.store.window(name) as folder:
-            info = map_into(
+            map_sliding_into(
                 folder, recording, config, window, self.progress,
                 device=self.device, clouds=self.clouds, name=name,
             )  # fmt: skip
-            write_entry(folder, info)
 
     def _index(self, skipped: list[SkippedWindow], tried: int, *, complete: bool) -> None:
         """Lists the windows on disk; those of an earlier call may lie beyond `tried`."""

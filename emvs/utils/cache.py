@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.files import default_cache as default_cache
 from eventsweep.emvs.utils.files import move_aside
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, inside, parse_json, read_text
 from eventsweep.emvs.utils.output_manifest import digest_of, files_below
@@ -50,15 +51,6 @@ class CacheEntry:
     found: bool
     files: tuple[str, ...]
     cpu_seconds: float = 0.0
-
-
-def default_cache() -> Path:
-    """`$EVENTSWEEP_CACHE`, or `eventsweep` in the user's cache folder (XDG)."""
-    chosen = os.environ.get("EVENTSWEEP_CACHE")
-    home = os.environ.get("XDG_CACHE_HOME")
-    if chosen:
-        return Path(chosen)
-    return (Path(home) if home else Path.home() / ".cache") / "eventsweep"
 
 
 def key_of(facts: Any) -> str:

@@ -86,6 +86,15 @@ def bytes_text(size: float) -> str:
     return f"{size:.3g} {_UNITS[power]}"
 
 
+def default_cache() -> Path:
+    """`$EVENTSWEEP_CACHE`, or `eventsweep` in the user's cache folder (XDG)."""
+    chosen = os.environ.get("EVENTSWEEP_CACHE")
+    home = os.environ.get("XDG_CACHE_HOME")
+    if chosen:
+        return Path(chosen)
+    return (Path(home) if home else Path.home() / ".cache") / "eventsweep"
+
+
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yields a file of the same name in a hidden folder; renames it to `path` at the end.

@@ -19,6 +19,7 @@ from cyclopts.exceptions import CycloptsError, UnknownOptionError
 
 from eventsweep.emvs.utils import inputs
 from eventsweep.eval.cli import flag_names
+from eventsweep.eval.cli.addresses import with_addresses
 
 Shown = Literal["as declared", "nothing", "short", "all"]
 
@@ -63,6 +64,7 @@ class Program(App):
         """What is called with what; its outputs remove no file that any of it names."""
         flag_names.runs(self._flags_of(tokens))
         command, bound, ignored = super().parse_args(*tokens, **options)
+        command = with_addresses(command, bound)
         inputs.also_read(bound.arguments)
         return command, bound, ignored
 

@@ -15,7 +15,7 @@ from eventsweep.eval.cli.app import JOBS
 from eventsweep.eval.cli.help import RARE
 
 if TYPE_CHECKING:
-    from eventsweep.eval.jobs.scheduler import Workers
+    from eventsweep.eval.jobs.scheduler import Open, Workers
     from eventsweep.eval.progress import Display
     from eventsweep.eval.results.results import Results
     from eventsweep.eval.scoring.predictions import NamedFolder
@@ -110,8 +110,34 @@ class JobFlags(CacheFlags):
         return nullcontext(FoundJobs(Cache(self.cache_folder()).folder))
 
 
+@Parameter(name="*")
+@dataclass(frozen=True)
+class MapJobFlags(JobFlags):
+    """Where sliding windows are mapped: here, one after another, unless a flag says otherwise."""
+
+    workers: Annotated[int | None, _JobFlag, RARE] = None
+    "Worker processes that map sliding windows, a thread each; by default they are mapped here."
+
+    cache: Annotated[Path | None, _JobFlag, RARE] = None
+    "Folder where windows that workers map are kept; by default that of suites."
+
+    def crew(self, *, slides: bool) -> Open | None:
+        """What opens the workers, if there are any."""
+        self.check()
+        if self.workers is None and self.scheduler is None:
+            return None
+        if not slides:
+            flag = "--workers" if self.scheduler is None else "--scheduler"
+            raise InputError(
+                f"{flag} maps sliding windows: add --map.window-s or --map.window-events, or leave "
+                "it out: one window is mapped here, by all threads"
+            )
+        return self.open
+
+
 CACHE_FLAGS = CacheFlags()
 JOB_FLAGS = JobFlags()
+MAP_JOB_FLAGS = MapJobFlags()
 
 
 def seed_numbers(text: str | None, flag: str) -> tuple[int, ...] | None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ipaddress
+import logging
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -19,6 +21,9 @@ from eventsweep.eval.jobs.job import Job, code_of
 if TYPE_CHECKING:
     from distributed import Client
 
+_log = logging.getLogger(__name__)
+FIND_S = 120.0
+"""How long a scheduler that is gone is looked for."""
 _CONNECT_S = 10
 _LEAVE_S = 5
 _START = "start one with `dask scheduler --host 127.0.0.1`, or leave --scheduler out"
@@ -108,20 +113,24 @@ def dask_workers(cluster: Cluster, cache: Path) -> Iterator[DaskWorkers]:
 
     The jobs' cache is a folder as the workers see it; best one that they share.
     """
-    client = cluster.connect()
+    workers = DaskWorkers(cluster, cache)
     try:
-        yield DaskWorkers(client, cache)
+        yield workers
     finally:
-        with suppress(Exception):  # a scheduler that is gone cannot be taken leave of
-            client.close(timeout=_LEAVE_S)
+        workers.leave()
 
 
 class DaskWorkers(FutureWorkers):
-    """The workers of a cluster; they may come and go."""
+    """The workers of a cluster; they, and the scheduler, may come and go."""
 
-    def __init__(self, client: Client, cache: Path) -> None:
+    def __init__(self, cluster: Cluster, cache: Path) -> None:
         super().__init__(cache)
-        self._client, self._attempts = client, count()
+        self._cluster, self._client, self._attempts = cluster, cluster.connect(), count()
+
+    def leave(self) -> None:
+        """Lets go of the cluster."""
+        with suppress(Exception):  # a scheduler that is gone cannot be taken leave of
+            self._client.close(timeout=_LEAVE_S)
 
     @property
     def count(self) -> int:
@@ -140,12 +149,29 @@ class DaskWorkers(FutureWorkers):
         return future
 
     def check(self) -> None:
-        """A scheduler that ends takes all its futures along; they would look like failed jobs."""
-        if self._client.status != "running":
-            raise InputError(
-                "the scheduler is gone: start it again and repeat the command; finished jobs "
-                "are in the cache"
-            )
+        """Looks for a scheduler that is gone, and hands it the jobs again that it took along."""
+        if self._client.status == "running":
+            return
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # it shows its stack
+        _log.warning("the scheduler is gone: looking for it for %g s", FIND_S)
+        self.leave()
+        self._client = self._found()
+        for job in list(self._jobs.values()):
+            self._begin(job)
+
+    def _found(self) -> Client:
+        """Connects to the scheduler that was started in the place of one that is gone."""
+        until_s = time.monotonic() + FIND_S
+        while True:
+            try:
+                return self._cluster.connect()
+            except InputError as error:
+                if time.monotonic() >= until_s:
+                    raise InputError(
+                        f"the scheduler is gone, and was looked for for {FIND_S:g} s: start it "
+                        "again and repeat the command; finished jobs are in the cache"
+                    ) from error
+                time.sleep(1)
 
 
 def _is_loopback(host: str) -> bool:

@@ -36,6 +36,7 @@ class FutureWorkers(ABC):
         self.cache = str(cache)
         self._over: queue.SimpleQueue[tuple[str, Result]] = queue.SimpleQueue()
         self._futures: dict[str, Result] = {}
+        self._jobs: dict[str, Job] = {}
 
     @property
     @abstractmethod
@@ -47,11 +48,15 @@ class FutureWorkers(ABC):
         """Hands over `do_same_code` of a job."""
 
     def check(self) -> None:  # noqa: B027 (most executors say it by their futures)
-        """Raises if nothing can come of the futures any more."""
+        """Hands over again the jobs of which nothing can come any more, or raises."""
 
     def submit(self, job: Job) -> None:
         """Hands over a job whose needs are done."""
         self.check()
+        self._begin(job)
+
+    def _begin(self, job: Job) -> None:
+        self._jobs[job.name] = job
         future = self._futures[job.name] = self.start(job)
         future.add_done_callback(lambda over, name=job.name: self._over.put((name, over)))
 
@@ -65,10 +70,12 @@ class FutureWorkers(ABC):
         self.check()
         while not self._over.empty():
             over.append(self._over.get())
-        return [self._outcome(name, future) for name, future in over]
+        # Others were handed over again.
+        current = [one for one in over if self._futures.get(one[0]) is one[1]]
+        return [self._outcome(name, future) for name, future in current]
 
     def _outcome(self, name: str, future: Result) -> Outcome:
-        self._futures.pop(name, None)
+        del self._futures[name], self._jobs[name]
         try:
             outcome: Outcome = future.result(timeout=60)
         except BrokenExecutor as error:

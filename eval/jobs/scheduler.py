@@ -137,8 +137,13 @@ class _Mean:
         return self.total / self.count
 
 
-def run_jobs(jobs: Iterable[Job], workers: Open, progress: Display) -> Mapping[str, Outcome]:
+def run_jobs(
+    jobs: Iterable[Job], workers: Open, progress: Display,
+    over: Callable[[Outcome], None] = lambda _outcome: None,
+) -> Mapping[str, Outcome]:  # fmt: skip
     """Does jobs and all that they need; returns the outcome of each, by name.
+
+    `over` is called with the outcome of each job that ran, when it is over.
 
     A job that ends in an error which its code did not foresee is tried once more, by whichever
     worker takes it; bad input is not.
@@ -149,14 +154,18 @@ def run_jobs(jobs: Iterable[Job], workers: Open, progress: Display) -> Mapping[s
             for job in board.start():
                 crew.submit(job)
             if board.running:
-                _collect(board, crew, progress)
+                for outcome in _collect(board, crew, progress):
+                    over(outcome)
             update(len(board.outcomes), board.words(crew.count))
     return board.outcomes
 
 
-def _collect(board: JobBoard, crew: Workers, progress: Display) -> None:
+def _collect(board: JobBoard, crew: Workers, progress: Display) -> Iterator[Outcome]:
+    """The outcomes of jobs that are over since the last call."""
     for outcome in crew.wait(_TICK_S):
         over = board.take(outcome)
+        if over:
+            yield outcome
         if isinstance(outcome, Failed):
             again = "" if over else "; it is tried again"
             progress.say(f"failed: {outcome.name}: {outcome.reason}{again}")

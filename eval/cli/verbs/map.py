@@ -24,6 +24,7 @@ from eventsweep.eval.cli.app import (
     with_values,
 )
 from eventsweep.eval.cli.help import RARE
+from eventsweep.eval.cli.job_flags import MAP_JOB_FLAGS, MapJobFlags
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -45,6 +46,7 @@ def map(  # noqa: A001 - the verb's name
     allow_skipped: AllowSkipped = False,
     check: Annotated[bool, Parameter(negative="--no-check"), RARE] = True,
     force: Force = False,
+    job_flags: MapJobFlags = MAP_JOB_FLAGS,
     common: Configured = CONFIGURED,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
 ) -> int:
@@ -70,11 +72,13 @@ def map(  # noqa: A001 - the verb's name
     flags = with_values(map, methods=method or None, device=device)
     wanted = common.settings(map=flags)
     check_skipping(wanted.map, allowed=allow_skipped)
+    crew = job_flags.crew(slides=wanted.map.slides)
     console = common.console()
     finish = report_stage(console.progress)
     stored = map_recording(
         recording, out, wanted, force=force, finish=finish, progress=console.progress,
         warn=_warn if check else None, note=lambda doubt: console.warn(with_flags(doubt)),
+        crew=crew, cache=job_flags.cache_folder() if crew else None,
     )  # fmt: skip
     console.result({"map": str(stored.path), **_facts(stored)}, _tables(stored))
     console.wrote(out / "report.html")

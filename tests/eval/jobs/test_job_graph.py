@@ -575,7 +575,10 @@ def test_the_same_graph_runs_on_a_cluster_whose_worker_joins_late(cluster, make,
     assert {name: runs(log, name) for name in "abc"} == dict.fromkeys("abc", 1)
 
 
-def test_a_killed_scheduler_is_one_line_and_what_was_done_stays(start, make, log, tmp_path):
+def test_a_killed_scheduler_is_one_line_and_what_was_done_stays(
+    start, make, log, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(schedule_dask, "FIND_S", 1.0)
     scheduler = start("scheduler", "--port", "0")
     place = Cluster(address(tmp_path))
     start("worker", "--nthreads", "1", "--no-nanny")

@@ -1,0 +1,102 @@
+"""Addresses such as `s3://bucket/run` in the place of paths: which commands take them, and where.
+
+A command works in the address's mirror; what it makes there is sent when it has ended well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import fields, is_dataclass
+from inspect import BoundArguments
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.address import address_of, is_address
+
+Opened = Callable[[Path], AbstractContextManager[Path]]
+
+
+def _read(path: Path) -> AbstractContextManager[Path]:
+    from eventsweep.emvs.utils.mirror import fetched
+
+    return nullcontext(fetched(path))
+
+
+def _changed(path: Path) -> AbstractContextManager[Path]:
+    from eventsweep.emvs.utils.mirror import changed
+
+    return changed(path)
+
+
+def _made(path: Path) -> AbstractContextManager[Path]:
+    from eventsweep.emvs.utils.mirror import made
+
+    return made(path)
+
+
+_TAKEN: Mapping[str, Mapping[str, Opened]] = {
+    "info": {"path": _read},
+    "map": {"recording": _read, "out": _made},
+    "report": {"folder": _changed},
+    "run": {"out": _made},
+    "score": {"scored": _changed},
+    "simulate": {"out": _made},
+    "suite": {"out": _made},
+}
+"""How arguments of commands are opened at addresses."""
+
+
+def with_addresses(command: Callable[..., Any], bound: BoundArguments) -> Callable[..., Any]:
+    """A command that works in the mirrors of the addresses among its arguments.
+
+    Raises:
+        InputError: an address where the command takes none.
+    """
+    verb = getattr(command, "__name__", "").replace("_", "-")
+    taken = _TAKEN.get(verb, {})
+    mirrored = {}
+    for name, value in bound.arguments.items():
+        alone = value[0] if name == "scored" and len(value) == 1 else value
+        if name in taken and isinstance(alone, str | Path) and is_address(alone):
+            mirrored[name] = str(address_of(alone))
+            continue
+        for address in _addresses(value):
+            raise InputError(f"{address}: {_refusal(verb, taken)}")
+    if not mirrored:
+        return command
+
+    def in_mirrors(*_arguments: Any, **_named: Any) -> Any:
+        with ExitStack() as stack:
+            for name, address in mirrored.items():
+                place = stack.enter_context(taken[name](Path(address)))
+                bound.arguments[name] = (str(place),) if name == "scored" else place
+            return command(*bound.args, **bound.kwargs)
+
+    return in_mirrors
+
+
+def _refusal(verb: str, taken: Mapping[str, Opened]) -> str:
+    known = " and ".join(taken)
+    where = f"only for {known}" if known else "not"
+    return (
+        f"`{verb}` takes addresses {where}: copy it to this machine first, with `aws s3 cp "
+        "--recursive` for example, and name the copy"
+    )
+
+
+def _addresses(value: Any) -> Iterator[str]:
+    """Addresses among paths, in groups of settings and lists of them, too."""
+    if isinstance(value, Path):
+        if is_address(value):
+            yield str(address_of(value))
+    elif isinstance(value, tuple | list):
+        for one in value:
+            yield from _addresses(one)
+    elif isinstance(value, BaseModel):
+        yield from _addresses(list(vars(value).values()))
+    elif is_dataclass(value) and not isinstance(value, type):
+        yield from _addresses([getattr(value, field.name) for field in fields(value)])

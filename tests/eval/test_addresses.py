@@ -1,0 +1,111 @@
+"""The whole chain with all data on object storage, of a server of S3 on this machine."""
+
+import re
+import socket
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from dataset_world import write_sequence
+from eventsweep.emvs.maps.folder import read_map
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.results.results import read_results
+from refusals import command_refused
+
+pytest.importorskip("s3fs")
+pytest.importorskip("moto.server")
+pytestmark = pytest.mark.usefixtures("blank_figures")
+SIMULATE = ("simulate", "planes", "--seconds", "0.04", "--quiet", "--out")
+MAP = ("--method", "Alg1/H", "--map.planes", "10", "--no-check", "--quiet", "--out")
+
+
+@pytest.fixture(scope="module")
+def server():
+    """Where a server of S3 listens, a process of its own."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    words = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+    with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        yield f"http://127.0.0.1:{port}"
+        process.kill()
+
+
+@pytest.fixture
+def lab(server, tmp_path, monkeypatch):
+    """A bucket `lab` on a server, empty; returns its client."""
+    import boto3
+
+    for name, value in {
+        "AWS_ENDPOINT_URL": server, "AWS_ACCESS_KEY_ID": "made", "AWS_SECRET_ACCESS_KEY": "made",
+        "AWS_DEFAULT_REGION": "us-east-1", "AWS_MAX_ATTEMPTS": "20",
+        "EVENTSWEEP_CACHE": str(tmp_path / "cache"),
+    }.items():  # fmt: skip
+        monkeypatch.setenv(name, value)
+    client = boto3.client("s3")
+    client.create_bucket(Bucket="lab")
+    yield client
+    for key in keys(client):
+        client.delete_object(Bucket="lab", Key=key)
+    client.delete_bucket(Bucket="lab")
+
+
+def keys(client):
+    return {each["Key"] for each in client.list_objects_v2(Bucket="lab").get("Contents", [])}
+
+
+def copied(client, start, folder):
+    """Copies every object below a prefix into a folder, without this program."""
+    for key in filter(lambda key: key.startswith(start), keys(client)):
+        place = folder / key
+        place.parent.mkdir(parents=True, exist_ok=True)
+        client.download_file("lab", key, str(place))
+
+
+def test_simulate_map_score_and_report_with_everything_on_object_storage(lab, tmp_path, capsys):
+    here = tmp_path / "here"
+    assert main([*SIMULATE, "s3://lab/seq"]) == 0
+    copied(lab, "seq/", here)
+    for seq, out in (("s3://lab/seq", "s3://lab/map"), (f"{here}/seq", f"{here}/map")):
+        assert main(["map", seq, *MAP, out]) == 0
+        assert main(["score", out, "--quiet"]) == 0
+        assert main(["report", out]) == 0
+    capsys.readouterr()
+    assert main(["info", "s3://lab/seq", "--json"]) == 0
+    assert '"path": "s3://lab/seq"' in capsys.readouterr().out
+    assert keys(lab) == {
+        path.relative_to(here).as_posix() for path in here.rglob("*") if path.is_file()
+    }
+    copied(lab, "map/", tmp_path / "back")
+    theirs, ours = read_map(tmp_path / "back" / "map"), read_map(here / "map")
+    assert theirs.info == ours.info
+    depths = [one.windows[0].depth_map("Alg1/H").depth_m for one in (theirs, ours)]
+    np.testing.assert_array_equal(*depths)
+    scores = [read_results(one.path).rows for one in (theirs, ours)]
+    assert scores[0].equals(scores[1])
+
+
+def test_a_map_here_of_a_sequence_there_says_where_it_is(lab, tmp_path):
+    write_sequence(tmp_path / "seq", "pinhole")
+    for path in (tmp_path / "seq").rglob("*.*"):
+        lab.upload_file(str(path), "lab", path.relative_to(tmp_path).as_posix())
+    assert main(["map", "s3://lab/seq", *MAP, str(tmp_path / "map")]) == 0
+    assert '"path": "s3://lab/seq"' in (tmp_path / "map" / "map.json").read_text()
+    assert main(["score", str(tmp_path / "map"), "--quiet"]) == 0
+    assert not re.search("cache.remote", (tmp_path / "map" / "report.html").read_text())
+
+
+@pytest.mark.parametrize(("words", "line"), [
+    (["map", "s3://lab/none", "--out", "x"], "s3://lab/none: nothing is there"),
+    ([*SIMULATE, "s3://lost/seq"], "s3://lost/seq: cannot be written|nothing is there"),
+    (["fuse", "s3://lab/map"], "s3://lab/map: `fuse` takes addresses not: copy it"),
+    (["map", "x", "--out", "y", "--config", "s3://lab/c.toml"],
+     "s3://lab/c.toml: `map` takes addresses only for recording and out"),
+])  # fmt: skip
+def test_what_is_not_there_or_not_supported_is_one_line(
+    lab, tmp_path, monkeypatch, capsys, words, line
+):  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert re.search(line, command_refused(capsys, *words))
+    assert keys(lab) == set()
