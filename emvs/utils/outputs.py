@@ -17,6 +17,7 @@ from pathlib import Path
 
 from eventsweep.emvs.errors import InputError, quoted
 from eventsweep.emvs.utils import output_manifest
+from eventsweep.emvs.utils.address import is_address
 from eventsweep.emvs.utils.files import (
     REPLACED,
     flush,
@@ -229,8 +230,9 @@ def claimed(path: Path, *, wait: bool = False) -> Iterator[Path | None]:
     however it ends; None beside a folder that can only be written into.
 
     Raises:
-        InputError: another process has it, unless to `wait` for that.
+        InputError: another process has it, unless to `wait` for that; or it is an address.
     """
+    _check_local(path)
     place = real(path)
     if place.is_dir() and not os.access(place.parent, os.W_OK):
         yield None
@@ -251,8 +253,15 @@ def check_parent(path: Path) -> None:
         raise InputError(f"cannot write to {parent}: no permission, {_ANOTHER}")
 
 
+def _check_local(path: Path) -> None:
+    """Refuses an address, which the command line would have given a mirror."""
+    if is_address(path):
+        raise InputError(f"{path}: an output is a folder of this machine: make it here, then send it")
+
+
 def _place(path: Path) -> Path:
     """Where an output will be: of links those above it are followed, but not itself."""
+    _check_local(path)
     return real(path.parent) / path.name if path.name not in ("", "..") else real(path)
 
 

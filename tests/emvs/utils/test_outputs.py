@@ -9,6 +9,7 @@ import tempfile
 import threading
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import permutations, product
 from pathlib import Path
 
@@ -917,3 +918,18 @@ def test_other_faults_of_the_system_stay_what_they_are(tmp_path):
 )  # fmt: skip
 def test_sizes_are_said_in_the_unit_that_suits_them(count, text):
     assert bytes_text(count) == text
+
+
+@pytest.mark.parametrize("address", ["s3://lab/run", "https://host/run", "s3://lab"])
+def test_an_address_is_no_output_of_a_call_and_leaves_no_folder(tmp_path, monkeypatch, address):
+    """The command line gives it a mirror."""
+    monkeypatch.chdir(tmp_path)
+    for make in (partial(check_output, Path(address), force=False), partial(made, Path(address))):
+        with pytest.raises(InputError, match="then send it"):
+            make()
+    assert list(tmp_path.iterdir()) == []
+
+
+def made(path):
+    with atomic_dir(path) as folder:
+        put(folder, a="a")
