@@ -256,7 +256,7 @@ def check_parent(path: Path) -> None:
 def _check_local(path: Path) -> None:
     """Refuses an address, which the command line would have given a mirror."""
     if is_address(path):
-        raise InputError(f"{path}: an output is a folder of this machine: make it here, then send it")
+        raise InputError(f"{path}: an output lies on this machine: make it here, then send it")
 
 
 def _place(path: Path) -> Path:
