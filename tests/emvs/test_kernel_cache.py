@@ -195,7 +195,8 @@ def compiled(file):
 
 
 def is_compiler(node):
-    return any(word in ast.unparse(node) for word in ("jit", "intrinsic"))
+    called = node.func if isinstance(node, ast.Call) else node
+    return any(word in ast.unparse(called) for word in ("jit", "intrinsic"))
 
 
 def taken(file):

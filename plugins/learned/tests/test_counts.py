@@ -16,7 +16,7 @@ COUNTS = {
         "learned.md", r"simulates (\w+) sequences to learn from and (\w+) to calibrate with",
         lambda: [len(sequences("training")), len(sequences("calibration"))],
     ),
-    "rigs": ("learned.md", r"(\w+) rigs, forward", lambda: [trained("training", "rig")]),
+    "rigs": ("learned.md", r"(\w+) rigs\. The network", lambda: [trained("training", "rig")]),
     "scenes never seen": (
         "learned.md", r"without the\s+(\w+)\s+scenes\s+of\s+these\s+samples",
         lambda: [len({one.case for one in UNSEEN})],

@@ -42,7 +42,7 @@ def sequence_of(path, sizes):
 
 
 @pytest.mark.parametrize("sizes", SIZES)
-@pytest.mark.parametrize("kind", kinds())
+@pytest.mark.parametrize("kind", [kind for kind in kinds() if kind != "colmap"])  # needs pictures
 def test_every_layout_keeps_each_cameras_size(tmp_path, kind, sizes):
     ours = sequence_of(tmp_path / "ours", sizes)
     found = open_recording(world.rewritten(ours, tmp_path / "out", kind))

@@ -184,7 +184,7 @@ def test_pictures_read_back(tmp_path):
 
 @pytest.mark.parametrize(
     "photo",
-    [Photo(9, 20, 1, IMAGE), Photo(30, 30, 1, IMAGE), Photo(10, 20, 1, IMAGE[:2])],
+    [Photo(9, 20, 1, IMAGE), Photo(30, 29, 1, IMAGE), Photo(10, 20, 1, IMAGE[:2])],
 )
 def test_pictures_that_do_not_fit_are_refused(tmp_path, photo):
     with FrameWriter(tmp_path / "f.h5", 4, 3) as writer:
