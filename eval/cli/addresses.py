@@ -65,7 +65,7 @@ def with_addresses(command: Callable[..., Any], bound: BoundArguments) -> Callab
             mirrored[name] = str(address_of(alone))
             continue
         for address in _addresses(value):
-            raise InputError(f"{address}: {_refusal(verb, taken)}")
+            raise InputError(f"{address}: {_refusal(verb, taken, address)}")
     if not mirrored:
         return command
 
@@ -79,13 +79,11 @@ def with_addresses(command: Callable[..., Any], bound: BoundArguments) -> Callab
     return in_mirrors
 
 
-def _refusal(verb: str, taken: Mapping[str, Opened]) -> str:
+def _refusal(verb: str, taken: Mapping[str, Opened], address: str) -> str:
     known = " and ".join(taken)
-    where = f"only for {known}" if known else "not"
-    return (
-        f"`{verb}` takes addresses {where}: copy it to this machine first, with `aws s3 cp "
-        "--recursive` for example, and name the copy"
-    )
+    which = f"addresses only for {known}" if known else "no addresses"
+    how = ", with `aws s3 cp --recursive` for example," if address.startswith("s3:") else ""
+    return f"`{verb}` takes {which}: copy it to this machine first{how} and name the copy"
 
 
 def _addresses(value: Any) -> Iterator[str]:

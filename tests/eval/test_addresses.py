@@ -99,7 +99,7 @@ def test_a_map_here_of_a_sequence_there_says_where_it_is(lab, tmp_path):
 @pytest.mark.parametrize(("words", "line"), [
     (["map", "s3://lab/none", "--out", "x"], "s3://lab/none: nothing is there"),
     ([*SIMULATE, "s3://lost/seq"], "s3://lost/seq: cannot be written|nothing is there"),
-    (["fuse", "s3://lab/map"], "s3://lab/map: `fuse` takes addresses not: copy it"),
+    (["fuse", "s3://lab/map"], "s3://lab/map: `fuse` takes no addresses: copy it"),
     (["map", "x", "--out", "y", "--config", "s3://lab/c.toml"],
      "s3://lab/c.toml: `map` takes addresses only for recording and out"),
 ])  # fmt: skip
