@@ -7,7 +7,6 @@ places where the frames agree (`frame_depth`). What a simulated sequence does, t
     eventsweep map DIR --out maps --map.start-s 0.873 --map.duration-s 0.4 --map.reference-s 1.073
     eventsweep score maps
     eventsweep track DIR --out track
-    eventsweep score track --truth DIR
 
 It prints each place's time T, how much of the view has depth, and how accurate that is: the band
 that holds 68 % of its own errors, as a share of depth.
