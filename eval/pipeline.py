@@ -41,7 +41,7 @@ def _add_nothing(folder: Path) -> None:
 
 
 class Watch:
-    """Is told what a run makes, as soon as it is made; this one looks away."""
+    """Receives what a run makes, as soon as it is made; this one ignores it."""
 
     def sequence(self, case: str, folder: Path) -> None:
         """A case was simulated into a folder."""
@@ -77,7 +77,7 @@ def run_cases(
         cache: where jobs' results are kept; by default that of suites.
         crew: opens workers that do the jobs; by default they are done here, one after another.
         progress: shows how far the run is.
-        watch: is told what was made, case by case.
+        watch: receives what was made, case by case.
     """
     from eventsweep.emvs.utils.cache import Cache, default_cache
     from eventsweep.eval.jobs.job import RESULT, SEQUENCE, Runtime, entry

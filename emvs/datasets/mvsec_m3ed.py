@@ -145,7 +145,7 @@ def _m3ed_frames(path: Path) -> tuple[FrameCamera, ...]:
 
 
 def _check_images(data: h5py.Dataset, count: int) -> int:
-    """Refuses what is no stack of grey or colour images; gives their number."""
+    """Checks that this is a stack of grey or colour images; returns how many."""
     if data.dtype != np.uint8 or data.ndim not in (3, 4) or data.shape[3:] not in ((), (1,), (3,)):
         raise InputError(
             f"{data.name} has shape {data.shape} of {data.dtype}; needs (N, H, W), or with 1 or 3 "

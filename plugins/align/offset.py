@@ -41,7 +41,7 @@ _SCALE = np.array([1e-3, *[180 / np.pi] * 3, *[1.0] * 4])
 _LOOSEST_MS, _LOOSEST_DEG, _LOOSEST_PX = 10.0, 2.0, 2.0
 """Half-widths beyond which the data do not determine a value."""
 _APART_DEG = 0.5
-"""A principal point is told from a rotation where its half-width is less than a turn by this."""
+"""Least turn: a principal point known less well cannot be distinguished from a rotation."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Found:
         correction: what to apply.
         estimates: the six values; then how far they move the frame's edges in the mean.
         mean_move_px: (2, 6) that mean per unit of each value: µs, rad, px.
-        note: what cannot be told apart, or nothing.
+        note: what the data cannot distinguish; empty if nothing.
     """
 
     correction: Correction

@@ -73,7 +73,7 @@ WRITERS = {**dataset_files.WRITERS, "dsec": write_dsec, "tumvie": write_tumvie}
 
 
 def depth_of(layout, sequence, folder):
-    """What `align` is told of depth: VECtor and TUM-VIE have none of their own."""
+    """Depth given to `align`: VECtor and TUM-VIE have none of their own."""
     if layout in ("m3ed", "dsec"):
         return []
     depth_m = sequence.truth_depth_m(0, world.TRUTH_US[1])

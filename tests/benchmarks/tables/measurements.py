@@ -142,7 +142,7 @@ def run(part: Part) -> float:
     return (used.ru_utime + used.ru_stime) / 60
 
 
-def told(part: Part) -> None:
+def run_and_print(part: Part) -> None:
     """Runs a part, and says what it was and what it took."""
     taken_min = run(part)
     sys.stdout.write(f"{', '.join(part.tables)}: took {taken_min:.1f} CPU min\n")
@@ -166,7 +166,7 @@ def side_by_side(parts: Sequence[Part], at_once: int) -> None:
     def unless_failed(part: Part) -> None:
         if not failed.is_set():
             try:
-                told(part)
+                run_and_print(part)
             except BaseException:
                 failed.set()
                 raise
@@ -188,7 +188,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.writelines(f"{plan_of(part)}\n" for part in parts)
             return ended.value
         for part in (part for part in parts if part.timed):
-            told(part)
+            run_and_print(part)
         side_by_side([part for part in parts if not part.timed], asked.at_once)
     return ended.value
 
