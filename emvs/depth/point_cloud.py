@@ -16,7 +16,8 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.utils.files import atomic_path
 
 ColourBy = Literal["depth", "confidence"]
-_BITS = 21  # per axis of a voxel's key; three fit an int64
+_BITS = 21  # per axis of a cell's key; three fit an int64
+_HALF = 1 << (_BITS - 1)
 _MERGE_AT_LEAST = 200_000
 
 
@@ -116,6 +117,23 @@ def write_ply(
         file.write(vertices.tobytes())
 
 
+def farthest(cell: NDArray[np.float64]) -> float:
+    """How many cells from the origin the farthest lies, if that is too far for a key; else 0.
+
+    Args:
+        cell: (N, 3) whole numbers.
+    """
+    far = float(np.abs(cell).max()) if cell.size else 0.0
+    return 0.0 if far < _HALF - 1 else far
+
+
+def cell_keys(cell: NDArray[np.float64]) -> NDArray[np.int64]:
+    """A number for each cell of a grid, in the order of x, y, z; (N,), of (N, 3) whole numbers."""
+    x, y, z = (cell.astype(np.int64) + _HALF).T
+    keys: NDArray[np.int64] = (x << 2 * _BITS) | (y << _BITS) | z
+    return keys
+
+
 class VoxelCloud:
     """Averages points within voxels, over any number of windows, which are added one by one.
 
@@ -184,21 +202,18 @@ class VoxelCloud:
             self._merged, self._waiting = _Sums.joined([self._merged, *self._waiting]), []
 
     def _keys(self, cell: NDArray[np.float64]) -> NDArray[np.int64]:
-        half = 1 << (_BITS - 1)
-        if cell.size and not np.abs(cell).max() < half - 1:
+        if far := farthest(cell):
             raise InputError(
-                f"a point {np.abs(cell).max() * self._voxel_m:.3g} m from the origin does not "
+                f"a point {far * self._voxel_m:.3g} m from the origin does not "
                 f"fit voxels of {self._voxel_m:g} m: choose larger voxels, or limit the depth"
             )
-        x, y, z = (cell.astype(np.int64) + half).T
-        keys: NDArray[np.int64] = (x << 2 * _BITS) | (y << _BITS) | z
-        return keys
+        return cell_keys(cell)
 
     @staticmethod
     def _cells(keys: NDArray[np.int64]) -> NDArray[np.float64]:
-        mask, half = (1 << _BITS) - 1, 1 << (_BITS - 1)
+        mask = (1 << _BITS) - 1
         columns = ((keys >> shift) & mask for shift in (2 * _BITS, _BITS, 0))
-        return np.stack([column - half for column in columns], axis=1).astype(np.float64)
+        return np.stack([column - _HALF for column in columns], axis=1).astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)

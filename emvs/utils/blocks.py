@@ -16,6 +16,7 @@ from typing import Any
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.address import address_of, mirrors, reached, retried, store_of
+from eventsweep.emvs.utils.files import atomic_path
 
 BLOCK_BYTES = 1 << 14
 LIMIT_VARIABLE = "EVENTSWEEP_REMOTE_GB"
@@ -208,8 +209,6 @@ def _data_at(size_bytes: int) -> int:
 
 def _put(path: Path, head: bytes, size_bytes: int) -> None:
     """Puts a file that is empty behind its head in a place, whole or not at all."""
-    made = path.with_name(f"{path.name}.{os.getpid()}")
-    with made.open("wb") as file:
+    with atomic_path(path) as made, made.open("wb") as file:
         file.write(head)
         file.truncate(size_bytes)
-    made.replace(path)

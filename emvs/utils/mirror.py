@@ -10,10 +10,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -144,11 +144,9 @@ def _send(address: str, mirror: Path, before: Mapping[str, FileFacts]) -> None:
 
 def _kept_here(mirror: Path) -> Path:
     """Where an output that could not be sent is kept."""
-    places = (mirrors().with_name("unsent") / f"{mirror.name}-{k}" for k in count())
-    place = next(place for place in places if not place.exists())
-    place.parent.mkdir(exist_ok=True)
-    mirror.rename(place)
-    return place
+    folder = mirrors().with_name("unsent")
+    folder.mkdir(exist_ok=True)
+    return mirror.rename(tempfile.mkdtemp(prefix=f"{mirror.name}-", dir=folder))
 
 
 def _empty(mirror: Path, names: Iterable[str]) -> None:

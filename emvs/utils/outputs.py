@@ -17,7 +17,7 @@ from pathlib import Path
 
 from eventsweep.emvs.errors import InputError, quoted
 from eventsweep.emvs.utils import output_manifest
-from eventsweep.emvs.utils.address import is_address
+from eventsweep.emvs.utils.address import address_of, is_address
 from eventsweep.emvs.utils.files import (
     REPLACED,
     flush,
@@ -256,7 +256,9 @@ def check_parent(path: Path) -> None:
 def _check_local(path: Path) -> None:
     """Refuses an address, which the command line would have given a mirror."""
     if is_address(path):
-        raise InputError(f"{path}: an output lies on this machine: make it here, then send it")
+        raise InputError(
+            f"{address_of(path)}: an output lies on this machine: make it here, then send it"
+        )
 
 
 def _place(path: Path) -> Path:

@@ -236,7 +236,8 @@ def _film(data: RunData, case: CaseData) -> Iterator[Film]:
         ][:1]
     )
     if shown:
-        scale = depth_scale(shown[0].shown_range_m)
+        whole = next((w for w in case.windows if w.name == shown[0].name), shown[0])
+        scale = depth_scale(whole.shown_range_m)  # as where all of its methods are drawn
         yield Film(tuple(
             (f"{w.name}, {seconds(w.t_us - case.clock_us)}",
              Pictures(tuple(_still(w, scale)), COLUMNS))

@@ -26,6 +26,7 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.maps.folder import StoredMap, StoredWindow, read_map
 from eventsweep.emvs.maps.store import read_entry
 from eventsweep.emvs.utils import output_manifest
+from eventsweep.emvs.utils.files import is_work_folder
 from eventsweep.emvs.utils.outputs import atomic_dir, discard, real
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.found_poses import found_poses
@@ -87,8 +88,7 @@ def _with_windows(stored: StoredMap) -> StoredMap:
 
 def recording_of(stored: StoredMap) -> Recording:
     """Opens the recording that a map was made from; refuses one that is not the same any more."""
-    info = stored.info.recording
-    path = Path(info.path) if Path(info.path).is_absolute() else (stored.path / info.path).resolve()
+    info, path = stored.info.recording, recording_path(stored)
     recording = open_recording(path)
     digest = recording.manifest.digest() if isinstance(recording, EventSequence) else None
     if digest != info.manifest_sha256:
@@ -100,8 +100,15 @@ def recording_of(stored: StoredMap) -> Recording:
 
 def existing_recording(stored: StoredMap) -> Recording | None:
     """The recording of a map, or None where it is no longer there: the map is worth showing."""
-    path = stored.path / stored.info.recording.path
-    return recording_of(stored) if path.exists() else None
+    return recording_of(stored) if recording_path(stored).exists() else None
+
+
+def recording_path(stored: StoredMap) -> Path:
+    """Where a map's recording lies; that of a map that is being made, too."""
+    folder = real(stored.path)
+    # Until it is whole, a map lies in a hidden folder in the place where it will be.
+    place = folder.parent if is_work_folder(folder.parent) else folder
+    return real(place / stored.info.recording.path)
 
 
 def sequence_of(stored: StoredMap) -> Scored:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.depth.point_cloud import cell_keys, farthest
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.cache import Cache, default_cache, key_of
 from eventsweep.emvs.utils.runtime import Progress, silent
@@ -20,7 +21,6 @@ from eventsweep.plugins.geometry.surfels import KINDS, Surfels, ordered, surfels
 
 SEEN = (("once", 1, 1), ("few", 2, 9), ("many", 10, None))
 """Classes by how many pictures show a surface: name, least and most."""
-_BITS = 21  # per axis of a cell's number
 _MERGE_AT_LEAST = 1_000_000
 _FILE = "truth.npz"
 _MODULES = tuple(
@@ -167,15 +167,12 @@ class _Cells:
         self._parts = [_one_each(_joined(self._parts))]
 
     def _keys(self, cell: NDArray[np.float64]) -> NDArray[np.int64]:
-        half = 1 << (_BITS - 1)
-        if cell.size and not np.abs(cell).max() < half - 1:
+        if far := farthest(cell):
             raise InputError(
-                f"a surface {np.abs(cell).max() * self._cell_m:.3g} m from the origin does not fit "
+                f"a surface {far * self._cell_m:.3g} m from the origin does not fit "
                 f"cells of {self._cell_m:g} m: raise cell_m"
             )
-        x, y, z = (cell.astype(np.int64) + half).T
-        keys: NDArray[np.int64] = (x << 2 * _BITS) | (y << _BITS) | z
-        return keys
+        return cell_keys(cell)
 
 
 _NONE = Surfels(

@@ -22,7 +22,7 @@ from eventsweep.eval.report.ranking import RANKING_COLUMNS
 from eventsweep.eval.results.direction import Direction
 from eventsweep.eval.results.results import DEFAULT_MAPPER, Results, Sample, read_results
 from eventsweep.eval.results.table import MEAN, POOLED, each
-from eventsweep.eval.scoring.run_folder import find_maps
+from eventsweep.eval.scoring.run_folder import find_maps, recording_path
 from eventsweep.eval.suite.definition import FROZEN, WindowSpec
 
 WHOLE = ""
@@ -224,7 +224,7 @@ def _maps(folder: Path) -> dict[str, StoredMap]:
 def _manifest(stored: StoredMap, sequence: str) -> Manifest | None:
     """The manifest of the sequence that was mapped, where it is still there."""
     try:
-        found = manifests.read((stored.path / stored.info.recording.path).resolve())
+        found = manifests.read(recording_path(stored))
     except InputError:
         return None
     return found if found.digest() == sequence else None

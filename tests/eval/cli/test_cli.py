@@ -164,6 +164,19 @@ def test_json_is_all_that_is_printed_and_a_map_is_scored_and_reported(mapped, ca
     assert "Alg1/H" in (out / "report.html").read_text(encoding="utf-8")
 
 
+def test_the_page_that_map_writes_shows_its_recording_beside_it_and_elsewhere(
+    tmp_path, capsys, sequence
+):
+    assert main(["map", str(sequence), "--out", str(tmp_path / "o"), *FEW]) == 0
+    shutil.copytree(sequence, tmp_path / "beside")
+    assert main(["map", str(tmp_path / "beside"), "--out", str(tmp_path / "p"), *FEW]) == 0
+    for name in "op":
+        own = (tmp_path / name / "report.html").read_text(encoding="utf-8")
+        assert "Ground truth" in own
+        assert main(["report", str(tmp_path / name), "--quiet"]) == 0
+        assert (tmp_path / name / "report.html").read_text(encoding="utf-8") == own
+
+
 @pytest.mark.parametrize("flag", [
     ["--map.view-width-px", "64"], ["--map.view-cx-px", "30.5"], ["--map.reference-shift", "0.5"],
 ])  # fmt: skip
