@@ -129,7 +129,7 @@ class TruthReader:
             nearest = self.t_us[np.argmin(np.abs(self.t_us - t_us))] if len(self.t_us) else "none"
             raise InputError(
                 f"{self.path}: no ground truth at {t_us} µs (nearest: {nearest}); move the "
-                "reference view to a stored time, or simulate with another truth interval"
+                "reference view to a stored time; where you simulate, another truth interval helps"
             )
         with open_hdf5(self.path) as file:
             image: Image = file[name][int(rows[0])]

@@ -36,7 +36,9 @@ _DAMAGE = (OSError, SyntaxError, ValueError, EOFError, struct.error, zlib.error,
 
 
 def read_depth(path: Path) -> NDArray[np.float32]:
-    """Reads a map's `depth.npz` or a npy: (H, W) z-depth in m, NaN where unknown or masked.
+    """Reads an npz like a map's, or an npy: (H, W) z-depth in m, NaN where unknown or masked.
+
+    An npz has `depth_m`, and maybe `mask`, true where the depth counts.
 
     Raises:
         InputError: an unreadable file, or one that is no depth map; pickles are never loaded.
@@ -45,7 +47,9 @@ def read_depth(path: Path) -> NDArray[np.float32]:
     with refused(f"{path}: not a depth map", Exception, cure="; needs a depth.npz or a .npy file"):
         if path.suffix == ".npz":
             with opened_npz(path) as stored:
-                depth_m = np.where(stored["mask"], stored["depth_m"], np.nan)
+                depth_m = stored["depth_m"]
+                if "mask" in stored:
+                    depth_m = np.where(stored["mask"], depth_m, np.nan)
         else:
             mapped = opened_npy(path)
             if mapped.ndim != 2 or mapped.size > _MOST_PIXELS or mapped.dtype.kind not in "fiu":

@@ -50,8 +50,8 @@ def align(
         frames: Camera whose frames are aligned; by default the first with frames, if possible one
             beside the event cameras.
         events: Event camera; by default the first.
-        depth: truth, a map folder, or a dense depth file (npz, npy, exr, or png in mm); by default
-            the recording's ground truth.
+        depth: truth, a map folder, or a dense depth file (npz with depth_m, npy, exr, or png in
+            mm); by default the recording's ground truth.
         method: Method of the map folder; by default its first.
         depth_camera: Camera that a depth file belongs to; by default the event camera.
         depth_at_s: Time of a depth file, s on the recording's clock.

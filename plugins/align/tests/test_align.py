@@ -140,11 +140,15 @@ def test_wrong_flags_are_refused_before_anything_is_written(panel, tmp_path, cap
     assert not (tmp_path / "out").exists()
 
 
-def test_a_depth_file_of_the_frame_camera_does_as_well(panel, tmp_path, capsys):
+@pytest.mark.parametrize("name", ["d.npy", "d.npz"])
+def test_a_depth_file_of_the_frame_camera_does_as_well(panel, tmp_path, capsys, name):
     T_world_grey = world.motion(0).at(114_000) @ world.T_BODY_GREY
     depth_m = world.hits(world.GREY, T_world_grey)[0].astype(np.float32)
-    np.save(tmp_path / "d.npy", depth_m)
-    flags = "--depth", tmp_path / "d.npy", "--depth-camera", "grey", "--depth-at-s", "0.114"
+    if name == "d.npy":
+        np.save(tmp_path / name, depth_m)
+    else:
+        np.savez(tmp_path / name, depth_m=depth_m)
+    flags = "--depth", tmp_path / name, "--depth-camera", "grey", "--depth-at-s", "0.114"
     code, said = align(capsys, panel, "--out", tmp_path / "f", "--at-s", "0.114", *flags)
     assert code == 0, said.err
     mask = cv2.imread(str(tmp_path / "f" / "mask" / "000000.png"), cv2.IMREAD_UNCHANGED)
