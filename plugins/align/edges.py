@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
+from scipy.spatial import KDTree
 
 Array = NDArray[np.float64]
 _SMOOTH_PX = 0.7
 _DARK = 0.02  # of full scale: added before the logarithm, as the sensor's own is
 _LEAST_SLOPE = 0.04
 """Least change of log intensity per pixel that counts as an edge."""
+_BESIDE_PX = 1.0
 _CLEAR = 0.5
 """Of a point's motion: less of it across an edge makes no events to speak of."""
 
@@ -25,13 +27,16 @@ class Edges(NamedTuple):
         uv_px: (E, 2) places, to a fraction of a pixel.
         normal: (E, 2) unit vectors towards the bright side.
         slope: (E,) change of log intensity per pixel along it.
-        nearest: (H, W) number of the edge nearest to each pixel.
+        width_px: of the picture.
+        tree: finds the nearest place. A table of the nearest edge of every pixel would not do: of
+            two edges as far away it takes the upper one, and events seem to lie lower than they do.
     """
 
     uv_px: Array
     normal: Array
     slope: Array
-    nearest: NDArray[np.int64]
+    width_px: int
+    tree: Any
 
 
 class Matches(NamedTuple):
@@ -68,26 +73,12 @@ def find_edges(image: NDArray[np.float32]) -> Edges:
     peak = (here >= behind) & (here > ahead)
     bend = behind - 2 * here + ahead
     shift = 0.5 * (behind - ahead) / np.where(bend < 0, bend, -1.0)
-    places = places + np.clip(shift, -0.5, 0.5)[:, None] * normal
-    return Edges(places[peak], normal[peak], here[peak], _nearest(rows[peak], columns[peak], log))
+    places = (places + np.clip(shift, -0.5, 0.5)[:, None] * normal)[peak]
+    return Edges(places, normal[peak], here[peak], log.shape[1], KDTree(places))
 
 
 def _at(values: Array, uv_px: Array) -> Array:
     found: Array = map_coordinates(values, uv_px.T[::-1], order=1, mode="nearest")
-    return found
-
-
-def _nearest(rows: NDArray[np.int64], columns: NDArray[np.int64], like: Array) -> NDArray[np.int64]:
-    free = np.ones(like.shape, np.uint8)
-    free[rows, columns] = 0
-    if not len(rows):
-        return np.full(like.shape, -1)
-    _, labels = cv2.distanceTransformWithLabels(
-        free, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    number = np.full(int(labels.max()) + 1, -1)
-    number[labels[rows, columns]] = np.arange(len(rows))
-    found: NDArray[np.int64] = number[labels]
     return found
 
 
@@ -103,11 +94,11 @@ def match(
         brighter: (N,) polarity.
         gate_px: points further from the edge belong to none.
     """
-    height, width = edges.nearest.shape
-    at = np.rint(np.where(np.isfinite(uv_px), uv_px, -1)).astype(np.int64)
-    inside = (at >= 0).all(-1) & (at[:, 0] < width) & (at[:, 1] < height)
-    points = np.flatnonzero(inside & bool(len(edges.uv_px)))
-    found = edges.nearest[at[points, 1], at[points, 0]]
+    known = np.flatnonzero(np.isfinite(uv_px).all(-1))
+    reach_px = np.hypot(gate_px, _BESIDE_PX)
+    far_px, nearest = edges.tree.query(uv_px[known], distance_upper_bound=reach_px)
+    near = np.isfinite(far_px)
+    points, found = known[near], nearest[near]
     away = uv_px[points] - edges.uv_px[found]
     normal = edges.normal[found]
     off_px = (away * normal).sum(-1)
@@ -116,5 +107,5 @@ def match(
     clear = np.abs(across) > _CLEAR * np.linalg.norm(moving_px[points], axis=-1)
     # What moves towards an edge's bright side leaves the dark side's pixels behind it.
     expected = (across < 0) == brighter[points]
-    good = (np.abs(off_px) <= gate_px) & (beside <= 1.0) & clear & expected
+    good = (np.abs(off_px) <= gate_px) & (beside <= _BESIDE_PX) & clear & expected
     return Matches(points[good], found[good], off_px[good])

@@ -85,7 +85,7 @@ def _rows(setup: Setup, shift_px: Array, sample: Sample, gate_px: float) -> Rows
     good = np.isfinite(J).all(-1)
     angle = np.arctan2(normal[:, 1], normal[:, 0])
     sector = ((angle / (2 * np.pi) + 0.5) * _SECTORS).astype(np.int64) % _SECTORS
-    tile = (edge_px * _TILES // sample.edges.nearest.shape[1]).astype(np.int64)
+    tile = (edge_px * _TILES // sample.edges.width_px).astype(np.int64)
     return Rows(
         np.where(good[:, None], J, 0.0), pairs.off_px, np.where(good, weight, 0.0),
         np.where(good[:, None, None], moves_px, 0.0), tile[:, 1] * 1000 + tile[:, 0],

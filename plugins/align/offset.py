@@ -23,7 +23,7 @@ MARGIN_US = 20_000
 """No clock is found to be later or earlier than this."""
 _MOST_EVENTS, _MOST_SEARCHED = 8_000, 3_000  # of a frame
 _SEARCH_PX, _SEARCHED_PX = 1.5, 4.5
-_STAGES = ((3.0, 4), (2.0, 4), (2.0, 3), (2.0, 3), (2.0, 1), (2.0, 1), *[(1.5, 1)] * 5)
+_STAGES = ((3.0, 4), (2.0, 4), (2.0, 3), (2.0, 3), (2.0, 1), (2.0, 1), *[(1.5, 1)] * 13)
 """How far from an edge, px, and the first of the values besides the clock that is fitted."""
 WIDTHS = 2.5
 """Half-width of an interval in standard deviations of `covariance`.

@@ -3,7 +3,8 @@
 Sub-views say which triangle is seen; depth, light and texture coordinates are those of its planes
 at the sample's own place in the sub-view, so nothing is taken between two samples. As in a pinhole,
 rows lie beside one another, those of the sensor and those of the sub-views: an upright edge passes
-one after the other.
+one after the other. Which of two rows of a sub-view tells changes from sample to sample, so that in
+the mean a level edge lies where it is: in the middle of a lens all samples lie between rows alike.
 """
 
 # Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
@@ -25,6 +26,8 @@ from eventsweep.plugins.raster.shading_kernels import (
 from eventsweep.plugins.raster.visibility_kernels import shift
 
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
+_ROUNDED_UP = ((np.array([0, 4, 2, 6, 1, 5, 3, 7]) + 0.5) / 8).astype(np.float32)
+"""What is added before a place is cut to a row, sample by sample."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -139,7 +142,7 @@ def shade_lens(  # noqa: C901
         aside = np.float32(shift(y, stride) / supersample)
         _row_places(position, step, pixel, offset, y_offset, aside, xs, ys)
         for x in range(end):
-            row = np.int32(ys[x] + _HALF)
+            row = np.int32(ys[x] + _ROUNDED_UP[x % len(_ROUNDED_UP)])
             column = np.int32(xs[x] - np.float32(shift(row, sub_stride)) + _HALF)
             seen[x] = ids[np.uint32(row), np.uint32(column)]
         _row_depths(

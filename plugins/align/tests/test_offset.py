@@ -10,6 +10,7 @@ import panel_world as world
 from eventsweep.plugins.align import offset
 from eventsweep.plugins.align.carry import aligned_events
 from eventsweep.plugins.align.depths import depth_source
+from eventsweep.plugins.align.edges import find_edges, match
 from eventsweep.plugins.align.equations import Rows
 from eventsweep.plugins.align.offset import covariance, find_offset
 from eventsweep.plugins.align.residual import apart, samples
@@ -54,6 +55,26 @@ def test_planted_offsets_are_found_within_their_intervals(seed, late_us, turn_de
     before, after = apart(setup, taken), apart(setup.corrected(found.correction), taken)
     assert after.table()[0]["median_px"] < 0.5
     assert after.table()[0]["p95_px"] < 0.7 * before.table()[0]["p95_px"]
+
+
+@pytest.mark.parametrize("mirrored", [(-1, 1), (1, -1)])
+def test_a_mirrored_picture_has_mirrored_edges(mirrored):
+    """No side is preferred, not even where a pixel's centre lies between two edges."""
+    rng = np.random.default_rng(2)
+    size = np.array([90, 70])
+    image = np.kron(rng.uniform(20, 230, (14, 18)), np.ones((5, 5))).astype(np.float32)
+    uv_px = np.stack(np.meshgrid(*map(np.arange, size), indexing="ij"), -1).reshape(-1, 2) * 1.0
+    moving_px, brighter = rng.normal(size=uv_px.shape), rng.random(len(uv_px)) < 0.5
+    there = match(find_edges(image), uv_px, moving_px, brighter, 3.0)
+    right, down = mirrored
+    other = find_edges(np.ascontiguousarray(image[::down, ::right]))
+    away_px = np.where(np.array(mirrored) < 0, size - 1 - uv_px, uv_px)
+    back = match(other, away_px, moving_px * mirrored, brighter, 3.0)
+    assert len(there.points) > 1000
+    off_px = np.full((2, len(uv_px)), np.nan)
+    off_px[0, there.points], off_px[1, back.points] = there.off_px, back.off_px
+    assert np.isclose(*off_px, atol=1e-6, equal_nan=True).mean() > 0.99
+    assert abs(np.nanmean(off_px[0] - off_px[1])) < 1e-3
 
 
 def rows_of(view_deg):

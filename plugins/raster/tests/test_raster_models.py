@@ -7,6 +7,7 @@ import mujoco_scenes as made
 from both_renderers import apart
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.plugins.raster.renderer import RasterRenderer
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.motion.curves import look_at
 
@@ -188,6 +189,34 @@ def test_it_does_so_through_a_lens(settings):
     found = seen("flat textures", LENS, supersample=6, **settings)
     check(found)
     assert found.edges < 5e-3
+
+
+EDGE = """
+<asset><material name="white" emission="1" specular="0"/></asset>
+<visual><headlight active="0"/></visual>
+<worldbody><body euler="2 0 0">
+<geom type="box" size=".1 4 2" pos=".1 0 2" material="white"/>
+<geom type="box" size=".1 4 2" pos=".1 0 -2" rgba="0 0 0 1"/>
+</body></worldbody>
+"""
+
+
+def test_an_almost_level_edge_lies_where_the_lens_puts_it():
+    """Between a white and a black box, by projection, in parts of the middle of a lens."""
+    lens = Camera(173, 130, 112.9, 113.1, 86.2, 65.4, "radtan", (-0.1, 0.03, 0, 0))
+    rig = Rig("one", (lens,), (np.eye(4),), ("left",))
+    spec = import_mujoco().MjSpec.from_string(f"<mujoco>{EDGE}</mujoco>")
+    along_m = np.linspace(1, -1, 401)[:, None] * (0, np.cos(np.radians(2)), np.sin(np.radians(2)))
+    columns, off_px = np.arange(66, 107), []
+    with RasterRenderer(spec, rig, 8, depth_range_m=RANGE_M, border_px=14) as drawn:
+        for z_m in np.linspace(-0.08, 0.08, 24):
+            T_world_cam = look_at((-1.2, 0, z_m), (1, 0, z_m))
+            light = drawn.frame(0, T_world_cam).intensity[:, columns]
+            edge_px = lens.project((along_m - T_world_cam[:3, 3]) @ T_world_cam[:3, :3])
+            # White is above: the light of a column ends at its edge.
+            off_px.append(light.sum(0) - 0.5 - np.interp(columns, *edge_px.T))
+    assert np.abs(off_px).max() < 0.2
+    assert np.abs(np.reshape(off_px, (4, -1)).mean(1)).max() < 0.01
 
 
 @pytest.mark.parametrize("floats", [False, True])
