@@ -96,7 +96,7 @@ def _crossings(planes, count, crossing):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _span(crossing, count, y, x0, low, high):
-    """First and last column, as numbers, where a row is inside; the first is larger if nowhere."""
+    """First and last column, within two, where a row is inside; the first is larger if nowhere."""
     for i in range(count):
         at = crossing[i, 0] * y + crossing[i, 1]
         if crossing[i, 2] > 0.0:
@@ -105,7 +105,8 @@ def _span(crossing, count, y, x0, low, high):
             high = min(high, at - x0)
         elif at < 0.0:
             high = low - 1.0
-    return math.ceil(low), math.floor(high)
+    # Planes that are almost parallel to a row cross it farther away than whole numbers reach.
+    return (math.ceil(low), math.floor(high)) if low <= high else (1, 0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
