@@ -126,6 +126,9 @@ class DaskWorkers(FutureWorkers):
     def __init__(self, cluster: Cluster, cache: Path) -> None:
         super().__init__(cache)
         self._cluster, self._client, self._attempts = cluster, cluster.connect(), count()
+        from distributed.comm.core import CommClosedError
+
+        self.lost = (*FutureWorkers.lost, CommClosedError)
 
     def leave(self) -> None:
         """Lets go of the cluster."""
