@@ -25,7 +25,7 @@ from eventsweep.eval.jobs import dask as schedule_dask
 from eventsweep.eval.jobs.code_version import closure, code_version, definition_digest
 from eventsweep.eval.jobs.dask import Cluster, dask_workers
 from eventsweep.eval.jobs.executor import LOSSES, FutureWorkers, executor_workers
-from eventsweep.eval.jobs.job import NOT_YET, RESULT, Done, Failed, Job, do, order
+from eventsweep.eval.jobs.job import NOT_YET, RESULT, Done, Failed, Job, do, order, stored
 from eventsweep.eval.jobs.local import ATTEMPTS, FoundJobs, local_workers
 from eventsweep.eval.jobs.scheduler import JobBoard, run_jobs
 from eventsweep.eval.progress import Silent
@@ -354,6 +354,18 @@ def test_a_lost_or_damaged_result_is_made_again(make, log, tmp_path):
     shutil.rmtree(Cache(tmp_path / "cache").path_of(done.key))
     assert do(make("c", needs=(a,)), cache).text == "a+c"
     assert runs(log, "a") == 3
+
+
+def test_what_is_needed_in_many_ways_is_looked_up_once(make, tmp_path):
+    """Through ten layers of two jobs each lead a thousand ways."""
+    layer = ()
+    for k in range(10):
+        layer = tuple(make(f"{side}{k}", needs=layer) for side in "ab")
+    last, cache = make("last", needs=layer), Cache(tmp_path / "cache")
+    profile = cProfile.Profile()
+    outcome = profile.runcall(do, last, str(cache.folder))
+    looks = {one.code: one.callcount for one in profile.getstats()}
+    assert (looks[Cache.get.__code__], stored(last, cache).key) == (2 * 10 + 1, outcome.key)
 
 
 SWEEP = """
