@@ -127,8 +127,9 @@ class DaskWorkers(FutureWorkers):
         super().__init__(cache)
         self._cluster, self._client, self._attempts = cluster, cluster.connect(), count()
         from distributed.comm.core import CommClosedError
+        from distributed.scheduler import KilledWorker
 
-        self.lost = (*FutureWorkers.lost, CommClosedError)
+        self.lost, self.final = (*FutureWorkers.lost, CommClosedError), (KilledWorker,)
 
     def leave(self) -> None:
         """Lets go of the cluster."""

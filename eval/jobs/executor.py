@@ -38,9 +38,11 @@ class FutureWorkers(ABC):
     Attributes:
         cache: the jobs' cache, as a folder that the workers see; best one that they share.
         lost: what a future raises whose job is not to blame.
+        final: what one raises whose job was tried elsewhere already, as often as is good.
     """
 
     lost: tuple[type[Exception], ...] = (CancelledError, TimeoutError)
+    final: tuple[type[Exception], ...] = ()
 
     def __init__(self, cache: Path) -> None:
         self.cache = str(cache)
@@ -102,7 +104,8 @@ class FutureWorkers(ABC):
                 self.submit(self._jobs[name])
                 return None
             reason = " ".join(str(error).split())[:300]
-            outcome = Failed(name, f"{type(error).__name__}: {reason}", again=True)
+            again = not isinstance(error, self.final)
+            outcome = Failed(name, f"{type(error).__name__}: {reason}", again=again)
         del self._futures[name], self._jobs[name]
         return outcome
 

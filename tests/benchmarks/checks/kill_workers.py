@@ -47,6 +47,11 @@ class Victims:
         self._scheduler = self._start_scheduler()
         self._workers = [self._start_worker() for _ in range(workers)]
 
+    @property
+    def scheduler(self) -> int:
+        """The scheduler's process."""
+        return self._scheduler.pid
+
     def kill_worker(self) -> None:
         """Kills one of the workers, and starts another."""
         k = random.randrange(len(self._workers))
