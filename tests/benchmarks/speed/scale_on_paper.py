@@ -1,6 +1,7 @@
 """What a large suite needs, on paper: measured costs of a small one, times how many there will be.
 
-    python tests/benchmarks scale_on_paper [--sequences 1000 --methods 20 --seeds 10 --empty 10000]
+    python tests/benchmarks scale_on_paper [--sequences 1000 --methods 20 --seeds 10]
+        [--empty 10000 --handed 500]
 
 One case runs with one worker in a cache of its own. Its processor time, memory and bytes by stage
 are those of a sequence, a window and a score; a window's time is taken to grow with its methods.
@@ -88,8 +89,8 @@ def board_us(jobs: list[Job]) -> float:
     return (time.process_time() - started_s) / len(jobs) * 1e6
 
 
-def overhead(count: int, folder: Path) -> Overhead:
-    """What empty jobs take."""
+def overhead(empty: int, count: int, folder: Path) -> Overhead:
+    """What empty jobs take; `count` are handed to Dask, which a busy machine does 50 a second."""
     jobs = [Job(str(k), "none", {}) for k in range(count)]
     cluster = Victims(workers=2)
     try:
@@ -107,7 +108,8 @@ def overhead(count: int, folder: Path) -> Overhead:
     ours_s, theirs_s, wall_s = (
         after - before for before, after in zip(before_s, after_s, strict=True)
     )
-    return Overhead(board_us(jobs), ours_s / count * 1e3, theirs_s / count * 1e3, count / wall_s)
+    alone = [Job(str(k), "none", {}) for k in range(empty)]
+    return Overhead(board_us(alone), ours_s / count * 1e3, theirs_s / count * 1e3, count / wall_s)
 
 
 def table(
@@ -145,14 +147,20 @@ def table(
 def main() -> None:
     """Reads the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    numbers = (("sequences", 1000), ("methods", 20), ("seeds", 10), ("empty", 10_000))
+    numbers = (
+        ("sequences", 1000),
+        ("methods", 20),
+        ("seeds", 10),
+        ("empty", 10_000),
+        ("handed", 500),
+    )
     for name, default in numbers:
         parser.add_argument(f"--{name}", type=int, default=default)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         out, cache = Path(folder) / "out", Path(folder) / "cache"
         measured = es.run_suite(_SUITE, out, cases=[_CASE], seeds=[0], workers=1, cache=cache)
-        empty = overhead(asked.empty, cache)
+        empty = overhead(asked.empty, asked.handed, cache)
         text = table(measured, cache, empty, asked.sequences, asked.methods, asked.seeds)
     sys.stdout.write(f"{text}\n")
 
