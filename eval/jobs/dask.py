@@ -126,6 +126,10 @@ class DaskWorkers(FutureWorkers):
     def __init__(self, cluster: Cluster, cache: Path) -> None:
         super().__init__(cache)
         self._cluster, self._client, self._attempts = cluster, cluster.connect(), count()
+        from distributed.comm.core import CommClosedError
+        from distributed.scheduler import KilledWorker
+
+        self.lost, self.final = (*FutureWorkers.lost, CommClosedError), (KilledWorker,)
 
     def leave(self) -> None:
         """Lets go of the cluster."""

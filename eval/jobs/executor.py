@@ -5,14 +5,21 @@ from __future__ import annotations
 import queue
 import socket
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, Executor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.jobs.job import Failed, Job, Outcome, code_of, do
+
+LOSSES = 20
+"""How often the outcome of a job may be lost on its way, with the scheduler or with the worker that
+still had it, before that counts as a try of the job."""
+_FETCH_S = 30.0
+"""How long the outcome of a job that is over is waited for."""
 
 
 class Result(Protocol):
@@ -30,13 +37,19 @@ class FutureWorkers(ABC):
 
     Attributes:
         cache: the jobs' cache, as a folder that the workers see; best one that they share.
+        lost: what a future raises whose job is not to blame.
+        final: what one raises whose job was tried elsewhere already, as often as is good.
     """
+
+    lost: tuple[type[Exception], ...] = (CancelledError, TimeoutError)
+    final: tuple[type[Exception], ...] = ()
 
     def __init__(self, cache: Path) -> None:
         self.cache = str(cache)
         self._over: queue.SimpleQueue[tuple[str, Result]] = queue.SimpleQueue()
         self._futures: dict[str, Result] = {}
         self._jobs: dict[str, Job] = {}
+        self._losses: Counter[str] = Counter()
 
     @property
     @abstractmethod
@@ -70,22 +83,30 @@ class FutureWorkers(ABC):
         self.check()
         while not self._over.empty():
             over.append(self._over.get())
-        # Others were handed over again.
-        current = [one for one in over if self._futures.get(one[0]) is one[1]]
-        return [self._outcome(name, future) for name, future in current]
+        outcomes: list[Outcome | None] = []
+        for name, future in over:
+            if self._futures.get(name) is future:  # others were handed over again
+                outcomes.append(self._outcome(name, future))
+        return [one for one in outcomes if one is not None]
 
-    def _outcome(self, name: str, future: Result) -> Outcome:
-        del self._futures[name], self._jobs[name]
+    def _outcome(self, name: str, future: Result) -> Outcome | None:
+        """What came of a job; None if that was lost and the job handed over again."""
         try:
-            outcome: Outcome = future.result(timeout=60)
+            outcome: Outcome = future.result(timeout=_FETCH_S)
         except BrokenExecutor as error:
             raise InputError(
                 f"the executor is broken ({' '.join(str(error).split()) or 'a worker died'}): open "
                 "a new one and call again; finished jobs are in the cache"
             ) from error
         except Exception as error:  # whatever workers elsewhere can do to a job
+            self._losses[name] += isinstance(error, self.lost)
+            if isinstance(error, self.lost) and self._losses[name] <= LOSSES:
+                self.submit(self._jobs[name])
+                return None
             reason = " ".join(str(error).split())[:300]
-            return Failed(name, f"{type(error).__name__}: {reason}", again=True)
+            again = not isinstance(error, self.final)
+            outcome = Failed(name, f"{type(error).__name__}: {reason}", again=again)
+        del self._futures[name], self._jobs[name]
         return outcome
 
 

@@ -148,14 +148,24 @@ def find(job: Job, cache: Cache, digests: Mapping[str, str]) -> Done | None:
 
 def stored(job: Job, cache: Cache) -> CacheEntry | None:
     """What a job made, if the cache has it and all that it needs; does nothing otherwise."""
-    inputs = [stored(need, cache) for need in job.needs]
-    digests = [made.digest for made in inputs if made is not None]
-    return None if None in inputs else cache.find(key_of(_facts(job, digests)))
+    made: dict[str, CacheEntry] = {}
+    for one in order([job]):
+        found = cache.find(key_of(_facts(one, [made[need.name].digest for need in one.needs])))
+        if found is None:
+            return None
+        made[one.name] = found
+    return made[job.name]
 
 
 def entry(job: Job, cache: Cache, runtime: Runtime = ONE_OF_MANY) -> CacheEntry:
-    """Finds or makes what a job makes, and all that it needs; errors pass through."""
-    inputs = [entry(need, cache, runtime) for need in job.needs]
+    """Finds or makes what a job makes, and all that it needs, each once; errors pass through."""
+    made: dict[str, CacheEntry] = {}
+    for one in order([job]):
+        made[one.name] = _entry(one, [made[need.name] for need in one.needs], cache, runtime)
+    return made[job.name]
+
+
+def _entry(job: Job, inputs: Sequence[CacheEntry], cache: Cache, runtime: Runtime) -> CacheEntry:
     facts, stage = _facts(job, [made.digest for made in inputs]), _stage(job)
     paths = [*(made.path for made in inputs), *map(Path, job.sources)]
     key = key_of(facts)

@@ -1,10 +1,12 @@
 """Whether jobs survive a cluster whose workers, and once its scheduler, are killed.
 
-    python tests/benchmarks kill_workers [--minutes 5] [--every-s 10] [--workers 4]
+    python tests/benchmarks kill_workers [--minutes 5] [--every-s 10] [--workers 4] [--within-s S]
 
-A random worker is killed (SIGKILL) time and again and another one started; half way the scheduler
-and all workers are. Every job must be done, once in the results and once in the cache, with the
-bytes that one process makes.
+For some minutes a random worker is killed (SIGKILL) time and again and another one started; half
+way the scheduler and all workers are. The jobs are a suite's: sequences, their windows, and a score
+of both. They are shorter than the time between kills: a job that is longer never ends anywhere.
+Every job must be done, once in the results and once in the cache, with the bytes that one process
+makes. If work is left some time after the last kill, the tool says how much, and exits with 1.
 """
 
 from __future__ import annotations
@@ -24,11 +26,11 @@ from pathlib import Path
 import job_stages
 from eventsweep.emvs.utils.cache import Cache
 from eventsweep.eval.jobs.dask import Cluster, dask_workers
-from eventsweep.eval.jobs.job import Done, Job, do
+from eventsweep.eval.jobs.job import Done, Job, Outcome, do
 from eventsweep.eval.jobs.scheduler import run_jobs
 from eventsweep.eval.progress import SILENT
 
-_JOB_S, _NEEDS = 2.0, 3
+_JOB_S, _WINDOWS = 2.0, 6
 
 
 class Victims:
@@ -41,11 +43,14 @@ class Victims:
         helpers = Path(job_stages.__file__).parent
         self._environment = {
             **os.environ, "PYTHONPATH": f"{helpers}{os.pathsep}{helpers.parents[1]}",
-            # A job may lose many a worker through no fault of its own.
-            "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "99",
         }  # fmt: skip
         self._scheduler = self._start_scheduler()
         self._workers = [self._start_worker() for _ in range(workers)]
+
+    @property
+    def scheduler(self) -> int:
+        """The scheduler's process."""
+        return self._scheduler.pid
 
     def kill_worker(self) -> None:
         """Kills one of the workers, and starts another."""
@@ -85,62 +90,133 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
+class Killing(threading.Thread):
+    """Kills for some minutes, or until the work is over.
+
+    Attributes:
+        over: set when nobody is to be killed any more.
+        last_s: when the last of them was, on the monotonic clock.
+    """
+
+    def __init__(self, victims: Victims, minutes: float, every_s: float) -> None:
+        super().__init__(daemon=True)
+        self.over, self.last_s = threading.Event(), time.monotonic()
+        self._victims, self._minutes, self._every_s = victims, minutes, every_s
+
+    def run(self) -> None:
+        """Kills, once the scheduler too."""
+        half_s, end_s = (self.last_s + share * 60 * self._minutes for share in (0.5, 1.0))
+        while not self.over.wait(self._every_s) and time.monotonic() <= end_s:
+            if half_s and time.monotonic() > half_s:
+                self._victims.kill_scheduler()
+                half_s = 0.0
+            self._victims.kill_worker()
+            self.last_s = time.monotonic()
+
+
+class Working(threading.Thread):
+    """Does jobs on a cluster.
+
+    Attributes:
+        over: what came of them so far, in the order in which it came.
+        error: what ended the work before they were all over.
+    """
+
+    def __init__(self, jobs: list[Job], cluster: Cluster, cache: Path) -> None:
+        super().__init__(daemon=True)  # what stalls must not keep this process
+        self.over, self.error = list[Outcome](), ""
+        self._jobs, self._cluster, self._cache = jobs, cluster, cache
+
+    def run(self) -> None:
+        """Does them."""
+        crew = lambda: dask_workers(self._cluster, self._cache)  # noqa: E731
+        try:
+            run_jobs(self._jobs, crew, SILENT, self.over.append)
+        except Exception as error:
+            self.error = f" ({type(error).__name__}: {error})"
+
+
 def graph(count: int, seconds: float, log: Path) -> list[Job]:
-    """Jobs in a chain of layers, each of which needs some of the layer before."""
+    """About so many jobs: a sequence, the windows that need it, the score that needs them all."""
+
+    def job(name: str, *needs: Job) -> Job:
+        facts = {"id": name, "act": "sleep", "seconds": seconds, "log": str(log)}
+        return Job(name, "job_stages", facts, needs)
+
     jobs: list[Job] = []
-    for k in range(count):
-        needs = tuple(jobs[j] for j in range(k - 8, k - 8 + _NEEDS) if j >= 0)
-        facts = {"id": f"j{k:05d}", "act": "sleep", "seconds": seconds, "log": str(log)}
-        jobs.append(Job(f"j{k:05d}", "job_stages", facts, needs))
+    for k in range(max(round(count / (_WINDOWS + 2)), 1)):
+        sequence = job(f"sequence{k:03d}")
+        windows = [job(f"map{k:03d}w{w}", sequence) for w in range(_WINDOWS)]
+        jobs += [sequence, *windows, job(f"score{k:03d}", sequence, *windows)]
     return jobs
 
 
-def run(minutes: float, every_s: float, workers: int, folder: Path) -> str:
-    """Runs the jobs among kills; returns what happened in a line, or raises AssertionError."""
-    jobs = graph(round(workers * 60 * minutes / _JOB_S), _JOB_S, folder / "log")
-    victims, over = Victims(workers), threading.Event()
+def done(working: Working, killing: Killing, within_s: float) -> bool:
+    """Waits until the work is over, or not some time after the last kill; returns whether it is."""
+    for thread in (working, killing):
+        thread.start()
+    while working.is_alive() and (
+        killing.is_alive() or time.monotonic() < killing.last_s + within_s
+    ):
+        working.join(0.2)
+    killing.over.set()
+    killing.join()
+    return not working.is_alive() and not working.error
 
-    def kill() -> None:
-        half_s = time.monotonic() + 30 * minutes
-        while not over.wait(every_s):
-            if half_s and time.monotonic() > half_s:
-                victims.kill_scheduler()
-                half_s = 0.0
-            victims.kill_worker()
 
-    killer = threading.Thread(target=kill)
-    killer.start()
-    started_s = time.monotonic()
-    try:
-        cluster = Cluster(victims.address)
-        outcomes = run_jobs(jobs, lambda: dask_workers(cluster, folder / "cache"), SILENT)
-    finally:
-        over.set()
-        killer.join()
-        victims.end()
-    took_s = time.monotonic() - started_s
-    failed = [one for one in outcomes.values() if not isinstance(one, Done)]
+def check(jobs: list[Job], over: list[Outcome], folder: Path) -> None:
+    """Raises AssertionError unless each job was done once, with the bytes of one process."""
+    failed = [one for one in over if not isinstance(one, Done)]
     assert not failed, f"{len(failed)} of {len(jobs)} jobs failed, such as {failed[0]}"
-    digests = {name: one.digest for name, one in outcomes.items() if isinstance(one, Done)}
-    alone = [do(job, str(folder / "alone")) for job in graph(len(jobs), 0.0, folder / "log")]
-    assert digests == {one.name: one.digest for one in alone if isinstance(one, Done)}
+    assert sorted(one.name for one in over) == sorted(job.name for job in jobs)
+    alone = [do(job, str(folder / "alone")) for job in graph(len(jobs), 0.0, folder / "other log")]
+    digests = [
+        {one.name: one.digest for one in all_ if isinstance(one, Done)} for all_ in (over, alone)
+    ]
+    assert digests[0] == digests[1], "bytes differ from those of one process"
     entries = len(list(Cache(folder / "cache").folder.glob("??/*/entry.json")))
     assert entries == len(jobs), f"{entries} entries of {len(jobs)} jobs"
+
+
+def run(minutes: float, every_s: float, workers: int, within_s: float, folder: Path) -> str:
+    """Runs the jobs among kills; returns what happened in a line, or exits with one."""
+    jobs = graph(round(workers * 60 * minutes / _JOB_S), _JOB_S, folder / "log")
+    victims, started_s = Victims(workers), time.monotonic()
+    killing = Killing(victims, minutes, every_s)
+    working = Working(jobs, Cluster(victims.address), folder / "cache")
+    try:
+        if not done(working, killing, within_s):
+            left = sorted({job.name for job in jobs} - {one.name for one in working.over})
+            since_s = time.monotonic() - killing.last_s
+            sys.exit(
+                f"{len(left)} of {len(jobs)} jobs are not over {since_s:.0f} s after the last of "
+                f"{victims.deaths} kills, such as {left[0]}{working.error}"
+            )
+    finally:
+        victims.end()
+    took_s = time.monotonic() - started_s
+    check(jobs, working.over, folder)
+    begun = len(list((folder / "log").iterdir()))
     return (
         f"{len(jobs)} jobs of {_JOB_S:g} s on {workers} workers in {took_s:.0f} s: "
-        f"{victims.deaths} workers and the scheduler killed, nothing lost, doubled or changed"
+        f"{victims.deaths} workers and the scheduler killed, {begun - len(jobs)} jobs begun again, "
+        "nothing lost, doubled or changed"
     )
 
 
 def main() -> None:
     """Reads the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--minutes", type=float, default=5.0, help="of work, were nobody killed")
-    parser.add_argument("--every-s", type=float, default=10.0)
+    parser.add_argument("--minutes", type=float, default=5.0, help="of kills, and of work in all")
+    parser.add_argument("--every-s", type=float, default=10.0, help="between two kills")
     parser.add_argument("--workers", type=int, default=4)
+    parser.add_argument(
+        "--within-s", type=float, help="from the last kill to the end (all the work, and a minute)"
+    )
     asked = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        line = run(asked.minutes, asked.every_s, asked.workers, Path(folder))
+    within_s = 60 * asked.minutes + 60 if asked.within_s is None else asked.within_s
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        line = run(asked.minutes, asked.every_s, asked.workers, within_s, Path(folder))
     sys.stdout.write(f"{line}\n")
 
 

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections import deque
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -24,8 +24,8 @@ from eventsweep.eval.jobs import code_version as versions_of_code
 from eventsweep.eval.jobs import dask as schedule_dask
 from eventsweep.eval.jobs.code_version import closure, code_version, definition_digest
 from eventsweep.eval.jobs.dask import Cluster, dask_workers
-from eventsweep.eval.jobs.executor import executor_workers
-from eventsweep.eval.jobs.job import NOT_YET, RESULT, Done, Failed, Job, do, order
+from eventsweep.eval.jobs.executor import LOSSES, FutureWorkers, executor_workers
+from eventsweep.eval.jobs.job import NOT_YET, RESULT, Done, Failed, Job, do, order, stored
 from eventsweep.eval.jobs.local import ATTEMPTS, FoundJobs, local_workers
 from eventsweep.eval.jobs.scheduler import JobBoard, run_jobs
 from eventsweep.eval.progress import Silent
@@ -356,6 +356,18 @@ def test_a_lost_or_damaged_result_is_made_again(make, log, tmp_path):
     assert runs(log, "a") == 3
 
 
+def test_what_is_needed_in_many_ways_is_looked_up_once(make, tmp_path):
+    """Through ten layers of two jobs each lead a thousand ways."""
+    layer = ()
+    for k in range(10):
+        layer = tuple(make(f"{side}{k}", needs=layer) for side in "ab")
+    last, cache = make("last", needs=layer), Cache(tmp_path / "cache")
+    profile = cProfile.Profile()
+    outcome = profile.runcall(do, last, str(cache.folder))
+    looks = {one.code: one.callcount for one in profile.getstats()}
+    assert (looks[Cache.get.__code__], stored(last, cache).key) == (2 * 10 + 1, outcome.key)
+
+
 SWEEP = """
 import sys
 from pathlib import Path
@@ -460,6 +472,39 @@ def test_an_error_that_may_pass_is_tried_once_more_and_its_log_kept_bad_input_is
     assert isinstance(outcomes["y"], Done)
     assert "job_stages.py" in outcomes["x"].log
     assert (outcomes["z"].log, outcomes["z"].again) == ("", False)
+
+
+class Losing(FutureWorkers):
+    """Does a job at once, but loses what came of it the first times."""
+
+    count = 1
+
+    def __init__(self, cache, losses):
+        super().__init__(cache)
+        self.losses = deque(losses)
+
+    def start(self, job):
+        future = Future()
+        if self.losses:
+            future.set_exception(self.losses.popleft())
+        else:
+            future.set_result(do(job, self.cache))
+        return future
+
+
+def test_what_is_lost_on_its_way_is_no_try_of_the_job_but_is_bounded(make, tmp_path):
+    def outcome(*losses):
+        crew = Losing(tmp_path / "cache", losses)
+        return run_jobs([make("a")], lambda: nullcontext(crew), Silent())["a"], len(crew.losses)
+
+    for kind in (CancelledError, TimeoutError):
+        one, left = outcome(*[kind()] * LOSSES)
+        assert (type(one), left) == (Done, 0)
+        one, left = outcome(*[kind()] * 99)
+        assert (type(one), 99 - left) == (Failed, LOSSES + 2)
+        assert one.reason.startswith(kind.__name__)
+    one, left = outcome(*[OSError("no such weights")] * 99)
+    assert (one.reason, 99 - left) == ("OSError: no such weights", 2)
 
 
 def test_what_is_done_so_far_is_found_and_nothing_is_run(make, log, tmp_path):
