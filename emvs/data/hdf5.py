@@ -10,6 +10,7 @@ import io
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from traceback import clear_frames
 from typing import Any, Self
 
 import h5py
@@ -50,18 +51,27 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
         InputError: a missing or truncated file, a data set that is missing or damaged, or one whose
             values lie in another file.
     """
-    blocks = BlockFile(path) if is_by_blocks(path) else None
+    opened = BlockFile(path) if is_by_blocks(path) else nullcontext()
+    with opened as blocks, _opened(path, blocks) as file:
+        yield file
+
+
+@contextmanager
+def _opened(path: Path, blocks: BlockFile | None) -> Iterator[h5py.File]:
     try:
         check_file(path)
         file = h5py.File(blocks or path, "r")
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except OSError as error:
+        # Its frames know HDF5's settings of the file, which HDF5 would otherwise free at exit, by
+        # functions of a Python that is gone.
+        clear_frames(error.__traceback__)
         _check_came(blocks)
         raise InputError(
             f"{path}: not a complete HDF5 file ({error}); write or download it again"
         ) from error
-    with blocks or nullcontext(), file:
+    with file:
         try:
             _check_own(path, file)
             yield file

@@ -4,6 +4,8 @@ import gc
 import json
 import os
 import resource
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -147,6 +149,32 @@ def test_a_server_that_gives_no_parts_is_named(far):
     server, place = far
     server.set(whole=1)
     assert "its server gives whole files" in line_of(lambda: EventStoreReader(place, 346, 260))
+
+
+OPENED = """
+import sys
+from pathlib import Path
+from eventsweep.emvs.data.hdf5 import open_hdf5
+from eventsweep.emvs.errors import InputError
+try:
+    with open_hdf5(Path(sys.argv[1])):
+        pass
+except InputError as error:
+    kept = error
+print(kept)
+"""
+
+
+def test_a_program_ends_well_after_a_file_that_does_not_open(far):
+    server, place = far
+    server.set(whole=1)
+    child = subprocess.run(
+        [sys.executable, "-c", OPENED, place], capture_output=True, text=True, check=False
+    )
+    assert "its server gives whole files" in child.stdout, child.stderr
+    assert child.returncode == 0
+    line_of(lambda: EventStoreReader(place, 346, 260))
+    assert gc.isenabled()
 
 
 def test_another_state_of_a_file_is_read_anew(far, long):
