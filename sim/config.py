@@ -249,8 +249,8 @@ class SimConfig(PixelConfig):
     """
 
     max_displacement_px: Annotated[float, Field(gt=0, le=64)] | None = None
-    """Largest motion of any pixel between two frames, px; by default 8, and 0.5 if `sampling` is
-    `linear`."""
+    """Largest motion of any pixel between two frames, px; by default 12, and 0.5 if `sampling` is
+    `linear`; at most 8 where bodies move."""
 
     supersample: Annotated[int, Field(ge=1, le=16)] | None = None
     """Render samples per pixel and axis; by default as many as `sampling` needs at the rig's focal

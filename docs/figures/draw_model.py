@@ -1,6 +1,6 @@
 """Draws docs/images/howto_model.png and howto_robot.png: `python docs/figures/draw_model.py`.
 
-The models are the two that the page `howto_model.md` prints, with more pixels.
+The model is the one that the page `howto_model.md` prints, with more pixels.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ RED, BLUE = (0.84, 0.15, 0.12), (0.10, 0.36, 0.80)
 Picture = NDArray[np.floating]
 
 
-def model_of(place: int) -> str:
-    """One of the page's MJCFs, with a camera that looks on and as many pixels as a DAVIS346."""
+def page_model() -> str:
+    """The page's MJCF, with a camera that looks on and as many pixels as a DAVIS346."""
     text = (DOCS / "howto_model.md").read_text(encoding="utf-8")
-    found: list[str] = re.findall(r"<mujoco.*?</mujoco>", text, re.DOTALL)
-    finer = found[place].replace('resolution="80 60"', 'resolution="346 260"')
+    (found,) = re.findall(r"<mujoco.*?</mujoco>", text, re.DOTALL)
+    finer: str = found.replace('resolution="80 60"', 'resolution="346 260"')
     return finer.replace("</worldbody>", OUTSIDE)
 
 
@@ -78,7 +78,7 @@ def draw_model() -> None:
     """A model of one's own, and the sequence that `simulate` makes of it."""
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "drone.xml"
-        path.write_text(model_of(0))
+        path.write_text(page_model())
         model = mujoco.MjModel.from_xml_path(str(path))
         outside = seen_from_outside(model, mujoco.MjData(model))
         falls = es.ModelConfig(mount="left", motion="dynamics")
@@ -100,7 +100,7 @@ def draw_model() -> None:
 
 def draw_robot() -> None:
     """What an event camera beside `mj_step` sends, while the page's controller flies."""
-    model = mujoco.MjModel.from_xml_string(model_of(1))
+    model = mujoco.MjModel.from_xml_string(page_model())
     data = mujoco.MjData(model)
     shown: list[tuple[str, Picture, Picture]] = []
     with es.EventCamera(model, "left") as camera:
