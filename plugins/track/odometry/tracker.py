@@ -31,7 +31,7 @@ from eventsweep.plugins.track.odometry.batches import (
 )
 from eventsweep.plugins.track.odometry.checkpoint import State
 from eventsweep.plugins.track.odometry.config import TrackConfig
-from eventsweep.plugins.track.odometry.drift import Drift
+from eventsweep.plugins.track.odometry.drift import Drift, Way
 from eventsweep.plugins.track.odometry.maps import (
     BackgroundMaps,
     MapCloud,
@@ -59,7 +59,7 @@ from eventsweep.plugins.track.odometry.start import (
     trajectory_of,
 )
 from eventsweep.plugins.track.odometry.stream import Arrived
-from eventsweep.plugins.track.odometry.trust import UNCONFIRMED, Trust
+from eventsweep.plugins.track.odometry.trust import WAITS, Trust, speaks_against
 
 Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
@@ -119,7 +119,7 @@ class Tracker:
         self._silence, self._gyroscope = Silence(), Gyroscope()
         self._cloud = MapCloud(self._config.maps)
         self._maps: BackgroundMaps | None = None
-        self._trust, self._drift = Trust(stereo=len(rig) > 1), Drift()
+        self._trust, self._drift, self._way = Trust(stereo=len(rig) > 1), Drift(), Way()
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
         self._motion: Motion | None = None
         self._seen_from: deque[Matrix] = deque(maxlen=self._config.maps)
@@ -192,6 +192,7 @@ class Tracker:
             "registration": self._registration.state(),
             "trust": self._trust.state(),
             "drift": self._drift.state(),
+            "way": self._way.state(),
             "motion": None if self._motion is None else vars(self._motion),
             "seen_from": list(self._seen_from),
         }
@@ -217,6 +218,7 @@ class Tracker:
         self._registration.restore(state["registration"])
         self._trust.restore(state["trust"])
         self._drift.restore(state["drift"])
+        self._way.restore(state["way"])
         self._motion = state["motion"] and Motion(**state["motion"])
         self._seen_from.extend(state["seen_from"])
         self._poses.extend(poses)
@@ -375,7 +377,8 @@ class Tracker:
         way_m = max(self._drift.way_m, 1e-9)
         spread_m = float(np.trace(covariance[:3, :3]) ** 0.5)
         evidence, px = self._registration.evidence(motion), self._registration.in_px(spread_m)
-        doubt = self._trust.judge(fit, evidence, spread_m / way_m, px)
+        is_short = not self._way.is_known
+        doubt = self._trust.judge(fit, evidence, spread_m / way_m, px, is_short=is_short)
         return Status.UNCERTAIN if doubt else Status.TRACKING
 
     def _registered(self, batch: Batch, t_us: int) -> tuple[Motion, Fit]:
@@ -433,14 +436,18 @@ class Tracker:
         covariance = self._drift.at(motion, self._registration.rho)
         pose = Pose(t_us, motion.T_world_body, motion.twist, status, fit, covariance, belief)
         self._poses.append(pose)
+        if status in _FOLLOWS and self._trust.is_sound:
+            self._way.add(motion)
+        elif status not in _FOLLOWS or speaks_against(self._trust.reason):
+            self._way.interrupt()
         self._motion = motion
         if self._on_pose is not None:
             self._on_pose(pose)
         return pose
 
     def _change(self, status: Status, reason: str, t_us: int) -> None:
-        confirms = UNCONFIRMED in (reason, self.reason) and reason != self.reason
-        if status is not self.status or confirms:
+        waits = reason != self.reason and (reason in WAITS or self.reason in WAITS)
+        if status is not self.status or waits:
             self.status, self.reason, self.since_us = status, reason, t_us
             self.changes.append((t_us, status, reason))
 
