@@ -168,7 +168,7 @@ class BackgroundMaps:
         rig: the cameras.
         config: of the maps; one method.
         depth_range_m: nearest and farthest depth where the configuration has none.
-        most_events: events of each camera that a window uses at most, evenly through it.
+        most_events: events of each camera that a window uses at most, evenly through it; None: all.
         cloud: gathers; nobody else may use it any more.
         most_points: that are tracked.
         alone: whether there is no thread to spare; maps are then made at once.
@@ -176,7 +176,8 @@ class BackgroundMaps:
 
     def __init__(
         self, rig: Rig, config: MapperConfig, cloud: MapCloud, *,
-        depth_range_m: tuple[float, float] | None, most_events: int, most_points: int, alone: bool,
+        depth_range_m: tuple[float, float] | None, most_events: int | None,
+        most_points: int, alone: bool,
     ) -> None:  # fmt: skip
         longest_us, stride_us = window_us(config)
         columns = max(camera.width_px for camera in rig.cameras)
