@@ -33,7 +33,7 @@ from eventsweep.eval.report.html import (
 )
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Tracked
-from eventsweep.plugins.track.odometry.trust import UNCONFIRMED
+from eventsweep.plugins.track.odometry.trust import WAITS
 from eventsweep.plugins.track.scored import Judged
 
 _MOST_POINTS = 4000  # of the map, drawn
@@ -114,8 +114,11 @@ def _verdict(tracked: Tracked) -> str:
 
 def _findings(tracked: Tracked, score: Judged | None) -> Iterator[str]:
     """What to do where it is not sure, and how it compares with true poses."""
-    if UNCONFIRMED in {change.reason for change in tracked.changes}:
-        yield "Too short: a second map confirms the beginning, so track a longer stretch."
+    if any(change.reason in WAITS for change in tracked.changes):
+        yield (
+            "Too short: a second map confirms the beginning, and a longer way the poses, so track "
+            "a longer stretch."
+        )
     elif _verdict(tracked) != "good":
         yield (
             "What to do: use the poses of the stretches that are tracking; the table of changes "

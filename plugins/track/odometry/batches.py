@@ -16,6 +16,7 @@ from eventsweep.plugins.track.odometry.registration.events_kernels import NEVER_
 from eventsweep.plugins.track.odometry.stream import Stream
 
 LONGEST_US = 40_000
+NOISE = "events lie anywhere alike: noise, no edges"
 COMPANY_US = 20_000
 _EVENTS_PER_COLUMN = 30  # that make the edges of an image visible, for half of its pixels' height
 _STILL_PER_PIXEL = 0.005  # with fewer events no edge has moved by a pixel

@@ -27,6 +27,7 @@ from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.reference_view import depth_range_m
+from eventsweep.emvs.utils.runtime import thread_count
 from eventsweep.emvs.windows import Window, check_poses
 from eventsweep.plugins.track.odometry.checkpoint import State
 from eventsweep.plugins.track.odometry.config import TrackConfig
@@ -167,7 +168,7 @@ class BackgroundMaps:
         rig: the cameras.
         config: of the maps; one method.
         depth_range_m: nearest and farthest depth where the configuration has none.
-        most_events: events of each camera that a window uses at most, evenly through it.
+        most_events: events of each camera that a window uses at most, evenly through it; None: all.
         cloud: gathers; nobody else may use it any more.
         most_points: that are tracked.
         alone: whether there is no thread to spare; maps are then made at once.
@@ -175,7 +176,8 @@ class BackgroundMaps:
 
     def __init__(
         self, rig: Rig, config: MapperConfig, cloud: MapCloud, *,
-        depth_range_m: tuple[float, float] | None, most_events: int, most_points: int, alone: bool,
+        depth_range_m: tuple[float, float] | None, most_events: int | None,
+        most_points: int, alone: bool,
     ) -> None:  # fmt: skip
         longest_us, stride_us = window_us(config)
         columns = max(camera.width_px for camera in rig.cameras)
@@ -254,6 +256,19 @@ class BackgroundMaps:
         for depth_map in online.result.depth_maps.values():
             self.cloud.add(points_of(depth_map))
         return self.cloud.chosen(self._most)
+
+
+def background_maps(
+    config: TrackConfig, arrived: Arrived, cloud: MapCloud, most_points: int
+) -> BackgroundMaps:
+    """Of the rig and the depths of what has arrived; a thread is left to who tracks."""
+    settings = map_config(config, arrived)
+    threads = thread_count(settings.threads)
+    return BackgroundMaps(
+        arrived.rig, settings.model_copy(update={"threads": max(1, threads - 1)}), cloud,
+        depth_range_m=arrived.depth_range_m, most_events=arrived.most_events,
+        most_points=most_points, alone=threads == 1,
+    )  # fmt: skip
 
 
 def map_config(config: TrackConfig, arrived: Arrived) -> MapperConfig:

@@ -25,8 +25,8 @@ from eventsweep.plugins.track.odometry.online import OnlineMap
 from eventsweep.plugins.track.odometry.pose import Pose, Status, smoothed
 from eventsweep.plugins.track.odometry.registration.fit import Fit
 from eventsweep.plugins.track.odometry.start import Past
-from eventsweep.plugins.track.odometry.tracker import Tracker
-from eventsweep.plugins.track.odometry.trust import UNCONFIRMED
+from eventsweep.plugins.track.odometry.tracker import END_US, Tracker
+from eventsweep.plugins.track.odometry.trust import WAITS, speaks_against
 
 _PACKET_US, _READ_US = 50_000, 200_000
 _SMOOTHED_AT_ONCE = 50  # with as many after them: later ones change nothing
@@ -201,21 +201,36 @@ class _Done:
         return count
 
     def note(self, tracker: Tracker) -> None:
-        """Notes changes of status; a beginning that is confirmed was right all the time."""
+        """Notes changes of status; what waited and is confirmed was right all the time."""
         for change in (Change(*each) for each in tracker.changes):
-            last = self.changes[-1]
-            if change.status is Status.TRACKING and last.reason == UNCONFIRMED:
-                self.changes.pop()
-                change = replace(change, t_us=last.t_us)
-                self._confirm(last.t_us)
-            if change.status is not self.changes[-1].status or change.reason:
-                self.changes.append(change)
+            if change.status is Status.TRACKING:
+                self._confirm()
+            self._append(change)
         tracker.changes.clear()
 
-    def _confirm(self, since_us: int) -> None:
-        """Poses that waited for a second map, from a time on, are sure."""
+    def _append(self, change: Change) -> None:
+        if change.reason or change.status is not self.changes[-1].status:
+            self.changes.append(change)
+
+    def _confirm(self) -> None:
+        """Poses that waited are sure, back to where something spoke against them."""
+        (*noted, last), until_us = self.changes, END_US
+        later: list[Change] = []
+        while last.reason and not speaks_against(last.reason):
+            if last.reason in WAITS:
+                self._believe(last.t_us, until_us)
+                last = Change(last.t_us, Status.TRACKING, "")
+            later, until_us = [last, *later], last.t_us
+            *noted, last = noted
+        self.changes = [*noted, last]
+        for change in later:
+            self._append(change)
+
+    def _believe(self, since_us: int, until_us: int) -> None:
+        """Poses of this time that were uncertain are tracking."""
         for k, pose in enumerate(self.poses):
-            if pose.status is Status.UNCERTAIN and pose.t_us >= since_us - self._delay_us:
+            is_then = since_us <= pose.t_us + self._delay_us < until_us
+            if is_then and pose.status is Status.UNCERTAIN:
                 self.poses[k] = replace(pose, status=Status.TRACKING)
 
     def state(self) -> State:

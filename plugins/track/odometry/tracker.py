@@ -14,31 +14,24 @@ from eventsweep.emvs.data.occupied import Silence
 from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
-from eventsweep.emvs.reference_view import depth_range_m
-from eventsweep.emvs.utils.runtime import thread_count
 from eventsweep.plugins.track.odometry.batches import (
     LONGEST_US,
+    NOISE,
     Batch,
     Sizes,
     batch_before,
     never_fired,
-    rising,
     shows_edges,
     without_lone,
 )
+from eventsweep.plugins.track.odometry.beginning import SHORTEST_START_US, Beginning, Wait
 from eventsweep.plugins.track.odometry.checkpoint import State
 from eventsweep.plugins.track.odometry.config import TrackConfig
-from eventsweep.plugins.track.odometry.drift import Drift
-from eventsweep.plugins.track.odometry.maps import (
-    BackgroundMaps,
-    MapCloud,
-    map_config,
-    points_of,
-)
-from eventsweep.plugins.track.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion, reach_for
+from eventsweep.plugins.track.odometry.drift import Drift, Way
+from eventsweep.plugins.track.odometry.maps import BackgroundMaps, MapCloud, background_maps
+from eventsweep.plugins.track.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion
 from eventsweep.plugins.track.odometry.online import OnlineMap, check_packet
 from eventsweep.plugins.track.odometry.pose import Pose, Status
 from eventsweep.plugins.track.odometry.registration.fit import (
@@ -48,31 +41,20 @@ from eventsweep.plugins.track.odometry.registration.fit import (
     Registration,
 )
 from eventsweep.plugins.track.odometry.registration.views import View
-from eventsweep.plugins.track.odometry.start import (
-    LONGEST_START_US,
-    START_US,
-    Found,
-    Past,
-    begin,
-    earlier,
-    few,
-    trajectory_of,
-)
+from eventsweep.plugins.track.odometry.start import LONGEST_START_US, Past, few, trajectory_of
 from eventsweep.plugins.track.odometry.stream import Arrived
-from eventsweep.plugins.track.odometry.trust import UNCONFIRMED, Trust
+from eventsweep.plugins.track.odometry.trust import WAITS, Trust, speaks_against
 
 Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
 _COAST_US = 100_000
 _POSE_PX, _FASTEST_US = 2.5, 2000  # that the images move from pose to pose at most; least time
-_BATCHES_TO_BEGIN, _SHORTEST_START_US, _LEAST_STEPS = 30, 60_000, 40
-_JUDGED = 10  # batches of the beginning
 END_US = 1 << 62
-_NOISE = "events lie anywhere alike: noise, no edges"
 _FOLLOWS = Status.TRACKING, Status.UNCERTAIN
 _PLAIN = (
     "_searched", "_until_us", "_begin_us", "_next_us", "_fed_us", "reason", "since_us",
 )  # fmt: skip
+_PARTS = "arrived", "gyroscope", "cloud", "registration", "trust", "drift", "way"
 
 
 class Tracker:
@@ -108,28 +90,30 @@ class Tracker:
                 "rig of 1 camera: one camera cannot determine scale; give a first_map of the scene"
             )
         self._rig, self._config = rig, TrackConfig.or_default(config)
-        self._sizes, self._first_map = Sizes(rig), first_map
-        self._origin = np.eye(4) if T_world_body is None else np.asarray(T_world_body, np.float64)
-        self._past, self._on_pose, self._on_map = past, on_pose, on_map
+        self._sizes, self._on_pose, self._on_map = Sizes(rig), on_pose, on_map
         views = [View(c, T) for c, T in zip(rig.cameras, rig.T_body_cam, strict=True)]
         self._registration = Registration(views, self._sizes.levels, self._sizes.own_time)
-        self._map_events = self._config.map_events or self._sizes.map
-        self._arrived = Arrived(rig, depth_range_m, most_events=self._map_events)
+        most_events = self._config.map_events or self._sizes.map
+        self._arrived = Arrived(rig, depth_range_m, most_events=most_events)
         self._fired_us = [never_fired(camera) for camera in rig.cameras]
         self._silence, self._gyroscope = Silence(), Gyroscope()
         self._cloud = MapCloud(self._config.maps)
         self._maps: BackgroundMaps | None = None
-        self._trust, self._drift = Trust(stereo=len(rig) > 1), Drift()
+        self._trust, self._drift, self._way = Trust(stereo=len(rig) > 1), Drift(), Way()
+        origin = np.eye(4) if T_world_body is None else np.asarray(T_world_body, np.float64)
+        self._beginning = Beginning(
+            self._arrived, self._registration, self._sizes, self._trust, self._config,
+            first_map=first_map, T_world_body=origin, past=past,
+        )  # fmt: skip
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
         self._motion: Motion | None = None
         self._seen_from: deque[Matrix] = deque(maxlen=self._config.maps)
         self.changes: deque[tuple[int, Status, str]] = deque(maxlen=_KEPT_POSES)
-        self._searched = 0
         self._until_us: int | None = None
         self._begin_us: int | None = None
         self._step_us = round(1e6 / self._config.rate_hz)
         self._delay_us = round(1e6 * self._config.delay_s)
-        self._next_us = self._fed_us = 0
+        self._next_us = self._fed_us = self._searched = 0
         self.status, self.reason, self.since_us = Status.STARTING, "no events yet", 0
 
     def push(
@@ -152,8 +136,10 @@ class Tracker:
         check_packet(events, self._rig, self._until_us, t_us)
         self._until_us = t_us
         self._silence.push(packet.t_us for packet in events)
-        for camera, packet in enumerate(events):
-            self._take(camera, packet)
+        for stream, packet, fired_us in zip(
+            self._arrived.streams, events, self._fired_us, strict=True
+        ):
+            stream.push(without_lone(packet, fired_us))
         if imu is not None:
             self._gyroscope.push(imu)
         if self._begin_us is None:
@@ -161,7 +147,7 @@ class Tracker:
             if not first:
                 return None
             self._begin_us = min(first)
-            self._next_us = self._begin_us + _SHORTEST_START_US
+            self._next_us = self._begin_us + SHORTEST_START_US
         newest = None
         while self._next_us <= t_us:
             end_us = self._silence.end_us(self._next_us, t_us + 1)
@@ -183,15 +169,10 @@ class Tracker:
         return {
             "plain": {name: getattr(self, name) for name in _PLAIN},
             "status": self.status.value,
-            "arrived": self._arrived.state(),
+            **{name: getattr(self, f"_{name}").state() for name in _PARTS},
             "fired_us": self._fired_us,
             "occupied_us": self._silence.spans,
-            "gyroscope": self._gyroscope.state(),
-            "cloud": self._cloud.state(),
             "mapper": None if maps is None else maps.state(),
-            "registration": self._registration.state(),
-            "trust": self._trust.state(),
-            "drift": self._drift.state(),
             "motion": None if self._motion is None else vars(self._motion),
             "seen_from": list(self._seen_from),
         }
@@ -205,24 +186,17 @@ class Tracker:
         """
         for name in _PLAIN:
             setattr(self, name, state["plain"][name])
+        for name in _PARTS:
+            getattr(self, f"_{name}").restore(state[name])
         self.status = Status(state["status"])
-        self._arrived.restore(state["arrived"])
         self._fired_us = state["fired_us"]
         self._silence.spans = [(first_us, last_us) for first_us, last_us in state["occupied_us"]]
-        self._gyroscope.restore(state["gyroscope"])
-        self._cloud.restore(state["cloud"])
         if state["mapper"] is not None:
             self._maps = self._background()
             self._maps.restore(state["mapper"])
-        self._registration.restore(state["registration"])
-        self._trust.restore(state["trust"])
-        self._drift.restore(state["drift"])
         self._motion = state["motion"] and Motion(**state["motion"])
         self._seen_from.extend(state["seen_from"])
         self._poses.extend(poses)
-
-    def _take(self, camera: int, packet: Events) -> None:
-        self._arrived.streams[camera].push(without_lone(packet, self._fired_us[camera]))
 
     def known(self) -> Trajectory:
         """The newest poses.
@@ -275,85 +249,24 @@ class Tracker:
         return pose
 
     def _start(self, t_us: int) -> Pose | None:
-        """Tries to find the first map and the poses of the stretch that ends at `t_us`."""
+        """Begins, if what has come up to `t_us` allows it."""
         assert self._begin_us is not None
-        streams, length_us = self._arrived.streams, self._stretch_us(t_us)
-        begin_us = max(self._begin_us, t_us - length_us)
-        missing_us = self._begin_us + min(START_US, length_us) - t_us
-        if missing_us > 0:
-            self._wait("too short a time", missing_us)
+        begun = self._beginning.at(t_us, self._begin_us)
+        if isinstance(begun, Wait):
+            self.reason = begun.reason
+            self._next_us += begun.wait_us - self._step_us
             return None
-        step_us = min(self._step_us, length_us // _LEAST_STEPS)
-        ends = range(begin_us + step_us, t_us + 1, step_us)
-        batches = rising([batch_before(streams, end, self._sizes.events, begin_us) for end in ends])
-        moving = [batch for batch in batches if len(batch) >= self._sizes.still]
-        batches = [batch for batch in moving if shows_edges(batch)]
-        enough = min(START_US, length_us) // step_us // 2
-        if len(batches) < enough:
-            self._wait("too few events: nothing moves" if len(moving) < enough else _NOISE)
-            return None
-        begun = begin(
-            self._arrived, batches, self._registration, self._sizes,
-            map_config(self._config, self._arrived), self._given(batches), self._reach,
-        )  # fmt: skip
-        if isinstance(begun, str):
-            self._wait(begun)
-            return None
-        motions, fits, points = begun
-        status = self._begun(motions, batches)
-        before = self._before(motions[0], t_us, step_us, status)
-        stretch = [*before, *((m, f, status) for m, f in zip(motions, fits, strict=True))]
-        if self._first_map is None:
-            T_new_old = self._origin @ se3.inverse(stretch[0][0].T_world_body)
-            stretch = [(m.seen_from(T_new_old), fit, status) for m, fit, status in stretch]
-            points = se3.transform(T_new_old, points)
-        motions = [motion for motion, _, _ in stretch[len(before) :]]
-        self._cloud.replace(points)
+        self._cloud.replace(begun.points)
         self._use_points(self._cloud.chosen(self._sizes.lines))
         self._maps = self._background()
-        self._fed_us = begin_us
-        self._change(status, self._trust.reason, stretch[0][0].t_us)
-        for motion, fit, status in stretch:
+        self._fed_us = begun.since_us
+        found = [*begun.before, *begun.stretch]
+        self._change(begun.status, self._trust.reason, found[0][0].t_us)
+        for motion, fit, status in found:
             self._found(motion, fit, status)
+        motions = [motion for motion, _, _ in begun.stretch]
         self._feed_mapper(t_us, motions[0], motions, is_mapped=True)
         return self._poses[-1]
-
-    def _begun(self, motions: Sequence[Motion], batches: Sequence[Batch]) -> Status:
-        """Whether the beginning can be believed, by what all of its stretch shows."""
-        seen = {batch.t_us: batch.events for batch in batches}
-        self._trust.restart()
-        doubt = ""
-        for motion in motions[:: -(-len(motions) // _JUDGED)]:
-            found, fit = self._registration(seen[motion.t_us], motion)
-            doubt = self._trust.judge(fit, self._registration.evidence(found))
-        return Status.UNCERTAIN if doubt else Status.TRACKING
-
-    def _stretch_us(self, t_us: int) -> int:
-        """How much before `t_us` the beginning looks at: less where events say that all is fast."""
-        batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
-        fast_us = max(_BATCHES_TO_BEGIN * 2 * (t_us - batch.t_us), _SHORTEST_START_US)
-        return fast_us if fast_us < START_US else LONGEST_START_US
-
-    def _before(self, first: Motion, t_us: int, step_us: int, status: Status) -> list[Found]:
-        """Motions of the events before the `first` one's, on the map that registers now."""
-        assert self._begin_us is not None
-        if self._past is None or first.t_us < self._begin_us + step_us:
-            return []
-        ends_us = range(t_us, self._begin_us, -step_us)
-        rig, sizes = self._rig, self._sizes
-        return earlier(self._past, rig, self._registration, sizes, first, ends_us, status)
-
-    def _wait(self, reason: str, wait_us: int = START_US // 4) -> None:
-        self.reason = reason
-        self._next_us += wait_us - self._step_us
-
-    def _given(self, batches: Sequence[Batch]) -> tuple[Motion, Matrix] | None:
-        first_map = self._first_map
-        if first_map is None:
-            return None
-        T_world_body = first_map.T_world_rv @ se3.inverse(self._rig.T_body_cam[0])
-        nearest = min(batches, key=lambda batch: abs(batch.t_us - first_map.t_us))
-        return Motion.near(nearest.t_us, T_world_body, self._reach), points_of(first_map)
 
     def _track(self, t_us: int) -> Pose | None:
         batch = batch_before(self._arrived.streams, t_us, self._sizes.events, 0)
@@ -375,7 +288,8 @@ class Tracker:
         way_m = max(self._drift.way_m, 1e-9)
         spread_m = float(np.trace(covariance[:3, :3]) ** 0.5)
         evidence, px = self._registration.evidence(motion), self._registration.in_px(spread_m)
-        doubt = self._trust.judge(fit, evidence, spread_m / way_m, px)
+        is_short = not self._way.is_known
+        doubt = self._trust.judge(fit, evidence, spread_m / way_m, px, is_short=is_short)
         return Status.UNCERTAIN if doubt else Status.TRACKING
 
     def _registered(self, batch: Batch, t_us: int) -> tuple[Motion, Fit]:
@@ -390,7 +304,7 @@ class Tracker:
     def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
         """Goes on as it moved, for a moment; then it is lost."""
         assert self._motion is not None
-        reason = fit.in_words() if shows_edges(batch) else _NOISE
+        reason = fit.in_words() if shows_edges(batch) else NOISE
         if self.status is not Status.COASTING:
             self._change(Status.COASTING, reason, batch.t_us)
         if batch.t_us - self.since_us < _COAST_US:
@@ -406,7 +320,7 @@ class Tracker:
         places = [self._poses[-1].T_world_body, *self._seen_from]
         place = places[self._searched % len(places)]
         self._searched += 1
-        near = Motion.near(batch.t_us, place, self._reach)
+        near = Motion.near(batch.t_us, place, self._beginning.reach)
         motion, fit = self._registration(batch.events, near, wide=True)
         if not fit.is_good(FOUND_AGAIN):
             return None
@@ -433,14 +347,18 @@ class Tracker:
         covariance = self._drift.at(motion, self._registration.rho)
         pose = Pose(t_us, motion.T_world_body, motion.twist, status, fit, covariance, belief)
         self._poses.append(pose)
+        if status in _FOLLOWS and self._trust.is_sound:
+            self._way.add(motion)
+        elif status not in _FOLLOWS or speaks_against(self._trust.reason):
+            self._way.interrupt()
         self._motion = motion
         if self._on_pose is not None:
             self._on_pose(pose)
         return pose
 
     def _change(self, status: Status, reason: str, t_us: int) -> None:
-        confirms = UNCONFIRMED in (reason, self.reason) and reason != self.reason
-        if status is not self.status or confirms:
+        waits = reason != self.reason and (reason in WAITS or self.reason in WAITS)
+        if status is not self.status or waits:
             self.status, self.reason, self.since_us = status, reason, t_us
             self.changes.append((t_us, status, reason))
 
@@ -472,13 +390,7 @@ class Tracker:
         self._registration.use_map(points, few(points, self._sizes))
 
     def _background(self) -> BackgroundMaps:
-        config = map_config(self._config, self._arrived)
-        threads = thread_count(config.threads)
-        return BackgroundMaps(
-            self._rig, config.model_copy(update={"threads": max(1, threads - 1)}), self._cloud,
-            depth_range_m=self._arrived.depth_range_m, most_events=self._map_events,
-            most_points=self._sizes.lines, alone=threads == 1,
-        )  # fmt: skip
+        return background_maps(self._config, self._arrived, self._cloud, self._sizes.lines)
 
     def _pace_us(self) -> int:
         """From here to the next pose: less where the images move fast."""
@@ -486,7 +398,3 @@ class Tracker:
             return self._step_us
         wanted_us = 1e6 * _POSE_PX / max(self._registration.speed_px_s(self._motion), 1e-3)
         return round(min(self._step_us, max(wanted_us, _FASTEST_US)))
-
-    @property
-    def _reach(self) -> float:
-        return reach_for(depth_range_m(self._arrived, map_config(self._config, self._arrived))[0])

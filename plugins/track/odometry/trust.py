@@ -7,7 +7,8 @@ was. Where it is off, or hardly measured, because all is far for the baseline or
 no path is sure. Spread: the covariance says how far off the path may be. After an interruption
 nothing is believed before some poses agree. The beginning is not believed before it is confirmed:
 a first map and the motion that it was made on agree with each other even if both are wrong, so
-poses must agree with a map of what came later, too.
+poses must agree with a map of what came later, too. And a path is not believed before it is long
+enough for its poses to be known to a small share of it.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from collections import deque
 import numpy as np
 
 from eventsweep.plugins.track.odometry.checkpoint import State
+from eventsweep.plugins.track.odometry.drift import MOST_SHARE
 from eventsweep.plugins.track.odometry.registration.fit import Evidence, Fit
 
 _OVER, _LEAST = 10, 5  # poses: one alone says little
@@ -28,6 +30,15 @@ _MOST_SPREAD, _LEAST_SPREAD_PX = 0.1, 2.0  # of the way; what is less in the ima
 
 _PLAIN = "reason", "_has_next", "_confirming"
 UNCONFIRMED = "no second map has confirmed the beginning yet"
+SHORT = f"the way is too short yet to know its poses to {100 * MOST_SHARE:.0f} % of it"
+WAITS = UNCONFIRMED, SHORT
+"""Reasons to wait: once there is none, poses since were right all the time."""
+_UNMEASURED = "the cameras measure the scale to"
+
+
+def speaks_against(reason: str) -> bool:
+    """Whether a reason says that poses are wrong, and not only that they are not known yet."""
+    return reason not in ("", *WAITS) and not reason.startswith(_UNMEASURED)
 
 
 class Trust:
@@ -43,6 +54,11 @@ class Trust:
         self._signals: deque[tuple[float, float, float, float]] = deque(maxlen=_OVER)
 
     @property
+    def is_sound(self) -> bool:
+        """Whether the last pose is as good as it can be: at most, more is to be waited for."""
+        return self.reason in ("", *WAITS)
+
+    @property
     def scale_sigma(self) -> float:
         """How well stereo measures the scale of late, as a share; infinite where it does not."""
         information = float(np.mean([each[2] for each in self._signals])) if self._signals else 0.0
@@ -53,7 +69,10 @@ class Trust:
         self._signals.clear()
         self.reason = "the track was interrupted"
 
-    def judge(self, fit: Fit, evidence: Evidence, spread: float = 0.0, px: float = 0.0) -> str:
+    def judge(
+        self, fit: Fit, evidence: Evidence, spread: float = 0.0, px: float = 0.0, *,
+        is_short: bool = False,
+    ) -> str:  # fmt: skip
         """Takes a pose's signals; returns why it is not to be believed, or nothing.
 
         Args:
@@ -61,6 +80,7 @@ class Trust:
             evidence: what the cameras see of it at once.
             spread: standard deviation of the position, as a share of the way.
             px: the same in the images.
+            is_short: whether the way is too short for what poses leave open.
         """
         information = evidence.scale_sigma**-2
         self._signals.append(
@@ -70,6 +90,7 @@ class Trust:
         if self._confirming:
             self._confirming -= self._has_next and not self.reason
             self.reason = self.reason or UNCONFIRMED * bool(self._confirming)
+        self.reason = self.reason or SHORT * is_short
         return self.reason
 
     def next_map(self) -> None:
@@ -78,7 +99,7 @@ class Trust:
 
     def _doubt(self, spread: float) -> str:
         closeness, regions_off, information, weighted = np.mean(self._signals, axis=0)
-        doubted = self.reason not in ("", UNCONFIRMED)
+        doubted = not self.is_sound
         enough = _SURE if doubted else _DOUBTFUL
         off, sigma = weighted / max(information, 1e-9), max(information, 1e-9) ** -0.5
         if closeness < enough:
@@ -93,7 +114,7 @@ class Trust:
             )
         if self._stereo and sigma > _MOST_OFF:
             return (
-                f"the cameras measure the scale to {100 * min(sigma, 1):.1f} % only "
+                f"{_UNMEASURED} {100 * min(sigma, 1):.1f} % only "
                 f"({100 * _MOST_OFF:.0f} % needed): too far for the baseline, or too few edges"
             )
         if self._stereo and abs(off) > _MOST_OFF:

@@ -1,19 +1,20 @@
 """The covariance of poses: its laws, and a random walk that it must cover."""
 
 import numpy as np
+import pytest
 
 from eventsweep.emvs.geometry import se3
 from eventsweep.plugins.track.odometry import drift as module
-from eventsweep.plugins.track.odometry.drift import Drift
+from eventsweep.plugins.track.odometry.drift import MOST_SHARE, Drift, Way
 from eventsweep.plugins.track.odometry.motion import Motion
 
 BATCH = np.diag(np.repeat([1e-3, 2e-3], 3) ** 2)
 
 
-def at(place_m, turn=(0, 0, 0)):
-    """A motion there, that a batch leaves open by `BATCH`."""
+def at(place_m, turn=(0, 0, 0), factor=1.0):
+    """A motion there, that a batch leaves open by `BATCH`, lengths times a factor."""
     covariance = np.zeros((12, 12))
-    covariance[:6, :6] = BATCH
+    covariance[:6, :6] = np.outer(*[np.repeat([factor, 1], 3)] * 2) * BATCH
     return Motion(0, se3.exp([*place_m, *turn]), np.zeros(6), covariance)
 
 
@@ -77,3 +78,46 @@ def test_errors_of_a_random_walk_lie_within_it_as_often_as_it_says():
             off = off + step
         inside.append(error @ np.linalg.solve(covariance, error) < 12.59)
     assert 0.92 < np.mean(inside) < 0.99
+
+
+SIGMA_M = np.trace(BATCH[:3, :3]) ** 0.5
+
+
+def walked(length_m, poses=200, factor=1.0):
+    """Along a straight path."""
+    way = Way()
+    for x_m in np.linspace(0, length_m, poses):
+        way.add(at([x_m, 0, 0], factor=factor))
+    return way
+
+
+@pytest.mark.parametrize("factor", [0.01, 1.0, 1000.0])
+def test_a_way_is_known_once_its_poses_are_to_a_share_of_it_in_a_world_of_any_size(factor):
+    """Law: of lengths only ratios count; and the true length is found but for a step of noise."""
+    just_m = factor * SIGMA_M / MOST_SHARE
+    assert not walked(0.95 * just_m, factor=factor).is_known
+    assert walked(1.1 * just_m, factor=factor).is_known
+    assert walked(just_m, factor=factor).length_m == pytest.approx(just_m, rel=0.05)
+
+
+def test_noise_is_no_way_however_long_it_lasts():
+    """As large as the errors of twins are at most, without a break: 10 s at one place."""
+    rng, way = np.random.default_rng(0), Way()
+    for _ in range(1000):
+        way.add(at(0.5 * rng.normal(size=3) * np.sqrt(np.diag(BATCH)[:3])))
+    assert way.length_m < 0.2 * SIGMA_M / MOST_SHARE
+    assert not Way().is_known
+
+
+def test_an_interruption_begins_what_is_not_known_anew_and_leaves_no_step():
+    just_m = SIGMA_M / MOST_SHARE
+    short, known = walked(0.9 * just_m), walked(2 * just_m)
+    for way in (short, known):
+        way.interrupt()
+        way.add(at([10, 0, 0]))
+    assert short.length_m == 0
+    assert known.length_m == pytest.approx(2 * just_m, rel=0.05)
+    again = Way()
+    again.restore(known.state())
+    assert again.is_known
+    assert vars(again) == vars(known)

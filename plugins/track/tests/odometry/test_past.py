@@ -30,7 +30,7 @@ def late(monkeypatch):
             return "nothing to see yet"
         return begin(arrived, batches, *rest)
 
-    monkeypatch.setattr("eventsweep.plugins.track.odometry.tracker.begin", begin_late)
+    monkeypatch.setattr("eventsweep.plugins.track.odometry.beginning.begin", begin_late)
 
 
 def test_poses_begin_with_the_events_however_late_the_first_map_is(recording, late):

@@ -167,7 +167,7 @@ def test_what_was_seen_before_the_first_map_is_tracked_too(recording, monkeypatc
         tries.append(arguments)
         return "nothing to see yet" if len(tries) < 3 else begin(*arguments)
 
-    monkeypatch.setattr("eventsweep.plugins.track.odometry.tracker.begin", begin_later)
+    monkeypatch.setattr("eventsweep.plugins.track.odometry.beginning.begin", begin_later)
     tracker, poses = tracker_of(recording)
     run(recording, [290_000, 310_000], tracker)
     assert len(tries) == 3
@@ -200,7 +200,7 @@ def test_until_it_begins_it_holds_a_bounded_stretch(recording, monkeypatch):
         spans_us.append(batches[-1].t_us - batches[0].t_us)
         return "nothing to see"
 
-    monkeypatch.setattr("eventsweep.plugins.track.odometry.tracker.begin", never)
+    monkeypatch.setattr("eventsweep.plugins.track.odometry.beginning.begin", never)
     tracker, _ = tracker_of(recording)
     run(recording, range(50_000, END_US + 1, 50_000), tracker)
     assert spans_us[0] < spans_us[1] < max(spans_us) <= LONGEST_START_US

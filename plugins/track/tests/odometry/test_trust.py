@@ -6,7 +6,7 @@ import pytest
 import line_world
 from eventsweep.emvs.geometry import se3
 from eventsweep.plugins.track.odometry.registration.fit import Evidence, Fit
-from eventsweep.plugins.track.odometry.trust import UNCONFIRMED, Trust
+from eventsweep.plugins.track.odometry.trust import SHORT, UNCONFIRMED, Trust, speaks_against
 from line_world import tracker_of
 
 GOOD, SEEN = Fit(1000, 500, 1000, 600, 0.72), Evidence(0.0, 0.01, 0.0)
@@ -84,6 +84,26 @@ def test_a_beginning_is_believed_once_poses_agree_with_a_second_map():
     assert {trust.judge(GOOD, SEEN) for _ in range(30)} == {UNCONFIRMED}
     trust.next_map()
     assert [bool(trust.judge(GOOD, SEEN)) for _ in range(6)] == [True] * 4 + [False] * 2
+
+
+def test_a_short_way_is_waited_for_last_and_speaks_against_nothing():
+    trust = Trust(stereo=True)
+    assert trust.judge(GOOD, SEEN, is_short=True) == UNCONFIRMED
+    trust = confirmed()
+    assert [trust.judge(GOOD, SEEN, is_short=k < 2) for k in range(3)] == [SHORT, SHORT, ""]
+    assert "agree to" in trust.judge(Fit(1000, 500, 1000, 600, 0.0), SEEN, is_short=True)
+    assert not trust.is_sound
+    assert speaks_against(trust.reason)
+
+
+def test_a_scale_that_is_not_measured_is_not_known_and_one_that_is_off_is_wrong():
+    unmeasured, off = confirmed(), confirmed()
+    for _ in range(12):
+        unmeasured.judge(GOOD, Evidence(0.0, 0.05, 0.0))
+        off.judge(GOOD, Evidence(0.05, 0.01, 0.0))
+    assert not unmeasured.is_sound
+    assert not speaks_against(unmeasured.reason)
+    assert speaks_against(off.reason)
 
 
 def test_after_an_interruption_some_poses_must_agree_first():
