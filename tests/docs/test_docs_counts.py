@@ -34,7 +34,8 @@ COUNTS = {
 }  # fmt: skip
 
 
-MOST_WORDS, MOST_PAGES = 46_500, 29
+CORE_WORDS, CORE_PAGES = 30_000, 20
+MOST_WORDS, MOST_PAGES = 42_000, 29
 
 
 def words_of(text):
@@ -55,6 +56,9 @@ def test_the_documentation_is_short():
     }
     notebooks = sum(words_of(prose_of(path)) for path in DOCS.rglob("*.ipynb"))
     assert len(pages) <= MOST_PAGES, "merge pages: what is said twice helps nobody"
+    core = {path: count for path, count in pages.items() if path.parent == DOCS}
+    assert len(core) <= CORE_PAGES
+    assert sum(core.values()) <= CORE_WORDS, "shorten the core's pages, or link to a plug-in's"
     longest = {path.name: count for path, count in sorted(pages.items(), key=lambda x: -x[1])[:5]}
     total = sum(pages.values()) + notebooks
     assert total <= MOST_WORDS, f"shorten pages; the longest are {longest}"
