@@ -1,10 +1,13 @@
 """The compiled loop that lights the samples of a sensor behind a lens, each where it lies exactly.
 
-Sub-views say which triangle is seen; depth, light and texture coordinates are those of its planes
-at the sample's own place in the sub-view, so nothing is taken between two samples. As in a pinhole,
-rows lie beside one another, those of the sensor and those of the sub-views: an upright edge passes
-one after the other. Which of two rows of a sub-view tells changes from sample to sample, so that in
-the mean a level edge lies where it is: in the middle of a lens all samples lie between rows alike.
+Sub-views say which triangle is seen; depth and texture coordinates are those of its planes at the
+sample's own place in the sub-view, so nothing is taken between two samples. Its light is that of
+the place where the sub-view sees it: beyond a small triangle its plane may be darker than black.
+
+As in a pinhole, rows lie beside one another, those of the sensor and those of the sub-views: an
+upright edge passes one after the other. Which of two rows of a sub-view tells changes from sample
+to sample, so that in the mean a level edge lies where it is: in the middle of a lens all samples
+lie between rows alike.
 """
 
 # Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
@@ -134,17 +137,21 @@ def shade_lens(  # noqa: C901
     u, v = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
     near, far = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
     right, down = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    along, below = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
     side = np.empty(BLOCK, np.int32)
     end, supersample = light.shape[1], len(offset)
     xs, ys, seen = np.empty(end, np.float32), np.empty(end, np.float32), np.empty(end, np.int32)
+    inside_x, inside_y = np.empty(end, np.float32), np.empty(end, np.float32)
     for y in range(len(light)):
         pixel, y_offset = y // supersample, offset[y % supersample]
         aside = np.float32(shift(y, stride) / supersample)
         _row_places(position, step, pixel, offset, y_offset, aside, xs, ys)
         for x in range(end):
             row = np.int32(ys[x] + _ROUNDED_UP[x % len(_ROUNDED_UP)])
-            column = np.int32(xs[x] - np.float32(shift(row, sub_stride)) + _HALF)
+            to_right = np.float32(shift(row, sub_stride))
+            column = np.int32(xs[x] - to_right + _HALF)
             seen[x] = ids[np.uint32(row), np.uint32(column)]
+            inside_x[x], inside_y[x] = np.float32(column) + to_right, np.float32(row)
         _row_depths(
             ratio, pixel, offset, y_offset, aside, seen, known, rho, xs, ys, inverse_depth[y]
         )
@@ -158,6 +165,8 @@ def shade_lens(  # noqa: C901
                 part[k] = _ZERO
                 right[k] = xs[first + k] - xs[first]
                 down[k] = ys[first + k] - ys[first]
+                along[k] = inside_x[first + k] - xs[first]
+                below[k] = inside_y[first + k] - ys[first]
             x = stop
             if n < 0:
                 continue
@@ -170,12 +179,12 @@ def shade_lens(  # noqa: C901
                     levels[channel, 0, 1],
                     levels[channel, 0, 2],
                 )
-                middle, below = float(xs[first + count // 2]), float(ys[first + count // 2])
+                u_mid, v_mid = float(xs[first + count // 2]), float(ys[first + count // 2])
                 if shapes[channel, 1]:
-                    detail = cube_detail(places_over_z, n, middle, below, width, 1)
+                    detail = cube_detail(places_over_z, n, u_mid, v_mid, width, 1)
                     _cube_places(places_over_z, n, left, top, right, down, count, u, v, side)
                 else:
-                    detail = flat_detail(places_over_z, rho, n, middle, below, width, height, 1)
+                    detail = flat_detail(places_over_z, rho, n, u_mid, v_mid, width, height, 1)
                     _flat_places(places_over_z, rho, n, left, top, right, down, count, u, v, side)
             for c in range(channels[g]):
                 if is_textured:
@@ -183,4 +192,4 @@ def shade_lens(  # noqa: C901
                         texels, levels, channel + c, most, detail + bias, u, v, side, count, near,
                         far,
                     )  # fmt: skip
-                _add(light_over_z, rho, n, c, left, top, right, down, near, is_textured, part)
+                _add(light_over_z, rho, n, c, left, top, along, below, near, is_textured, part)

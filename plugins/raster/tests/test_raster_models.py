@@ -219,6 +219,27 @@ def test_an_almost_level_edge_lies_where_the_lens_puts_it():
     assert np.abs(np.reshape(off_px, (4, -1)).mean(1)).max() < 0.01
 
 
+FAR_BALLS = """
+<asset><material name="white" specular="0"/></asset>
+<visual><headlight active="0"/></visual>
+<worldbody><light directional="true" dir="0.2 1 0.1" diffuse="1 1 1"/>
+<replicate count="9" offset="0 .7 0" euler="0 0 0">
+<geom type="sphere" size=".25" pos="1 -2.8 0" material="white"/>
+</replicate></worldbody>
+"""
+
+
+def test_no_place_of_a_body_of_small_triangles_is_darker_than_black():
+    """From afar a triangle is smaller than the way from a sample to that of a sub-view."""
+    rig = Rig("one", (LENS,), (np.eye(4),), ("left",))
+    spec = import_mujoco().MjSpec.from_string(f"<mujoco>{FAR_BALLS}</mujoco>")
+    with RasterRenderer(spec, rig, 4, depth_range_m=RANGE_M, border_px=2) as drawn:
+        for x_m in (-1.0, -4.0, -12.0):
+            light = drawn.frame(0, look_at((x_m, 0, 0.3), (1, 0, 0))).samples.light
+            assert light.min() >= 0
+            assert 0.5 < light.max() <= 1
+
+
 @pytest.mark.parametrize("floats", [False, True])
 def test_light_ends_at_one_only_without_floats(floats):
     white = SHAPES.replace('material="m"', 'rgba="1 1 1 1"')
