@@ -66,7 +66,7 @@ def test_what_the_scene_hides_from_the_frame_camera_is_marked(recording, setup):
     exact = inverse(recording.truth_depth_m(2, T_US), sky=True)
     at = row.clip(0, GREY.height_px - 1), column.clip(0, GREY.width_px - 1)
     least, most = minimum_filter(exact, 3)[at], maximum_filter(exact, 3)[at]
-    hidden = inside & (there_rho < 0.95 * least)
+    hidden = inside & (rho >= 0) & (there_rho < 0.95 * least)
     free = inside & (np.abs(there_rho / np.maximum(least, 1e-9) - 1) < 0.01) & (most < 1.01 * least)
     assert hidden.sum() > 50
     assert (mask[hidden] == OCCLUDED).mean() >= 0.99
