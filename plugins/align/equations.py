@@ -111,9 +111,10 @@ def _moves_px(
 
 def sums(rows: Rows, parts: NDArray[np.int64]) -> tuple[Array, Array]:
     """Normal matrix (G, 9, 9) and right side (G, 9) of each of the parts, which number the rows."""
-    _, part = np.unique(parts, return_inverse=True)
-    weighted = rows.J * rows.weight[:, None]
-    normal, side = np.zeros((part.max() + 1, ALL, ALL)), np.zeros((part.max() + 1, ALL))
-    np.add.at(normal, part, weighted[:, :, None] * rows.J[:, None, :])
-    np.add.at(side, part, weighted * rows.off_px[:, None])
-    return normal, side
+    order = np.argsort(parts, kind="stable")
+    starts = np.flatnonzero(np.diff(parts[order], prepend=-1))
+    J, weighted, off_px = rows.J[order], (rows.J * rows.weight[:, None])[order], rows.off_px[order]
+    pieces = [np.split(each, starts[1:]) for each in (J, weighted, off_px)]
+    normal = [w.T @ one for one, w, _ in zip(*pieces, strict=True)]
+    side = [w.T @ off for _, w, off in zip(*pieces, strict=True)]
+    return np.array(normal), np.array(side)
