@@ -22,7 +22,7 @@ from eventsweep.plugins.align.views import Array
 VALUES, ALL = 6, 9
 """Clock (µs), rotation about three axes (rad), principal point (px); with three nuisances."""
 _STEP_RAD = 1e-4
-_HUBER_PX = 0.7
+_HUBER_PX, _LAG_PX = 0.7, 1.0
 _TILES = 5
 """Tiles across a frame: what lies in one, over all frames, may be one edge of the scene."""
 _SECTORS = 8
@@ -62,18 +62,20 @@ def rows(setup: Setup, values: Array, found: Sequence[Sample], gate_px: float) -
         setup: as calibrated.
         values: (9,).
         found: frames with their events.
-        gate_px: events further from an edge belong to none.
+        gate_px: events further from an edge belong to none. That and their weights count from where
+            the nuisances expect them: counted from the edge, the clock would make up for a lag.
     """
     late_us, x, y, z = map(float, values[:4])
     turned = setup.corrected(Correction(late_us, (x, y, z)))
-    parts = [_rows(turned, values[4:VALUES], sample, gate_px) for sample in found]
+    parts = [_rows(turned, values, sample, gate_px) for sample in found]
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     return Rows(*columns) if columns and columns[2].any() else None
 
 
-def _rows(setup: Setup, shift_px: Array, sample: Sample, gate_px: float) -> Rows:
+def _rows(setup: Setup, values: Array, sample: Sample, gate_px: float) -> Rows:
     uv_px, moving_px, _ = places(setup, sample)
-    pairs = match(sample.edges, uv_px + shift_px, moving_px, sample.brighter, gate_px)
+    shifted_px, reach_px = uv_px + values[4:VALUES], gate_px + _LAG_PX
+    pairs = match(sample.edges, shifted_px, moving_px, sample.brighter, reach_px)
     some, edge_px = pairs.points, sample.edges.uv_px[pairs.edges]
     normal, slope = sample.edges.normal[pairs.edges], sample.edges.slope[pairs.edges]
     moves_px = _moves_px(setup, sample, some, uv_px[some], moving_px[some])
@@ -81,8 +83,9 @@ def _rows(setup: Setup, shift_px: Array, sample: Sample, gate_px: float) -> Rows
     across = (normal * along).sum(-1)
     lags = np.stack([across, np.sign(across) / slope, np.ones(len(some))], -1)
     J = np.concatenate([np.einsum("nj,njk->nk", normal, moves_px), lags], -1)
-    weight = np.minimum(1.0, _HUBER_PX / np.maximum(np.abs(pairs.off_px), 1e-9))
-    good = np.isfinite(J).all(-1)
+    left_px = np.abs(pairs.off_px + lags @ values[VALUES:])
+    weight = np.minimum(1.0, _HUBER_PX / np.maximum(left_px, 1e-9))
+    good = np.isfinite(J).all(-1) & (left_px <= gate_px)
     angle = np.arctan2(normal[:, 1], normal[:, 0])
     sector = ((angle / (2 * np.pi) + 0.5) * _SECTORS).astype(np.int64) % _SECTORS
     tile = (edge_px * _TILES // sample.edges.width_px).astype(np.int64)
@@ -111,9 +114,10 @@ def _moves_px(
 
 def sums(rows: Rows, parts: NDArray[np.int64]) -> tuple[Array, Array]:
     """Normal matrix (G, 9, 9) and right side (G, 9) of each of the parts, which number the rows."""
-    _, part = np.unique(parts, return_inverse=True)
-    weighted = rows.J * rows.weight[:, None]
-    normal, side = np.zeros((part.max() + 1, ALL, ALL)), np.zeros((part.max() + 1, ALL))
-    np.add.at(normal, part, weighted[:, :, None] * rows.J[:, None, :])
-    np.add.at(side, part, weighted * rows.off_px[:, None])
-    return normal, side
+    order = np.argsort(parts, kind="stable")
+    starts = np.flatnonzero(np.diff(parts[order], prepend=-1))
+    J, weighted, off_px = rows.J[order], (rows.J * rows.weight[:, None])[order], rows.off_px[order]
+    pieces = [np.split(each, starts[1:]) for each in (J, weighted, off_px)]
+    normal = [w.T @ one for one, w, _ in zip(*pieces, strict=True)]
+    side = [w.T @ off for _, w, off in zip(*pieces, strict=True)]
+    return np.array(normal), np.array(side)

@@ -5,6 +5,7 @@ on them, and a pixel's events are the crossings of its log intensity between fin
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -41,9 +42,15 @@ def pattern(x, y, phase):
     return 0.5 + 0.4 * np.tanh(4 * one + 1.5 * two)
 
 
+@cache
+def bearings(camera):
+    """(H, W, 2) of every pixel, once for all times."""
+    return camera.bearing_table()
+
+
 def hits(camera, T_world_cam, uv_px=None):
     """Depth z in the camera, light, and whether it is the panel, of every pixel's ray."""
-    table = camera.bearing_table() if uv_px is None else camera.unproject(uv_px)
+    table = bearings(camera) if uv_px is None else camera.unproject(uv_px)
     rays = np.concatenate([table, np.ones((*table.shape[:-1], 1))], -1) @ T_world_cam[:3, :3].T
     eye = T_world_cam[:3, 3]
     found = []

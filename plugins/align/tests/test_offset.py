@@ -77,6 +77,18 @@ def test_a_mirrored_picture_has_mirrored_edges(mirrored):
     assert abs(np.nanmean(off_px[0] - off_px[1])) < 1e-3
 
 
+def test_steps_end_when_small_beside_the_intervals_or_it_is_said(monkeypatch):
+    recording = world.PanelRecording(0, 3000, shift_px=(1.0, 0.0))
+    setup, taken, found = found_for(recording)
+    monkeypatch.setattr(offset, "_SETTLED", 0.0)
+    longer = find_offset(setup, taken)
+    assert not found.note
+    for one, other in zip(found.estimates, longer.estimates, strict=True):
+        assert abs(one.value - other.value) < 0.15 * one.half
+    monkeypatch.setattr(offset, "_MOST_STEPS", 1)
+    assert "did not settle: step 1 still moved it by" in find_offset(setup, taken).note
+
+
 def rows_of(view_deg):
     """Equations of a lens of that view, exact but for noise that comes in tiles."""
     rng = np.random.default_rng(0)

@@ -6,7 +6,8 @@ A few small sequences are simulated once and kept in the folder. Each draw takes
 of them and spoils the frame camera's calibration, of a size near 3 ms, 0.3 degrees and 2 px in any
 direction; found is what the estimate says. Scenes for development chose constants; the others were
 opened once with them. `--half` makes one of the two alone, and prints the 95 % quantile of errors
-in standard deviations: `offset.WIDTHS` is that of `--half development --draws 16`.
+in standard deviations: `offset.WIDTHS` is that of `--half development --draws 16` together with
+made worlds as in the plug-in's tests.
 """
 
 from __future__ import annotations
@@ -205,9 +206,9 @@ def table(halves: dict[str, list[Drawn]]) -> str:
     """A line per value in Markdown."""
     lines = [
         f"Written by `python tests/benchmarks align_draws`: {DRAWS} draws each, seven frames of "
-        f"240×180, events of 173×130. Scenes of the development chose the width of intervals "
-        f"({WIDTHS:g} standard deviations); the others were opened once. Half-widths and errors: "
-        "medians of the held-out draws.",
+        f"240×180, events of 173×130. Scenes of the development and made worlds chose the width of "
+        f"intervals ({WIDTHS:g} standard deviations); the others were opened once. Half-widths and "
+        "errors: medians of the held-out draws.",
         "",
         "| Value | Held out: within its interval | Not determined | Half-width | Error "
         "| Development: within |",
