@@ -5,7 +5,7 @@
 A few small sequences are simulated once and kept in the folder. Each draw takes seven frames of one
 of them and spoils the frame camera's calibration, of a size near 3 ms, 0.3 degrees and 2 px in any
 direction; found is what the estimate says. Scenes for development chose constants; the others were
-opened once with them. `--half` makes one of the two alone, and prints the 95 % quantile of errors
+opened with them. `--half` makes one of the two alone, and prints the 95 % quantile of errors
 in standard deviations: `offset.WIDTHS` is that of `--half development --draws 16` together with
 made worlds as in the plug-in's tests.
 """
@@ -207,8 +207,8 @@ def table(halves: dict[str, list[Drawn]]) -> str:
     lines = [
         f"Written by `python tests/benchmarks align_draws`: {DRAWS} draws each, seven frames of "
         f"240×180, events of 173×130. Scenes of the development and made worlds chose the width of "
-        f"intervals ({WIDTHS:g} standard deviations); the others were opened once. Half-widths and "
-        "errors: medians of the held-out draws.",
+        f"intervals ({WIDTHS:g} standard deviations); the others were opened with this state and "
+        "one before. Half-widths and errors: medians of the held-out draws.",
         "",
         "| Value | Held out: within its interval | Not determined | Half-width | Error "
         "| Development: within |",
