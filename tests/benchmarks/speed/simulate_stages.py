@@ -25,6 +25,7 @@ from unittest import mock
 from eventsweep import scenes
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.plugins.raster.picture import Painter
 from eventsweep.sim import simulate
 from eventsweep.sim.compensation import fine_frame, interval
 from eventsweep.sim.config import SimConfig
@@ -49,6 +50,9 @@ STAGES: tuple[tuple[Any, str, str], ...] = (
     (renderer.StereoRenderer, "_render", "draw, read back"),
     (draw_target.DrawTarget, "read", "draw, read back"),
     (draw_target.DrawTarget, "read_depth", "draw, read back"),
+    (Painter, "draw", "draw, read back"),
+    (Painter, "paint", "draw, read back"),
+    (Painter, "through_lens", "draw, read back"),
     (light_shader.ShaderLight, "take", "light of samples and pixels"),
     (pixel_kernels, "luma", "light of samples and pixels"),
     (pixel_kernels, "resampled", "light of samples and pixels"),
