@@ -115,7 +115,7 @@ def _moves_px(
 def sums(rows: Rows, parts: NDArray[np.int64]) -> tuple[Array, Array]:
     """Normal matrix (G, 9, 9) and right side (G, 9) of each of the parts, which number the rows."""
     order = np.argsort(parts, kind="stable")
-    starts = np.flatnonzero(np.diff(parts[order], prepend=-1))
+    _, starts = np.unique(parts[order], return_index=True)  # numbers of any sign
     J, weighted, off_px = rows.J[order], (rows.J * rows.weight[:, None])[order], rows.off_px[order]
     pieces = [np.split(each, starts[1:]) for each in (J, weighted, off_px)]
     normal = [w.T @ one for one, w, _ in zip(*pieces, strict=True)]
