@@ -169,7 +169,8 @@ def _methods(data: RunData, case: CaseData) -> list[str]:
 def _windows(data: RunData, case: CaseData, methods: Sequence[str]) -> Iterator[Block]:
     count = len(case.windows)
     if count < case.window_count:
-        yield Text(f"{count} of {case.window_count} windows are shown; all are scored.", "note")
+        scored = "; all are scored" * bool(len(data.rows_of(case.name, POOLED)))
+        yield Text(f"{count} of {case.window_count} windows are shown{scored}.", "note")
     for k, window in enumerate(case.windows):
         blocks = window_blocks(window, methods, data.rows_of(case.name, window.name))
         time = seconds(window.t_us - case.clock_us)

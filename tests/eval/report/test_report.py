@@ -61,7 +61,8 @@ def test_the_page_is_well_formed_and_loads_nothing(one_case):
 
 
 SHOWN = (
-    "1,234,567", "planes = 12", "ab" * 32, "3 px·m", "1 of 3 windows", "test &lt;scene&gt;",
+    "1,234,567", "planes = 12", "ab" * 32, "3 px·m", "test &lt;scene&gt;",
+    "1 of 3 windows are shown; all are scored.",
     '<details><summary>Configuration</summary><pre>planes = 12', *(
         f'alt="{kind} of {method}' for method in METHODS
         for kind in ("Depth [m]", "Confidence [votes]", "Error |e − g| [cm]")
@@ -205,6 +206,7 @@ def test_a_recording_without_truth_has_no_scores_and_a_folder_without_maps_no_pa
     text = words_of(report_data("slider", truth=False))
     assert "Ranking" not in text
     assert "Ground truth" not in text
+    assert "1 of 3 windows are shown." in text
     assert 'alt="Depth [m] of Alg1/H' in text
     assert re.search(r"Alg1/H</b> · points \d+ px", text)
     assert "no map" in line_of(write_report, tmp_path)
