@@ -29,6 +29,7 @@ from table_code import ROOT
 _TOOL = "python tests/benchmarks"
 _FIDELITY = f"{_TOOL} fidelity --truth OUT --page docs/simulator.md"
 _LEARNED, _PAGE = f"{_TOOL} calibrate_confidence", "--page plugins/learned/learned.md"
+_WITH_ERRORS = "Focus/H Learned/H Focus/cam0 Learned/cam0"
 _HELD_OUT = "boxes-2 planes-2 rpg-reader rpg-bin tumvie-1d"
 
 
@@ -108,7 +109,7 @@ PARTS = (
     ),
     Part(
         ("plugins/learned/learned.md#confidence",),
-        f"{_LEARNED} --cache OUT {_PAGE} --cases {_HELD_OUT}",
+        f"{_LEARNED} --cache OUT {_PAGE} --cases {_HELD_OUT} --methods {_WITH_ERRORS}",
     ),
     Part(
         ("plugins/learned/learned.md#left-out",),
