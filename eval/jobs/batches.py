@@ -1,8 +1,9 @@
 """Jobs by the batch, for workers to whom handing over takes longer than a small job does.
 
-A batch has a second: then its worker begins no further job of it, and the others come back. So how
-long jobs take need not be known, and one that takes hours holds up none. What a batch did is in the
-cache job by job: if its worker dies, only the job that was being done begins anew.
+A batch has a second, or longer where there are many workers: then its worker begins no further job
+of it, and the others come back. So how long jobs take need not be known, and one that takes hours
+holds up none. What a batch did is in the cache job by job: if its worker dies, only the job that
+was being done begins anew.
 """
 
 from __future__ import annotations
@@ -22,9 +23,10 @@ from eventsweep.eval.jobs.executor import LOSSES, Result, do_same_code
 from eventsweep.eval.jobs.job import Failed, Job, Outcome, code_of
 
 BATCH_S = 1.0
-"""For how long a batch begins jobs."""
+"""For how long a batch begins jobs, at least."""
 MOST = 256
 """Jobs of a batch: what is handed over stays a small message."""
+_PER_S = 100  # batches that are over: a third of what Dask's scheduler can pass on
 _PER_WORKER, _LEAST = 3, 32  # batches handed over and not over
 _FETCH_S = 30.0  # for what came of a batch that is over
 _MOST_TEXT = 1 << 26  # characters that a batch sends back
@@ -32,20 +34,21 @@ Batch = tuple[Job, ...]
 
 
 def do_batch(parcel: bytes) -> bytes:
-    """Does jobs of a batch, in order, for as long as it has; returns what came of them, and the s.
+    """Does jobs of a batch, in order, for as long as it has.
 
-    Both are packed: to the scheduler that carries them they are bytes, and a score's text is a
-    tenth of the megabyte that it would be.
+    Returns what came of them, and which part of its time that took. Both ways are packed: to the
+    scheduler that carries them they are bytes, and a score's text is a tenth of its megabyte.
     """
     begun_s, spent_s, size = time.monotonic(), 0.0, 0
+    batch_s, jobs = unpacked(parcel)
     outcomes: list[Outcome] = []
-    for job, cache, code in unpacked(parcel):
-        if spent_s >= BATCH_S or size >= _MOST_TEXT:
+    for job, cache, code in jobs:
+        if spent_s >= batch_s or size >= _MOST_TEXT:
             break
         outcomes.append(do_same_code(job, cache, code))
         size += len(getattr(outcomes[-1], "text", None) or "")
         spent_s = time.monotonic() - begun_s
-    return packed((outcomes, spent_s))
+    return packed((outcomes, spent_s / batch_s))
 
 
 def packed(value: object) -> bytes:
@@ -89,12 +92,15 @@ class Batches:
         size = min(self._size, len(self._waiting) // shares + 1, len(self._waiting))
         return tuple(self._waiting.popleft() for _ in range(size))
 
-    def over(self, batch: Batch, done: int, spent_s: float) -> None:
-        """Notes how many jobs of a batch were done; the others wait again, before all others."""
+    def over(self, batch: Batch, done: int, spent: float) -> None:
+        """Notes how many jobs of a batch were done, and in which part of its time.
+
+        Those that were not wait again, before all others.
+        """
         self._waiting.extendleft(reversed(batch[done:]))
         if done < len(batch):
             self._size = max(done, 1)
-        elif done >= self._size and spent_s < BATCH_S / 2:
+        elif done >= self._size and spent < 0.5:
             self._size = min(2 * self._size, MOST)
 
 
@@ -157,11 +163,12 @@ class BatchWorkers(ABC):
 
     def _hand_over(self) -> None:
         self.check()
-        most = max(_PER_WORKER * self.count, _LEAST)
+        workers = self.count
+        most, batch_s = max(_PER_WORKER * workers, _LEAST), max(BATCH_S, workers / _PER_S)
         while self._batches and len(self._held) < most:
             batch, number = self._batches.next(most), next(self._numbers)
-            parcel = packed([(job, self.cache, code_of(job)) for job in batch])
-            future = self.start(batch[0].stage, parcel)
+            jobs = [(job, self.cache, code_of(job)) for job in batch]
+            future = self.start(batch[0].stage, packed((batch_s, jobs)))
             self._held[number] = batch, future
             future.add_done_callback(lambda _, number=number: self._over.put(number))
 
@@ -174,8 +181,8 @@ class BatchWorkers(ABC):
             came: tuple[list[Outcome], float] = unpacked(future.result(timeout=_FETCH_S))
         except Exception as error:  # whatever workers elsewhere can do to jobs
             return self._failed(batch, error)
-        outcomes, spent_s = came
-        self._batches.over(batch, len(outcomes), spent_s)
+        outcomes, spent = came
+        self._batches.over(batch, len(outcomes), spent)
         return outcomes
 
     def _failed(self, batch: Batch, error: Exception) -> list[Outcome]:

@@ -14,36 +14,36 @@ changes them little.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import resource
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import NamedTuple
 
-import eventsweep as es
 from eventsweep.emvs.utils.cache import Cache
 from eventsweep.emvs.utils.files import bytes_text
-from eventsweep.eval.jobs.batches import do_batch, packed, unpacked
+from eventsweep.eval.jobs.batches import BATCH_S, do_batch, packed, unpacked
 from eventsweep.eval.jobs.dask import Cluster, DaskWorkers
 from eventsweep.eval.jobs.job import Done, Job, code_of, order
+from eventsweep.eval.jobs.local import local_workers
 from eventsweep.eval.jobs.scheduler import JobBoard, run_jobs
 from eventsweep.eval.progress import SILENT
-from eventsweep.eval.results.results import JobNote, Results
 from eventsweep.eval.results.table import EVENTS
 from eventsweep.eval.suite.definition import load
 from eventsweep.eval.suite.plan import suite_jobs
 from kill_workers import Victims
 from markdown_blocks import show
 from simulate_stages import machine
-from table_code import Code
+from table_code import FOREIGN, Code, of_jobs
 
 _SUITE, _CASE, _SEED = "quick", "planes", 1  # seed 0 loads and compiles
 _NOTHING = "", "", 0.0, False, ""
 _WARM, _SINGLE = 1000, 500  # empty jobs before any is counted, and those handed over alone
+_PARCELS = 20
 
 
 class Cost(NamedTuple):
@@ -54,21 +54,37 @@ class Cost(NamedTuple):
     bytes: int
 
 
-def costs(notes: Iterable[JobNote], cache: Path) -> dict[str, Cost]:
+def measured(cache: Path) -> list[Done]:
+    """What came of the case's jobs, done by one worker, of the seed that counts."""
+    jobs = suite_jobs(load(_SUITE)[0], [_CASE], [0, _SEED])
+    outcomes = run_jobs(jobs, lambda: local_workers(1, cache), SILENT)
+    counted = [one for name, one in outcomes.items() if f"seed{_SEED}" in name.split("/")]
+    done = [one for one in counted if isinstance(one, Done)]
+    assert len(done) == len(counted), counted
+    return done
+
+
+def costs(outcomes: Iterable[Done], cache: Path) -> dict[str, Cost]:
     """Costs by stage, which a job's name begins with."""
     found: dict[str, Cost] = {}
-    for note in notes:
-        stage, made = note.name.partition("/")[0], Cache(cache).find(note.key)
+    for one in outcomes:
+        stage, made = one.name.partition("/")[0], Cache(cache).find(one.key)
         assert made is not None
         size = sum((made.path / name).stat().st_size for name in made.files)
         before = found.get(stage, Cost(0, 0.0, 0))
-        found[stage] = Cost(before.jobs + 1, before.cpu_s + note.cpu_seconds, before.bytes + size)
+        found[stage] = Cost(before.jobs + 1, before.cpu_s + one.cpu_seconds, before.bytes + size)
     return found
+
+
+def methods_of(outcomes: Iterable[Done]) -> int:
+    """How many methods were scored."""
+    scores = [json.loads(one.text)["rows"] for one in outcomes if one.text]
+    return len({row["method"] for rows in scores for row in rows} - {EVENTS})
 
 
 def nothing(parcel: bytes) -> bytes:
     """`do_batch` of jobs in which there is nothing to do."""
-    return packed(([Done(job.name, *_NOTHING) for job, _, _ in unpacked(parcel)], 0.0))
+    return packed(([Done(job.name, *_NOTHING) for job, _, _ in unpacked(parcel)[1]], 0.0))
 
 
 class Empty(DaskWorkers):
@@ -91,18 +107,44 @@ def cpu_s(process: int) -> float:
     return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def board_us(jobs: list[Job]) -> float:
-    """What our list of jobs takes for each, µs."""
+def alone(count: int) -> Overhead:
+    """What so many empty jobs take each on our list of jobs, which nobody does."""
+    jobs = empty_jobs(count)
     started_s = time.process_time()
     board = JobBoard(jobs)
     for job in board.start():
         board.take(Done(job.name, *_NOTHING))
         board.words(1)
-    return (time.process_time() - started_s) / len(jobs) * 1e6
+    return Overhead((time.process_time() - started_s) / count * 1e3)
 
 
-def handed_ms(crew_of: type[Empty], count: int, workers: int, folder: Path) -> tuple[float, float]:
-    """What an empty job takes this program, and Dask's scheduler, ms of processors."""
+def empty_jobs(count: int) -> list[Job]:
+    """Jobs of a stage that exists, and that nobody runs."""
+    return [Job(f"empty/{k}", "job_stages", {"id": k}) for k in range(count)]
+
+
+class Overhead(NamedTuple):
+    """What an empty job takes, ms of a processor: of this program, and of Dask's scheduler."""
+
+    program: float
+    scheduler: float = 0.0
+
+    @property
+    def per_s(self) -> float:
+        """Jobs a second of the slower of the two."""
+        return 1e3 / max(self)
+
+
+class Many(NamedTuple):
+    """How much is planned."""
+
+    sequences: int
+    methods: int
+    seeds: int
+
+
+def overhead(crew_of: type[Empty], count: int, workers: int, folder: Path) -> Overhead:
+    """What so many empty jobs take each, on Dask's workers."""
     cluster = Victims(workers)
     try:
         crew = crew_of(Cluster(cluster.address), folder)
@@ -120,107 +162,103 @@ def handed_ms(crew_of: type[Empty], count: int, workers: int, folder: Path) -> t
         cluster.end()
     assert len(outcomes) == count
     assert all(isinstance(one, Done) for one in outcomes.values())
-    return ours_s / count * 1e3, theirs_s / count * 1e3
+    return Overhead(ours_s / count * 1e3, theirs_s / count * 1e3)
 
 
-def empty_jobs(count: int) -> list[Job]:
-    """Jobs of a stage that exists, and that nobody runs."""
-    return [Job(f"empty/{k}", "job_stages", {"id": k}) for k in range(count)]
+class Handed(NamedTuple):
+    """What handing over the jobs of a stage takes: ms of this program, and bytes both ways."""
+
+    ms: float
+    bytes: int
 
 
-def empty_table(count: int, workers: int, folder: Path) -> tuple[str, float]:
-    """What empty jobs take, as Markdown; and how many a second the slowest program can pass on."""
-    lines = [
-        "| Empty jobs | our list, ms | program, ms | Dask's scheduler, ms | jobs/s |",
-        "|---|--:|--:|--:|--:|",
-    ]
-    board_ms = board_us(empty_jobs(count)) * 1e-3
-    for name, crew_of, number in (
-        (f"{_SINGLE:,}, each handed over alone", OneByOne, _SINGLE),
-        (f"{count:,}, in batches", Empty, count),
-    ):
-        ours_ms, theirs_ms = handed_ms(crew_of, number, workers, folder)
-        per_s = 1e3 / max(ours_ms, theirs_ms)
-        lines.append(
-            f"| {name} | {board_ms:.3f} | {ours_ms:.3f} | {theirs_ms:.3f} | {per_s:,.0f} |"
-        )
-    return "\n".join(lines), per_s
-
-
-class Many(NamedTuple):
-    """How much is planned."""
-
-    sequences: int
-    methods: int
-    seeds: int
-
-
-def carried(cache: Path) -> dict[str, int]:
-    """By stage, bytes that a scheduler carries of its jobs and of what came of them."""
-    found: Counter[str] = Counter()
+def handed(cache: Path) -> dict[str, Handed]:
+    """What handing over takes beside that of an empty job, by stage."""
+    found: dict[str, Handed] = {}
     for job in order(suite_jobs(load(_SUITE)[0], [_CASE], [_SEED])):
-        parcel = packed([(job, str(cache), code_of(job))])
+        parcel, started_s = _parcel(job, cache), time.process_time()
+        for _ in range(_PARCELS):
+            parcel = _parcel(job, cache)
+        ms = (time.process_time() - started_s) / _PARCELS * 1e3
         outcomes = do_batch(parcel)
         assert all(one.found for one in unpacked(outcomes)[0])
-        found[job.name.partition("/")[0]] += len(parcel) + len(outcomes)
+        stage = job.name.partition("/")[0]
+        before = found.get(stage, Handed(0.0, 0))
+        found[stage] = Handed(before.ms + ms, before.bytes + len(parcel) + len(outcomes))
     return found
 
 
-def table(measured: Results, cache: Path, many: Many) -> tuple[str, float]:
-    """What that many sequences need, as Markdown; and what a job takes, s of a processor."""
-    here, times = len({*measured.rows["method"]} - {EVENTS}), many.sequences * many.seeds
-    lines = [
-        "| Stage | jobs | CPU h | stored | read | through the scheduler |",
-        "|---|--:|--:|--:|--:|--:|",
-    ]
-    notes = [note for note in measured.jobs if f"seed{_SEED}" in note.name.split("/")]
-    stages, sent = costs(notes, cache), carried(cache)
-    sums = [0.0] * 5
+def _parcel(job: Job, cache: Path) -> bytes:
+    return packed((BATCH_S, [(job, str(cache), code_of(job))]))
+
+
+def needed(outcomes: Sequence[Done], cache: Path, many: Many) -> dict[str, tuple[float, ...]]:
+    """By stage what that many sequences need.
+
+    That is jobs, processors' h, bytes stored, read and passed on, and h of handing over.
+    """
+    here, times = methods_of(outcomes), many.sequences * many.seeds
+    stages, over = costs(outcomes, cache), handed(cache)
+    found: dict[str, tuple[float, ...]] = {}
     for stage, cost in stages.items():
         grown = times * (1.0 if stage == "simulate" else many.methods / here)
         reads = {
             "map": times * cost.jobs * stages["simulate"].bytes,
             "score": times * stages["simulate"].bytes + grown * stages["map"].bytes,
         }
-        row = (
+        found[stage] = (
             cost.jobs * times, cost.cpu_s * grown / 3600, cost.bytes * grown,
-            reads.get(stage, 0.0), sent[stage] * times,
+            reads.get(stage, 0.0), over[stage].bytes * grown, over[stage].ms * times / 3.6e6,
         )  # fmt: skip
-        sums = [a + b for a, b in zip(sums, row, strict=True)]
-        lines.append(_line(stage, row))
-    lines.append(_line("**together**", sums))
-    return "\n".join(lines), sums[1] * 3600 / sums[0]
+    return found
 
 
-def _line(name: str, row: Sequence[float]) -> str:
-    jobs, cpu_h, *sizes = row
+def line(name: str, row: Sequence[float]) -> str:
+    """A line of the table of needs."""
+    jobs, cpu_h, *sizes, _ = row
     told = " | ".join(bytes_text(round(size)) if size else "–" for size in sizes)
     return f"| {name} | {jobs:,.0f} | {cpu_h:,.0f} | {told} |"
 
 
-def block(many: Many, empty: int, workers: int, folder: Path) -> str:
+def block(many: Many, count: int, workers: int, cache: Path) -> str:
     """Measures; returns both tables with what follows from them."""
-    cache, about = folder / "cache", machine()
-    measured = es.run_suite(
-        _SUITE, folder / "out", cases=[_CASE], seeds=[0, _SEED], workers=1, cache=cache
-    )
+    about, outcomes = machine(), measured(cache)
     peak_gb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024e-9
-    needs, job_s = table(measured, cache, many)
-    overhead, per_s = empty_table(empty, workers, cache)
-    return (
-        f"{about}\n\n"
-        f"{many.sequences:,} sequences × {many.methods} methods × {many.seeds} seeds, each as "
-        f"`{_CASE}` of `{_SUITE}` (0.2 s at 346×260, one window), need, and {peak_gb:.1f} GB of "
-        f"memory per worker:\n\n{needs}\n\n{overhead}\n\nWith jobs of {job_s:.0f} s as above "
-        f"the slower of these programs keeps {per_s * job_s:,.0f} workers busy.\n"
+    needs = needed(outcomes, cache, many)
+    sums = [sum(column) for column in zip(*needs.values(), strict=True)]
+    rows = {
+        f"{count:,}, our list of jobs alone": alone(count),
+        f"{_SINGLE:,}, one by one": overhead(OneByOne, _SINGLE, workers, cache),
+        f"{count:,}, in batches": overhead(Empty, count, workers, cache),
+    }
+    job_s, more_ms = sums[1] / sums[0] * 3600, sums[-1] / sums[0] * 3.6e6
+    single, batches = (
+        job_s * Overhead(one.program + more_ms, one.scheduler).per_s
+        for one in list(rows.values())[1:]
     )
+    lines = [
+        about, "",
+        f"{many.sequences:,} sequences × {many.methods} methods × {many.seeds} seeds, each as "
+        f"`{_CASE}` of `{_SUITE}` (0.2 s at 346×260, one window), with {peak_gb:.1f} GB of memory "
+        "per worker:", "",
+        "| Stage | Jobs | CPU h | Stored | Read | Through the scheduler |",
+        "|---|--:|--:|--:|--:|--:|",
+        *(line(stage, row) for stage, row in needs.items()), line("together", sums), "",
+        f"Empty jobs, ms of a processor each, with {workers} workers:", "",
+        "| Jobs | `eventsweep` | Dask's scheduler | Jobs/s of the slower |",
+        "|---|--:|--:|--:|",
+        *(f"| {name} | {one.program:.3f} | {one.scheduler:.3f} | {one.per_s:,.0f} |"
+          for name, one in rows.items()), "",
+        f"With jobs as above, of {job_s:.1f} s and {more_ms:.1f} ms more of `eventsweep`, that is "
+        f"{single:,.0f} workers one by one, and {batches:,.0f} in batches.",
+    ]  # fmt: skip
+    return "\n".join(lines) + "\n"
 
 
 def code() -> dict[str, Code]:
     """What the numbers depend on."""
-    batches = ("batches", "dask", "scheduler")
-    own = Code(("scale_on_paper:block",), tuple(f"eventsweep.eval.jobs.{name}" for name in batches))
-    return {"docs/suite.md#scale": own}
+    own = Code(("scale_on_paper:block",), without=FOREIGN)
+    return {"docs/suite.md#scale": own + of_jobs(suite_jobs(load(_SUITE)[0], [_CASE], [_SEED]))}
 
 
 def main() -> None:

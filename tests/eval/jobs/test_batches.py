@@ -50,7 +50,7 @@ def make(log):
 
 def done(jobs, cache, code=code_of):
     """What comes back of a batch of jobs."""
-    parcel = packed([(job, str(cache), code(job)) for job in jobs])
+    parcel = packed((batches_of_jobs.BATCH_S, [(job, str(cache), code(job)) for job in jobs]))
     return unpacked(do_batch(parcel))[0]
 
 
@@ -59,7 +59,7 @@ def empty(count):
 
 
 def nothing(sent):
-    done = [Done(job.name, "k", "d", 0.0, False, "v") for job, _, _ in unpacked(sent)]
+    done = [Done(job.name, "k", "d", 0.0, False, "v") for job, _, _ in unpacked(sent)[1]]
     return packed((done, 0.0))
 
 
@@ -75,7 +75,9 @@ class Threads(BatchWorkers):
         self.do, self.pool, self.sizes, self.most = do, ThreadPoolExecutor(2), [], 0
 
     def start(self, stage, sent):
-        self.sizes.append(len(unpacked(sent)))
+        batch_s, jobs = unpacked(sent)
+        self.sizes.append(len(jobs))
+        self.batch_s = batch_s
         self.most = max(self.most, len(self._held) + 1)
         return self.pool.submit(self.do, sent)
 
@@ -106,11 +108,11 @@ def test_batches_grow_while_they_are_done_in_time_shrink_at_once_and_leave_other
     for _ in range(40):
         batch = waiting.next(4)
         sizes.append(len(batch))
-        waiting.over(batch, len(batch), 0.4 * BATCH_S)
+        waiting.over(batch, len(batch), 0.4)
     assert sizes == [min(2**k, MOST) for k in range(40)]
     waiting.over(waiting.next(8), 3, 0.0)
     assert len(waiting.next(8)) == 3
-    waiting.over(waiting.next(8), 3, 0.6 * BATCH_S)
+    waiting.over(waiting.next(8), 3, 0.6)
     assert len(waiting.next(8)) == 3
     few = Batches()
     few._size = MOST
@@ -168,6 +170,16 @@ def test_few_batches_are_handed_over_at_a_time_and_each_has_many_of_many_jobs(tm
     assert len(crew.sizes) < 20_000 / 40
 
 
+@pytest.mark.parametrize(("workers", "batch_s"), [(1, BATCH_S), (50, BATCH_S), (1000, 10.0)])
+def test_many_workers_get_batches_of_more_time_so_that_a_scheduler_passes_on_a_hundred_a_second(
+    tmp_path, monkeypatch, workers, batch_s
+):
+    monkeypatch.setattr(Threads, "count", workers)
+    crew = Threads(tmp_path, nothing)
+    run_on(crew, empty(10))
+    assert crew.batch_s == batch_s
+
+
 class Losing(BatchWorkers):
     """Does a batch at once, but loses what came of it the first times."""
 
@@ -209,7 +221,7 @@ def test_of_a_batch_that_fails_every_job_is_done_alone_and_only_the_bad_one_fail
     alone = []
 
     def unless_bad(sent):
-        names = [job.name for job, _, _ in unpacked(sent)]
+        names = [job.name for job, _, _ in unpacked(sent)[1]]
         if "j700" in names:
             alone.append(len(names) == 1)
             raise error
