@@ -227,7 +227,7 @@ def block(many: Many, count: int, workers: int, cache: Path) -> str:
     needs = needed(outcomes, cache, many)
     sums = [sum(column) for column in zip(*needs.values(), strict=True)]
     rows = {
-        f"{count:,}, our list of jobs alone": alone(count),
+        f"{count:,}, without workers": alone(count),
         f"{_SINGLE:,}, one by one": overhead(OneByOne, _SINGLE, workers, cache),
         f"{count:,}, in batches": overhead(Empty, count, workers, cache),
     }
@@ -244,13 +244,12 @@ def block(many: Many, count: int, workers: int, cache: Path) -> str:
         "| Stage | Jobs | CPU h | Stored | Read | Through the scheduler |",
         "|---|--:|--:|--:|--:|--:|",
         *(line(stage, row) for stage, row in needs.items()), line("together", sums), "",
-        f"Empty jobs, ms of a processor each, with {workers} workers:", "",
-        "| Jobs | `eventsweep` | Dask's scheduler | Jobs/s of the slower |",
+        f"| Empty jobs on {workers} workers, CPU ms | `eventsweep` | Dask's scheduler | Jobs/s |",
         "|---|--:|--:|--:|",
         *(f"| {name} | {one.program:.3f} | {one.scheduler:.3f} | {one.per_s:,.0f} |"
           for name, one in rows.items()), "",
         f"With jobs as above, of {job_s:.1f} s and {more_ms:.1f} ms more of `eventsweep`, that is "
-        f"{single:,.0f} workers one by one, and {batches:,.0f} in batches.",
+        f"{single:,.0f} workers one by one, {batches:,.0f} in batches.",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
 
