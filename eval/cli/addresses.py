@@ -5,9 +5,11 @@ A command works in the address's mirror; what it makes there is sent when it has
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import fields, is_dataclass
+from functools import partial
 from inspect import BoundArguments
 from pathlib import Path
 from typing import Any
@@ -15,9 +17,10 @@ from typing import Any
 from pydantic import BaseModel
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.address import address_of, is_address
+from eventsweep.emvs.utils.address import address_of, is_address, named
 
 Opened = Callable[[Path], AbstractContextManager[Path]]
+_BESIDE = ".eventsweep-next"  # the end of a hidden folder's name, of what takes an output's place
 
 
 def _read(path: Path) -> AbstractContextManager[Path]:
@@ -34,20 +37,33 @@ def _changed(path: Path) -> AbstractContextManager[Path]:
 
 def _made(path: Path) -> AbstractContextManager[Path]:
     from eventsweep.emvs.utils.mirror import made
+    from eventsweep.eval.cli.replaced import check_free
 
+    check_free(path)
     return made(path)
+
+
+def _replaced(path: Path, inputs: Iterable[str]) -> AbstractContextManager[Path]:
+    from eventsweep.eval.cli.replaced import replaced
+
+    folder, _, name = str(address_of(path)).rpartition("/")
+    return replaced(path, f"{folder}/.{name}{_BESIDE}/{name}", inputs)
 
 
 _TAKEN: Mapping[str, Mapping[str, Opened]] = {
     "info": {"path": _read},
     "map": {"recording": _read, "out": _made},
     "report": {"folder": _changed},
-    "run": {"out": _made},
     "score": {"scored": _changed},
     "simulate": {"out": _made},
     "suite": {"out": _made},
 }
 """How arguments of commands are opened at addresses."""
+
+
+def shown(text: str) -> str:
+    """A text with addresses in the place of their mirrors, also of what is to take their place."""
+    return re.sub(rf"\.([^/]+){re.escape(_BESIDE)}/\1", r"\1", named(text))
 
 
 def with_addresses(command: Callable[..., Any], bound: BoundArguments) -> Callable[..., Any]:
@@ -72,7 +88,11 @@ def with_addresses(command: Callable[..., Any], bound: BoundArguments) -> Callab
     def in_mirrors(*_arguments: Any, **_named: Any) -> Any:
         with ExitStack() as stack:
             for name, address in mirrored.items():
-                place = stack.enter_context(taken[name](Path(address)))
+                opened = taken[name]
+                if opened is _made and bound.arguments.get("force"):
+                    inputs = [one for other, one in mirrored.items() if other != name]
+                    opened = partial(_replaced, inputs=inputs)
+                place = stack.enter_context(opened(Path(address)))
                 bound.arguments[name] = (str(place),) if name == "scored" else place
             return command(*bound.args, **bound.kwargs)
 

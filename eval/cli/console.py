@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eventsweep.emvs.errors import one_line, visible
-from eventsweep.emvs.utils.address import named
+from eventsweep.eval.cli.addresses import shown
 from eventsweep.eval.cli.flag_names import with_flags
 from eventsweep.eval.progress import Bars, Display, Silent
 
@@ -65,7 +65,7 @@ class Console:
             text = (
                 facts if isinstance(facts, str) else json.dumps(facts, indent=2, ensure_ascii=False)
             )
-            self._out.out(visible(named(text.rstrip("\n"))), highlight=False)
+            self._out.out(visible(shown(text.rstrip("\n"))), highlight=False)
         self._print(parts)
 
     def say(self, line: str) -> None:
@@ -83,8 +83,8 @@ class Console:
     def _print(self, parts: Iterable[Part]) -> None:
         for part in parts if self._shows else ():
             if isinstance(part, Text):
-                part.plain = one_line(named(part.plain))
-            line = one_line(named(part)) if isinstance(part, str) else part
+                part.plain = one_line(shown(part.plain))
+            line = one_line(shown(part)) if isinstance(part, str) else part
             self._out.print(line, soft_wrap=not isinstance(part, Table))
 
 

@@ -13,7 +13,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.address import named
+from eventsweep.eval.cli.addresses import shown
 from eventsweep.eval.cli.flag_names import with_flags
 
 if TYPE_CHECKING:
@@ -153,5 +153,5 @@ def _say(words: str, code: int) -> int:
     """Says why a command ends; an interrupt that a library made another error of is one still."""
     if _came:
         words, code = _INTERRUPTED, INTERRUPTED
-    sys.stderr.write(f"eventsweep: {' '.join(named(words).split())}\n")
+    sys.stderr.write(f"eventsweep: {' '.join(shown(words).split())}\n")
     return code

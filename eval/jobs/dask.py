@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import ipaddress
 import logging
+import math
 import time
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
+from uuid import uuid4
 
 from eventsweep.emvs.errors import InputError, heed_interrupt
 from eventsweep.emvs.utils.release import install_extra
-from eventsweep.eval.jobs.executor import FutureWorkers, Result, do_same_code
-from eventsweep.eval.jobs.job import Job, code_of
+from eventsweep.eval.jobs.batches import BatchWorkers, do_batch
+from eventsweep.eval.jobs.executor import Result
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -26,6 +28,7 @@ FIND_S = 120.0
 """How long a scheduler that is gone is looked for."""
 _CONNECT_S = 10
 _LEAVE_S = 5
+_COUNT_S = 1.0  # between two questions how many workers there are
 _START = "start one with `dask scheduler --host 127.0.0.1`, or leave --scheduler out"
 
 
@@ -120,16 +123,20 @@ def dask_workers(cluster: Cluster, cache: Path) -> Iterator[DaskWorkers]:
         workers.leave()
 
 
-class DaskWorkers(FutureWorkers):
+class DaskWorkers(BatchWorkers):
     """The workers of a cluster; they, and the scheduler, may come and go."""
+
+    do = staticmethod(do_batch)
 
     def __init__(self, cluster: Cluster, cache: Path) -> None:
         super().__init__(cache)
-        self._cluster, self._client, self._attempts = cluster, cluster.connect(), count()
+        self._cluster, self._client = cluster, cluster.connect()
+        self._count, self._counted_s = 0, -math.inf
         from distributed.comm.core import CommClosedError
         from distributed.scheduler import KilledWorker
 
-        self.lost, self.final = (*FutureWorkers.lost, CommClosedError), (KilledWorker,)
+        self.lost = CancelledError, TimeoutError, CommClosedError
+        self.final = (KilledWorker,)
 
     def leave(self) -> None:
         """Lets go of the cluster."""
@@ -138,30 +145,35 @@ class DaskWorkers(FutureWorkers):
 
     @property
     def count(self) -> int:
-        """Threads of all workers that are there now."""
-        try:
-            return sum(self._client.nthreads().values())
-        except (OSError, RuntimeError, AttributeError):  # the last: the scheduler is gone
-            return 0
+        """Threads of all workers that are there now, or were a second ago."""
+        if time.monotonic() >= self._counted_s + _COUNT_S:
+            try:
+                self._count = sum(self._client.nthreads().values())
+            except (OSError, RuntimeError, AttributeError):  # the last: the scheduler is gone
+                self._count = 0
+            self._counted_s = time.monotonic()
+        return self._count
 
-    def start(self, job: Job) -> Result:
-        """Hands over a job; the scheduler replaces a worker that dies of it."""
-        key = f"eventsweep-{job.name}-{next(self._attempts)}"
+    def start(self, stage: str, parcel: bytes) -> Result:
+        """Hands over a batch; the scheduler replaces a worker that dies of it.
+
+        To Dask tasks of one key are one task, also those of two programs; and it keeps an account
+        of every kind of task, which is what the key has before its number.
+        """
         future: Result = self._client.submit(
-            do_same_code, job, self.cache, code_of(job), key=key, pure=False
+            self.do, parcel, key=f"{stage}-{uuid4().hex}", pure=False
         )
         return future
 
     def check(self) -> None:
-        """Looks for a scheduler that is gone, and hands it the jobs again that it took along."""
+        """Looks for a scheduler that is gone, and takes the jobs back that it took along."""
         if self._client.status == "running":
             return
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # it shows its stack
         _log.warning("the scheduler is gone: looking for it for %g s", FIND_S)
         self.leave()
         self._client = self._found()
-        for job in list(self._jobs.values()):
-            self._begin(job)
+        self.take_back()
 
     def _found(self) -> Client:
         """Connects to the scheduler that was started in the place of one that is gone."""

@@ -4,6 +4,7 @@ import re
 import socket
 import subprocess
 import sys
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -12,10 +13,14 @@ from dataset_world import write_sequence
 from eventsweep.emvs.maps.folder import read_map
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.results.results import read_results
+from range_server import serving
 from refusals import command_refused
 
+fsspec = pytest.importorskip("fsspec")
 pytest.importorskip("s3fs")
 pytest.importorskip("moto.server")
+stores = pytest.importorskip("fsspec.registry")
+MemoryFileSystem = fsspec.get_filesystem_class("memory")
 pytestmark = pytest.mark.usefixtures("blank_figures")
 SIMULATE = ("simulate", "planes", "--seconds", "0.04", "--quiet", "--out")
 MAP = ("--method", "Alg1/H", "--map.planes", "10", "--no-check", "--quiet", "--out")
@@ -94,6 +99,83 @@ def test_a_map_here_of_a_sequence_there_says_where_it_is(lab, tmp_path):
     assert '"path": "s3://lab/seq"' in (tmp_path / "map" / "map.json").read_text()
     assert main(["score", str(tmp_path / "map"), "--quiet"]) == 0
     assert not re.search("cache.remote", (tmp_path / "map" / "report.html").read_text())
+
+
+def test_with_force_an_output_on_object_storage_is_replaced_as_one_here(lab, tmp_path, capsys):
+    here, there = f"{tmp_path}/here/seq", "s3://lab/seq"
+    for out in (here, there):
+        assert main([*SIMULATE, out]) == 0
+    line = command_refused(capsys, *SIMULATE, there)
+    assert "s3://lab/seq exists: choose another output, or add --force to replace it" in line
+    longer = ("simulate", "planes", "--seconds", "0.06", "--force", "--out")
+    for out in (here, there):
+        assert main([*longer, out]) == 0
+    said = capsys.readouterr().out
+    assert "next" not in said
+    assert said.count("events in 0.06 s, s3://lab/seq") == 1
+    copied(lab, "seq/", tmp_path / "back")
+    assert folder_bytes(tmp_path / "back") == folder_bytes(tmp_path / "here")
+    assert {key.partition("/")[0] for key in keys(lab)} == {"seq"}
+
+
+def folder_bytes(folder):
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+def test_with_force_what_is_not_ours_or_is_read_stays_and_the_line_says_so(lab, capsys):
+    assert main([*SIMULATE, "s3://lab/seq"]) == 0
+    lab.put_object(Bucket="lab", Key="seq/thesis.tex", Body=b"mine")
+    before = keys(lab)
+    line = command_refused(capsys, *SIMULATE, "s3://lab/seq", "--force")
+    assert "s3://lab/seq holds thesis.tex, which eventsweep did not write" in line
+    line = command_refused(capsys, "map", "s3://lab/seq", *MAP, "s3://lab/seq", "--force")
+    assert "is, holds or is part of the input s3://lab/seq" in line
+    assert keys(lab) == before
+
+
+class Elsewhere(MemoryFileSystem):
+    """A store of another kind, in memory, as its library is asked."""
+
+    store: ClassVar = {}
+    pseudo_dirs: ClassVar = [""]
+
+    @classmethod
+    def _strip_protocol(cls, path):
+        return MemoryFileSystem._strip_protocol(str(path).partition("://")[2] or path)
+
+
+@pytest.mark.parametrize("scheme", ["gs", "gcs", "az", "abfs"])
+def test_any_store_of_fsspec_takes_sequences_and_maps_once_its_library_is_there(
+    scheme, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setenv("EVENTSWEEP_CACHE", str(tmp_path / "cache"))
+    seq, out = f"{scheme}://lab/a/seq", f"{scheme}://lab/a/map"
+    line = command_refused(capsys, *SIMULATE, seq)
+    library = {"g": "gcsfs", "a": "adlfs"}[scheme[0]]
+    assert re.search(rf"{seq}: needs libraries \(.*{library}.* and fsspec's library for", line)
+    kind = type(scheme, (Elsewhere,), {"protocol": scheme, "store": {}, "pseudo_dirs": [""]})
+    monkeypatch.setitem(stores._registry, scheme, kind)
+    assert main([*SIMULATE, seq]) == 0
+    for force in ([], ["--force"]):
+        assert main(["map", seq, *MAP, out, *force]) == 0
+    assert main(["score", out, "--quiet"]) == 0
+    assert any(name.endswith("/a/map/results.json") for name in kind.store)
+    capsys.readouterr()
+    assert main(["info", seq, "--json"]) == 0
+    assert f'"path": "{seq}"' in capsys.readouterr().out
+
+
+def test_a_web_server_takes_no_output(capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv("EVENTSWEEP_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "www").mkdir()
+    with serving(tmp_path / "www") as server:
+        for force in ([], ["--force"]):
+            line = command_refused(capsys, *SIMULATE, f"{server.address}/seq", *force)
+            assert "is only read from; choose an output at s3:// or in a folder" in line
 
 
 @pytest.mark.parametrize(("words", "line"), [

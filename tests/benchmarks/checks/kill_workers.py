@@ -23,7 +23,6 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-import job_stages
 from eventsweep.emvs.utils.cache import Cache
 from eventsweep.eval.jobs.dask import Cluster, dask_workers
 from eventsweep.eval.jobs.job import Done, Job, Outcome, do
@@ -31,6 +30,7 @@ from eventsweep.eval.jobs.scheduler import run_jobs
 from eventsweep.eval.progress import SILENT
 
 _JOB_S, _WINDOWS = 2.0, 6
+_ROOT = Path(__file__).resolve().parents[3]
 
 
 class Victims:
@@ -40,10 +40,8 @@ class Victims:
         with socket.create_server(("127.0.0.1", 0)) as free:
             self.port = int(free.getsockname()[1])
         self.address, self.deaths = f"tcp://127.0.0.1:{self.port}", 0
-        helpers = Path(job_stages.__file__).parent
-        self._environment = {
-            **os.environ, "PYTHONPATH": f"{helpers}{os.pathsep}{helpers.parents[1]}",
-        }  # fmt: skip
+        search = f"{_ROOT / 'tests' / 'helpers'}{os.pathsep}{_ROOT}"
+        self._environment = {**os.environ, "PYTHONPATH": search}
         self._scheduler = self._start_scheduler()
         self._workers = [self._start_worker() for _ in range(workers)]
 

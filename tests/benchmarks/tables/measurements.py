@@ -71,6 +71,7 @@ PARTS = (
         timed=True,
     ),
     Part(("docs/gate.md#first-runs",), f"{_TOOL} first_runs --page docs/gate.md", timed=True),
+    Part(("docs/suite.md#scale",), f"{_TOOL} scale_on_paper --page docs/suite.md", 0.7),
     Part(("docs/gate.md#recipe",), f"{_TOOL} recipe_runs --work OUT --page docs/gate.md"),
     Part(
         ("plugins/raster/raster.md#raster",),

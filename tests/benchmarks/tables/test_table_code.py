@@ -22,7 +22,7 @@ COMMITTED = {"README.md#results", "plugins/ranking/ranking.md#ranking"}
 SUITES = COMMITTED | {"docs/gate.md#first-runs"}
 SCORED = SUITES | {
     "docs/paper.md#paper", "docs/paper.md#reproduction", "docs/studies.md#studies",
-    "docs/baselines.md#baselines", "docs/gate.md#recipe",
+    "docs/baselines.md#baselines", "docs/gate.md#recipe", "docs/suite.md#scale",
     "plugins/diagnose/check.md#check-faults", "plugins/track/odometry.md#track-scores",
     "plugins/geometry/geometry.md#geometry-scores",
 }  # fmt: skip
@@ -35,7 +35,7 @@ SIMULATED = MAPPED | {
 }  # fmt: skip
 PLANES = SUITES | LEARNED | {
     "docs/gate.md#recipe", "docs/paper.md#paper", "docs/scenes.md#figures",
-    "docs/studies.md#studies", "plugins/align/align.md#align-draws",
+    "docs/studies.md#studies", "docs/suite.md#scale", "plugins/align/align.md#align-draws",
 }  # fmt: skip
 EDITS = {
     "emvs/dsi/fusion_kernels.py": MAPPED | REAL,
