@@ -108,8 +108,9 @@ def align(
     notes += [why] if why else []
     notes += [found.note] if found is not None and found.note else []
     if apply:
-        if found is None:
-            raise InputError(f"{setup.recording.name}: nothing to apply: {why}")
+        if found is None or not found.useful:
+            reason = found.note if found else why
+            raise InputError(f"{setup.recording.name}: nothing to apply: {reason}")
         setup = setup.corrected(found.correction)
     with atomic_dir(out, force=force, inputs=(getattr(setup.recording, "path", None),)) as folder:
         frames = _write_frames(folder, setup, chosen, times_us, images, progress)

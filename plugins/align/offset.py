@@ -25,6 +25,8 @@ MARGIN_US = 20_000
 """No clock is found to be later or earlier than this."""
 _MOST_EVENTS, _MOST_SEARCHED = 8_000, 3_000  # of a frame
 _SEARCH_PX, _SEARCHED_PX = 1.5, 4.5
+_REACH_PX = _SEARCHED_PX + _SEARCH_PX
+"""Edges that would move further were never searched for: others were taken for them."""
 _COARSE = ((3.0, 4), (2.0, 4), (2.0, 3), (2.0, 3), *[(2.0, 1)] * 4)
 """How far from an edge, px, and the first of the values besides the clock that is fitted."""
 _GATE_PX, _MOST_STEPS = 1.5, 30
@@ -80,13 +82,19 @@ class Found:
         correction: what to apply.
         estimates: the six values; then how far they move the frame's edges in the mean.
         mean_move_px: (2, 6) that mean per unit of each value: µs, rad, px.
-        note: what the data cannot distinguish, or that steps did not settle; empty if neither.
+        note: what the data cannot distinguish, that steps did not settle, or that the estimate is
+            wrong; empty if none of them.
     """
 
     correction: Correction
     estimates: tuple[Estimate, ...]
     mean_move_px: Array
     note: str = ""
+
+    @property
+    def useful(self) -> bool:
+        """Whether anything is determined."""
+        return any(each.known for each in self.estimates)
 
 
 def find_offset(setup: Setup, found: Sequence[Sample]) -> Found:
@@ -199,7 +207,10 @@ def _found(setup: Setup, values: Array, near: Rows, note: str = "") -> Found:
     half = np.hypot(random, DELAY_US * (all_of @ slower(near))) * _SCALE
     value = all_of @ values * _SCALE
     known = np.isfinite(half) & (random > 0) & (half <= _loosest(setup))
-    if not (known[4] and known[5]):
+    far_px = float(np.abs(value[VALUES:]).max())
+    if far_px > _REACH_PX:
+        known[:], note = False, _FAR.format(far_px, _REACH_PX)
+    elif not (known[4] and known[5]):
         note = f"{_NOT_APART}; {note}" if note else _NOT_APART
         known[[1, 2, 4, 5]] = False
         values = _turned_instead(values, near)
@@ -211,6 +222,10 @@ def _found(setup: Setup, values: Array, near: Rows, note: str = "") -> Found:
 
 _UNSETTLED = (
     "the estimate did not settle: step {} still moved it by {:.0%} of an interval's half-width"
+)
+_FAR = (
+    "the estimate would move edges by {:.1f} px, further than the {:g} px within which they were "
+    "searched for: other edges were taken for them, and nothing is determined"
 )
 _NOT_APART = (
     "a rotation about x or y and another principal point move these edges alike: only how far both "

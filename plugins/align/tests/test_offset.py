@@ -12,6 +12,7 @@ from eventsweep.plugins.align.carry import aligned_events, event_rho
 from eventsweep.plugins.align.depths import depth_source
 from eventsweep.plugins.align.edges import find_edges, match
 from eventsweep.plugins.align.equations import Rows
+from eventsweep.plugins.align.folder import align
 from eventsweep.plugins.align.offset import covariance, find_offset
 from eventsweep.plugins.align.residual import apart, samples
 from eventsweep.plugins.align.rig import set_up
@@ -153,6 +154,15 @@ def test_what_cannot_be_told_apart_is_said_and_corrected_by_a_rotation(monkeypat
     assert abs(right.value - planted(recording, found)[6]) <= right.half
     after = apart(setup.corrected(found.correction), taken)
     assert after.table()[0]["median_px"] < 0.5
+
+
+def test_beyond_the_reach_of_the_search_nothing_is_determined_or_applied(tmp_path):
+    """Of a picture that is shifted by 9 px other edges are found, or the right ones by luck."""
+    setup, _, found = found_for(world.PanelRecording(0, shift_px=(9.0, 0.0)))
+    assert "further than the 6 px within which they were searched for" in found.note
+    assert {each.words for each in found.estimates} == {"not determined"}
+    refused("nothing to apply: the estimate would move", align, setup, tmp_path / "o", apply=True)
+    assert not (tmp_path / "o").exists()
 
 
 def test_without_motion_nothing_is_determined_or_compared():

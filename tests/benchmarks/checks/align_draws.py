@@ -213,8 +213,8 @@ def table(halves: dict[str, list[Drawn]]) -> str:
         f"Written by `python tests/benchmarks align_draws`: {DRAWS} draws each, seven frames of "
         f"240×180, events of 173×130. The development chose the width of intervals ({WIDTHS:g} "
         "standard deviations). The held-out motions and draws, of seeds from 900, were opened "
-        "once, with this state; earlier states saw other motions in the same scenes. Half-widths "
-        "and errors: medians of the held-out draws.",
+        "after all constants were set; earlier states saw other motions in the same scenes. "
+        "Half-widths and errors: medians of the held-out draws.",
         "",
         "| Value | Held out: within its interval | Not determined | Half-width | Error "
         "| Development: within |",
