@@ -75,9 +75,9 @@ def find_edges(image: NDArray[np.float32]) -> Edges:
     peak = (here >= behind) & (here > ahead)
     bend = behind - 2 * here + ahead
     shift = 0.5 * (behind - ahead) / np.where(bend < 0, bend, -1.0)
-    places = (places + np.clip(shift, -0.5, 0.5)[:, None] * normal)[peak]
-    light = np.exp(_at(smooth, places)) - _DARK
-    return Edges(places, normal[peak], here[peak], light, log.shape[1], KDTree(places))
+    exact: Array = (places + np.clip(shift, -0.5, 0.5)[:, None] * normal)[peak]
+    light = np.exp(_at(smooth, exact)) - _DARK
+    return Edges(exact, normal[peak], here[peak], light, log.shape[1], KDTree(exact))
 
 
 def _at(values: Array, uv_px: Array) -> Array:

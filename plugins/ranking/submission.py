@@ -356,7 +356,8 @@ def opened(
     Returns:
         The folders; and by the method's name in scores, facts of those that state them.
     """
-    folders, stated = [], {}
+    folders: list[NamedFolder] = []
+    stated: dict[str, dict[str, Any]] = {}
     for folder in given:
         facts = None
         if folder.path.is_file():
