@@ -75,7 +75,8 @@ def find_edges(image: NDArray[np.float32]) -> Edges:
     peak = (here >= behind) & (here > ahead)
     bend = behind - 2 * here + ahead
     shift = 0.5 * (behind - ahead) / np.where(bend < 0, bend, -1.0)
-    exact: Array = (places + np.clip(shift, -0.5, 0.5)[:, None] * normal)[peak]
+    moved = places + np.clip(shift, -0.5, 0.5)[:, None] * normal
+    exact = np.asarray(moved[peak], np.float64)
     light = np.exp(_at(smooth, exact)) - _DARK
     return Edges(exact, normal[peak], here[peak], light, log.shape[1], KDTree(exact))
 

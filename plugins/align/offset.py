@@ -35,8 +35,8 @@ _SETTLED = 0.05
 WIDTHS = 2.5
 """Half-width of an interval in standard deviations of `covariance`.
 
-The 95 % quantile of errors, the clock's left out, of the 60 draws for development: `python
-tests/benchmarks align_draws --half development` prints it.
+The 95 % quantile of errors, the clock's left out, of the 60 draws for development, 2.4, rounded up
+to a half: `python tests/benchmarks align_draws --half development` prints it.
 """
 DELAY_US = 1e6 / (2 * np.pi * 300)
 """A photoreceptor's delay at the frames' full scale that intervals allow for, µs.
