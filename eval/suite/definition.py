@@ -23,11 +23,13 @@ from pydantic import (
 )
 
 from eventsweep.emvs.config import PLANES
+from eventsweep.emvs.data.manifest import FILE_NAME as SEQUENCE_FILE
 from eventsweep.emvs.errors import InputError, quoted, shown
 from eventsweep.emvs.parameters import FrozenModel, fault, refuse_code
 from eventsweep.eval.config import Settings, read_toml
 from eventsweep.eval.found_poses import TRACK
 from eventsweep.eval.perturbations import amounts
+from eventsweep.eval.suite.given import is_given
 from eventsweep.sim.mjcf import is_model_file
 
 FOLDER = Path(__file__).parent / "definitions"
@@ -62,7 +64,8 @@ class WindowSpec(FrozenModel):
 class CaseSpec(FrozenModel):
     """One scene, rig and length, and how it is mapped.
 
-    `scene` is a name, or the file of a model; `rig` likewise, or the model's own cameras,
+    `scene` is a name, the file of a model, or the folder of a sequence with truth, which then is
+    not simulated, see `eval.suite.given`; `rig` likewise, or the model's own cameras,
     `model:NAME,NAME`; settings of a model's mount and motion are in `sim.model`.
     `imperfection` is what is wrong with the calibration, the poses and the clocks that the mapper
     is given: the name of a preset, kept as what that stands for, or amounts of a `Perturbation`.
@@ -186,8 +189,12 @@ class Suite(FrozenModel):
         return {**self.sim, **case.sim, **length}
 
     def leaves_out(self, case: str, seed: int) -> bool:
-        """Whether one of the suite's own seeds is none of the case's."""
-        own = self.cases[case].seeds
+        """Whether one of the suite's own seeds is none of the case's.
+
+        A given sequence is the same with every seed: it has the first one alone.
+        """
+        spec = self.cases[case]
+        own = spec.seeds or (self.seeds[:1] if is_given(spec.scene) else ())
         return bool(own) and seed in self.seeds and seed not in own
 
     def digest_of(self, case: str) -> str:
@@ -220,8 +227,12 @@ def _by_content(value: Any) -> Any:
         return {key: _by_content(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
         return [_by_content(part) for part in value]
-    if isinstance(value, str) and Path(value).is_absolute() and Path(value).is_file():
-        return [Path(value).name, hashlib.sha256(Path(value).read_bytes()).hexdigest()]
+    if isinstance(value, str) and Path(value).is_absolute():
+        path = Path(value)
+        manifest = path / SEQUENCE_FILE
+        held = manifest if manifest.is_file() else path
+        if held.is_file():
+            return [path.name, hashlib.sha256(held.read_bytes()).hexdigest()]
     return value
 
 

@@ -5,7 +5,7 @@ A suite, a study and a run are planned here; they differ in where their settings
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 from uuid import uuid4
@@ -23,7 +23,8 @@ from eventsweep.eval.jobs.job import Job
 from eventsweep.eval.results.results import DEFAULT_MAPPER
 from eventsweep.eval.stages import map as mapping
 from eventsweep.eval.stages import score, simulate, track
-from eventsweep.eval.suite.definition import FROZEN, Suite
+from eventsweep.eval.suite.definition import FROZEN, CaseSpec, Suite
+from eventsweep.eval.suite.given import given, given_job, is_given
 from eventsweep.eval.suite.source import SequenceSource
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.mjcf import is_model_file
@@ -40,14 +41,24 @@ def suite_jobs(
         sim = SimConfig.model_validate(suite.sim_of(spec))
         for mapper in spec.mappers:
             config = MapperConfig.model_validate(suite.mappers[mapper])
+            if is_given(spec.scene):
+                _check_given(case, spec, config)
+                continue
             check_case(spec.scene, spec.rig, config, sim, track=bool(spec.track))
     source = archive.sequence if archive else simulated
     return [
-        _suite_job(suite, case, seed, *source(suite, case, seed))
+        _suite_job(suite, case, seed, *_sequence(suite, case, seed, source))
         for seed in seeds
         for case in cases
         if not suite.leaves_out(case, seed)
     ]
+
+
+def _sequence(
+    suite: Suite, case: str, seed: int, source: Callable[[Suite, str, int], tuple[Job, str]]
+) -> tuple[Job, str]:
+    scene = suite.cases[case].scene
+    return given_job(case, scene) if is_given(scene) else source(suite, case, seed)
 
 
 def simulated(suite: Suite, case: str, seed: int) -> tuple[Job, str]:
@@ -147,9 +158,22 @@ def check_case(
     configured = sim or SimConfig()
     if not is_model_file(scene):
         scenes.load(scene).configured(configured)
-    chosen = scenes.rig_for(scene, rig, configured)
-    methods.methods_by_name(config.methods, len(chosen), mcemvs=config.is_mcemvs)
-    if track and len(chosen) < 2:
+    _check_mapped(scene, len(scenes.rig_for(scene, rig, configured)), config, track=track)
+
+
+def _check_given(case: str, spec: CaseSpec, config: MapperConfig) -> None:
+    """Refuses settings of the simulator, and what cannot be mapped or tracked."""
+    check_openmp()
+    simulators = {"rig": spec.rig, "sim": spec.sim, "change": spec.change}
+    for name, value in simulators.items():
+        if value:
+            raise InputError(f"case {case}: {name} is for scenes, its sequence is given: remove it")
+    _check_mapped(spec.scene, len(given(spec.scene).rig), config, track=bool(spec.track))
+
+
+def _check_mapped(scene: str, cameras: int, config: MapperConfig, *, track: bool) -> None:
+    methods.methods_by_name(config.methods, cameras, mcemvs=config.is_mcemvs)
+    if track and cameras < 2:
         raise InputError(
             f"{scene}: one camera cannot determine the scale of its poses: choose a stereo rig"
         )

@@ -36,6 +36,7 @@ from eventsweep.eval.scoring.predictions import (
 )
 from eventsweep.eval.stages import beside, predict
 from eventsweep.eval.suite.definition import CaseSpec, Suite
+from eventsweep.eval.suite.given import given, is_given
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.mjcf import is_model_file
 from eventsweep.sim.rigs import rig as named_rig
@@ -114,7 +115,8 @@ def assignment(suite: Suite, case: str, seed: int) -> Assignment:
     """What a sequence is to be predicted for: the windows of the case's first mapper."""
     spec = suite.cases[case]
     mapper, rig, depth_range_m = suite.mappers[spec.mappers[0]], *_seen(suite, spec, seed)
-    times = [window.times_us(mapper) for window in spec.windows]
+    first_us = given(spec.scene).event_span_us(0)[0] if is_given(spec.scene) else 0
+    times = [_later(window.times_us(mapper), first_us) for window in spec.windows]
     return Assignment(
         case=case,
         seed=seed,
@@ -126,8 +128,18 @@ def assignment(suite: Suite, case: str, seed: int) -> Assignment:
     )
 
 
+def _later(times_us: tuple[int, int, int], first_us: int) -> tuple[int, int, int]:
+    """Times that count from the first event on the sequence's own clock."""
+    t0_us, t1_us, t_ref_us = times_us
+    return t0_us + first_us, t1_us + first_us, t_ref_us + first_us
+
+
 def _seen(suite: Suite, spec: CaseSpec, seed: int) -> tuple[Rig, tuple[float, float]]:
     """The cameras of a case, and how near and far what they see is, m."""
+    if is_given(spec.scene):
+        sequence = given(spec.scene)
+        assert sequence.manifest.depth_range_m is not None  # it is refused without
+        return sequence.rig, sequence.manifest.depth_range_m
     if not is_model_file(spec.scene):
         scene = scenes.load(spec.scene)
         return named_rig(spec.rig or scene.rig), scene.depth_range_m

@@ -47,12 +47,14 @@ class AlignedEvents(NamedTuple):
         events: pixels rounded; times and polarities as they were.
         xy_px: (N, 2) float32 pixels.
         depth_m: (N,) float32 z-depth in the target.
+        unsure: (N,) uint8, 1 beside a silhouette, where the farther surface may have made it.
         lost: how many events have no depth, fall outside, are hidden there.
     """
 
     events: Events
     xy_px: NDArray[np.float32]
     depth_m: NDArray[np.float32]
+    unsure: NDArray[np.uint8]
     lost: tuple[int, int, int]
 
 
@@ -89,29 +91,35 @@ def aligned_events(
     at_target = View(setup.target.camera, np.eye(4))
     for t0_us, t1_us, depths in setup.slices(first_us, last_us):
         events = setup.recording.events(setup.events, t0_us, t1_us)
-        rho = event_rho(events, depths)
+        rho, unsure = event_rho(events, depths)
         middle_us = (t0_us + t1_us) / 2
         hides = setup.carried(setup.view(setup.target, middle_us), middle_us)
         bearing = bearings(source.camera)[events.y, events.x]
         known = np.maximum(rho, 0.0)
         uv_px, seen_rho = at_target.seen(at_event.points(bearing, known), known)
         seen_rho = np.where(rho >= 0, np.maximum(seen_rho, 0.0), -1.0)
-        yield t1_us, _seen(events, uv_px, seen_rho, hides)
+        yield t1_us, _seen(events, uv_px, seen_rho, unsure, hides)
 
 
-def event_rho(events: Events, depths: Depths) -> Array:
-    """(N,) inverse depth of each event: the nearest surface of its pixel and those around it.
+def event_rho(events: Events, depths: Depths) -> tuple[Array, NDArray[np.bool_]]:
+    """Inverse depth of each event: the nearest surface of its pixel and those around it.
 
     An edge that passes belongs to the nearer of its two surfaces. On one slanted surface neighbours
     are nearer as well, but those opposite are as much farther.
+
+    Returns:
+        (N,) inverse depth, 1/m, below 0 where unknown; and (N,) whether its own pixel sees a
+        farther surface, whose texture may have made the event instead.
     """
     rho, around = depths[0][0], np.ones((3, 3), np.uint8)
     near, far = cv2.dilate(rho, around), cv2.erode(np.where(rho < 0, rho.max(), rho), around)
     is_other = near - rho > SAME_SURFACE * rho + 2 * (rho - far)
-    return np.where(is_other, near, rho)[events.y, events.x]
+    return np.where(is_other, near, rho)[events.y, events.x], is_other[events.y, events.x]
 
 
-def _seen(events: Events, uv_px: Array, rho: Array, hides: Array) -> AlignedEvents:
+def _seen(
+    events: Events, uv_px: Array, rho: Array, unsure: NDArray[np.bool_], hides: Array
+) -> AlignedEvents:
     value, mask = np.empty(len(events), np.float32), np.empty(len(events), np.uint8)
     look_up(uv_px, rho, hides, np.zeros(hides.shape, np.float32), SAME_SURFACE, value, mask)
     good = mask == SEEN
@@ -123,4 +131,6 @@ def _seen(events: Events, uv_px: Array, rho: Array, hides: Array) -> AlignedEven
     moved = Events(
         np.ascontiguousarray(x), np.ascontiguousarray(y), events.t_us[good], events.p[good]
     )
-    return AlignedEvents(moved, xy_px.astype(np.float32), depth_m, (lost[0], lost[1], lost[2]))
+    doubt = unsure[good].astype(np.uint8)
+    three = lost[0], lost[1], lost[2]
+    return AlignedEvents(moved, xy_px.astype(np.float32), depth_m, doubt, three)

@@ -27,6 +27,7 @@ class Edges(NamedTuple):
         uv_px: (E, 2) places, to a fraction of a pixel.
         normal: (E, 2) unit vectors towards the bright side.
         slope: (E,) change of log intensity per pixel along it.
+        light: (E,) grey level on the edge, 0 to 1.
         width_px: of the picture.
         tree: finds the nearest place. A table of the nearest edge of every pixel would not do: of
             two edges as far away it takes the upper one, and events seem to lie lower than they do.
@@ -35,6 +36,7 @@ class Edges(NamedTuple):
     uv_px: Array
     normal: Array
     slope: Array
+    light: Array
     width_px: int
     tree: Any
 
@@ -73,8 +75,10 @@ def find_edges(image: NDArray[np.float32]) -> Edges:
     peak = (here >= behind) & (here > ahead)
     bend = behind - 2 * here + ahead
     shift = 0.5 * (behind - ahead) / np.where(bend < 0, bend, -1.0)
-    places = (places + np.clip(shift, -0.5, 0.5)[:, None] * normal)[peak]
-    return Edges(places, normal[peak], here[peak], log.shape[1], KDTree(places))
+    moved = places + np.clip(shift, -0.5, 0.5)[:, None] * normal
+    exact = np.asarray(moved[peak], np.float64)
+    light = np.exp(_at(smooth, exact)) - _DARK
+    return Edges(exact, normal[peak], here[peak], light, log.shape[1], KDTree(exact))
 
 
 def _at(values: Array, uv_px: Array) -> Array:

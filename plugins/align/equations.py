@@ -2,7 +2,8 @@
 
 A sensor sends an event only when the light has changed by a threshold: edges of events lag behind
 those of frames, as with a late clock. So three nuisances are fitted as well: a lag in pixels along
-the motion, one over the edge's slope, and a shift towards the bright side.
+the motion, one over the edge's slope, and a shift towards the bright side. A photoreceptor's delay,
+which is a time as the clock is, cannot be fitted beside it: `late_px` says what it would do.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ _STEP_RAD = 1e-4
 _HUBER_PX, _LAG_PX = 0.7, 1.0
 _TILES = 5
 """Tiles across a frame: what lies in one, over all frames, may be one edge of the scene."""
+_DARK = 20 / 255
+"""Added to light: a photoreceptor is as slow as that in the dark (v2e, CVPRW 2021)."""
 _SECTORS = 8
 """Directions of an edge; with polarity, they are the kinds whose events may all lag alike."""
 
@@ -37,6 +40,7 @@ class Rows(NamedTuple):
         off_px: (N,) distance from the edge towards its bright side.
         weight: (N,) from 0 to 1.
         moves_px: (N, 2, 6) how the event moves in the frame per unit of each value.
+        late_px: (N,) change of `off_px` if photoreceptors were slower by 1 µs at full light.
         tile: (N,) part of the frame in which it lies.
         kind: (N,) direction of the edge and polarity.
     """
@@ -45,6 +49,7 @@ class Rows(NamedTuple):
     off_px: Array
     weight: Array
     moves_px: Array
+    late_px: Array
     tile: NDArray[np.int64]
     kind: NDArray[np.int64]
 
@@ -83,6 +88,8 @@ def _rows(setup: Setup, values: Array, sample: Sample, gate_px: float) -> Rows:
     across = (normal * along).sum(-1)
     lags = np.stack([across, np.sign(across) / slope, np.ones(len(some))], -1)
     J = np.concatenate([np.einsum("nj,njk->nk", normal, moves_px), lags], -1)
+    # The cut-off of a photoreceptor is proportional to its light.
+    slower = (1 + _DARK) / (np.maximum(sample.edges.light[pairs.edges], 0) + _DARK)
     left_px = np.abs(pairs.off_px + lags @ values[VALUES:])
     weight = np.minimum(1.0, _HUBER_PX / np.maximum(left_px, 1e-9))
     good = np.isfinite(J).all(-1) & (left_px <= gate_px)
@@ -91,8 +98,8 @@ def _rows(setup: Setup, values: Array, sample: Sample, gate_px: float) -> Rows:
     tile = (edge_px * _TILES // sample.edges.width_px).astype(np.int64)
     return Rows(
         np.where(good[:, None], J, 0.0), pairs.off_px, np.where(good, weight, 0.0),
-        np.where(good[:, None, None], moves_px, 0.0), tile[:, 1] * 1000 + tile[:, 0],
-        2 * sector + sample.brighter[some],
+        np.where(good[:, None, None], moves_px, 0.0), np.where(good, J[:, 0] * slower, 0.0),
+        tile[:, 1] * 1000 + tile[:, 0], 2 * sector + sample.brighter[some],
     )  # fmt: skip
 
 

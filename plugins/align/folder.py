@@ -28,7 +28,7 @@ Images = Literal["png", "png16", "npz"]
 INFO_FILE, TABLE_FILE, RIG_FILE = "alignment.json", "residual.csv", "corrected.json"
 _MOST_COMPARED = 40
 """Frames whose edges are compared with events, spread evenly."""
-_LOST = ("without depth", "outside", "hidden")
+_COUNTED = ("aligned", "without depth", "outside", "hidden", "unsure")
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,8 @@ class Alignment:
     Attributes:
         setup: cameras and depth; with the correction where it was applied.
         frames: how many frames were aligned.
-        events: how many events were, and how many are without depth, outside, hidden.
+        events: how many events were; how many are without depth, outside, hidden; and how many of
+            the first have a depth that is unsure.
         before: how far edges lie apart as calibrated; None where nothing can be compared.
         found: what would bring them together; None likewise.
         after: how far apart they lie then.
@@ -47,7 +48,7 @@ class Alignment:
 
     setup: Setup
     frames: int
-    events: tuple[int, int, int, int] | None
+    events: tuple[int, ...] | None
     before: Apart | None
     found: Found | None
     after: Apart | None
@@ -66,7 +67,7 @@ class Alignment:
             "events_of": setup.event_camera.name,
             "frames": self.frames,
             "events": None if self.events is None else dict(
-                zip(("aligned", *_LOST), self.events, strict=True)
+                zip(_COUNTED, self.events, strict=True)
             ),
             "residual_px": self.before.table() if self.before else None,
             "matched": self.before.matched if self.before else None,
@@ -107,8 +108,9 @@ def align(
     notes += [why] if why else []
     notes += [found.note] if found is not None and found.note else []
     if apply:
-        if found is None:
-            raise InputError(f"{setup.recording.name}: nothing to apply: {why}")
+        if found is None or not found.useful:
+            reason = found.note if found else why
+            raise InputError(f"{setup.recording.name}: nothing to apply: {reason}")
         setup = setup.corrected(found.correction)
     with atomic_dir(out, force=force, inputs=(getattr(setup.recording, "path", None),)) as folder:
         frames = _write_frames(folder, setup, chosen, times_us, images, progress)
@@ -221,25 +223,27 @@ def _write_frame(
 
 def _write_events(
     folder: Path, setup: Setup, span_us: tuple[int, int], progress: Progress
-) -> tuple[int, int, int, int]:
+) -> tuple[int, ...]:
     """Writes `events.h5` as DSEC has it, and beside it exact pixels and depth of each event."""
     first_us, last_us = _event_part(setup, span_us)
-    lost, camera = np.zeros(3, np.int64), setup.target.camera
+    counted, camera = np.zeros(4, np.int64), setup.target.camera
     with Hdf5Writer(folder / "events_px.h5") as exact:
         exact.grow("xy_px", np.float32, 1 << 16, (2,))
         exact.grow("depth_m", np.float32, 1 << 16)
+        exact.grow("unsure", np.uint8, 1 << 16)
 
         def packets() -> Iterator[Events]:
             for t_us, some in aligned_events(setup, first_us, last_us):
-                lost.__iadd__(np.array(some.lost))
+                counted.__iadd__([*some.lost, int(some.unsure.sum())])
                 exact.extend("xy_px", some.xy_px)
                 exact.extend("depth_m", some.depth_m)
+                exact.extend("unsure", some.unsure)
                 progress("events", t_us - first_us, last_us - first_us)
                 yield some.events
 
         size = camera.width_px, camera.height_px
         count = write_events(folder / "events.h5", "dsec", *size, {"events": packets()})
-    return count, int(lost[0]), int(lost[1]), int(lost[2])
+    return count, *counted.tolist()
 
 
 def _event_part(setup: Setup, span_us: tuple[int, int]) -> tuple[int, int]:

@@ -3,7 +3,8 @@
 A coarse search for the shift, then Gauss-Newton over the events' distances from edges, until its
 steps are small beside the intervals. These come from leaving out parts: what lies in one tile of
 the frame, over all frames, depends on each other, and so does all of one kind, edges of one
-direction with events of one polarity.
+direction with events of one polarity. What a photoreceptor's delay would change is added to them:
+with one direction of time, it is the same as a clock's.
 """
 
 from __future__ import annotations
@@ -24,16 +25,23 @@ MARGIN_US = 20_000
 """No clock is found to be later or earlier than this."""
 _MOST_EVENTS, _MOST_SEARCHED = 8_000, 3_000  # of a frame
 _SEARCH_PX, _SEARCHED_PX = 1.5, 4.5
+_REACH_PX = _SEARCHED_PX + _SEARCH_PX
+"""Edges that would move further were never searched for: others were taken for them."""
 _COARSE = ((3.0, 4), (2.0, 4), (2.0, 3), (2.0, 3), *[(2.0, 1)] * 4)
 """How far from an edge, px, and the first of the values besides the clock that is fitted."""
 _GATE_PX, _MOST_STEPS = 1.5, 30
 _SETTLED = 0.05
 """Of an interval's half-width: the estimate is done when no value would move by more."""
-WIDTHS = 2.6
+WIDTHS = 2.5
 """Half-width of an interval in standard deviations of `covariance`.
 
-The 95 % quantile of the errors of the first 16 draws for development of `python tests/benchmarks
-align_draws` (2.2 of these alone) and of fourteen made worlds as in this plug-in's tests (2.8).
+The 95 % quantile of errors, the clock's left out, of the 60 draws for development, 2.4, rounded up
+to a half: `python tests/benchmarks align_draws --half development` prints it.
+"""
+DELAY_US = 1e6 / (2 * np.pi * 300)
+"""A photoreceptor's delay at the frames' full scale that intervals allow for, µs.
+
+A cut-off of 300 Hz is that of v2e's DAVIS346 in full light, as of the simulator's.
 """
 _FEWEST_TILES = 4
 _NAMES = (
@@ -74,13 +82,19 @@ class Found:
         correction: what to apply.
         estimates: the six values; then how far they move the frame's edges in the mean.
         mean_move_px: (2, 6) that mean per unit of each value: µs, rad, px.
-        note: what the data cannot distinguish, or that steps did not settle; empty if neither.
+        note: what the data cannot distinguish, that steps did not settle, or that the estimate is
+            wrong; empty if none of them.
     """
 
     correction: Correction
     estimates: tuple[Estimate, ...]
     mean_move_px: Array
     note: str = ""
+
+    @property
+    def useful(self) -> bool:
+        """Whether anything is determined."""
+        return any(each.known for each in self.estimates)
 
 
 def find_offset(setup: Setup, found: Sequence[Sample]) -> Found:
@@ -177,15 +191,26 @@ def _left_out(normal: Array, side: Array) -> Array:
     return np.asarray((len(off) - 1) / len(off) * off.T @ off, np.float64)
 
 
+def slower(near: Rows) -> Array:
+    """(9,) what the values would be more by if photoreceptors were slower by 1 µs at full light."""
+    every = np.zeros(len(near.off_px), np.int64)
+    normal, side = (each[0] for each in sums(near._replace(off_px=near.late_px), every))
+    return np.asarray(_inverse(normal) @ side, np.float64)
+
+
 def _found(setup: Setup, values: Array, near: Rows, note: str = "") -> Found:
     move_px = near.mean_move_px
     move_px[:, 0] = 0.0  # of a clock, frames move differently at every time
     all_of = np.vstack([np.eye(ALL)[:VALUES], move_px])
     spread = all_of @ covariance(near, values) @ all_of.T
-    half = WIDTHS * np.sqrt(np.maximum(np.diag(spread), 0)) * _SCALE
+    random = WIDTHS * np.sqrt(np.maximum(np.diag(spread), 0))
+    half = np.hypot(random, DELAY_US * (all_of @ slower(near))) * _SCALE
     value = all_of @ values * _SCALE
-    known = np.isfinite(half) & (half > 0) & (half <= _loosest(setup))
-    if not (known[4] and known[5]):
+    known = np.isfinite(half) & (random > 0) & (half <= _loosest(setup))
+    far_px = float(np.abs(value[VALUES:]).max())
+    if far_px > _REACH_PX:
+        known[:], note = False, _FAR.format(far_px, _REACH_PX)
+    elif not (known[4] and known[5]):
         note = f"{_NOT_APART}; {note}" if note else _NOT_APART
         known[[1, 2, 4, 5]] = False
         values = _turned_instead(values, near)
@@ -197,6 +222,10 @@ def _found(setup: Setup, values: Array, near: Rows, note: str = "") -> Found:
 
 _UNSETTLED = (
     "the estimate did not settle: step {} still moved it by {:.0%} of an interval's half-width"
+)
+_FAR = (
+    "the estimate would move edges by {:.1f} px, further than the {:g} px within which they were "
+    "searched for: other edges were taken for them, and nothing is determined"
 )
 _NOT_APART = (
     "a rotation about x or y and another principal point move these edges alike: only how far both "

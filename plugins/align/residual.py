@@ -100,7 +100,7 @@ def _sample(setup: Setup, index: int) -> Sample | None:
     parts = []
     for a_us, b_us, depths in setup.slices(t0_us, t1_us):
         events = setup.recording.events(setup.events, a_us, b_us)
-        rho = event_rho(events, depths)
+        rho, _ = event_rho(events, depths)
         known = rho >= 0
         parts.append((_points(setup, events, rho)[known], rho[known], events.p[known] == 1))
     points, rho, brighter = (np.concatenate(column) for column in zip(*parts, strict=True))

@@ -110,7 +110,7 @@ def _summary(done: Alignment) -> Iterator[Part]:
     frames = f"{done.frames} frames of {setup.frames.name}" if setup.frames else "no frames"
     events = "" if done.events is None else f", {done.events[0]:,} events of " + (
         f"{setup.event_camera.name} ({done.events[1]:,} without depth, {done.events[2]:,} outside, "
-        f"{done.events[3]:,} hidden)"
+        f"{done.events[3]:,} hidden; {done.events[4]:,} unsure)"
     )  # fmt: skip
     yield f"{frames}{events} in the pixels of {setup.target.name}, by {setup.depth.words}"
     if done.before is None:

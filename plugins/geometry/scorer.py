@@ -28,6 +28,14 @@ def takes(scored: str) -> bool:
     return Path(scored).suffix.lower() in (*SUFFIXES, *OTHER_SUFFIXES, *DEPTH_SUFFIXES)
 
 
+def check(scored: str) -> None:
+    """Refuses a file that cannot be scored, as far as no truth is needed."""
+    _refuse_depth((scored,))
+    from eventsweep.plugins.geometry.readers import read_geometry
+
+    read_geometry(scored, GeometryConfig())
+
+
 def score(
     scored: tuple[str, ...], truth: Path, out: Path | None, console: Console, *,
     config: GeometryConfig, align: str | None, case: str | None, force: bool, command: str,

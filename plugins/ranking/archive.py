@@ -31,6 +31,7 @@ from eventsweep.eval.stages.map import as_perturbed
 from eventsweep.eval.stages.perturb import write_perturbed
 from eventsweep.eval.stages.simulate import scene_digest
 from eventsweep.eval.suite.definition import Suite
+from eventsweep.eval.suite.given import is_given
 from eventsweep.eval.suite.plan import simulated
 from eventsweep.plugins.ranking.archives import manifest as manifests
 from eventsweep.plugins.ranking.archives.manifest import (
@@ -119,6 +120,10 @@ class ArchivePlan:
     def job(self, case: str, seed: int) -> Job:
         """The job that makes what is packed of a case and seed."""
         spec = self.suite.cases[case]
+        if is_given(spec.scene):
+            raise InputError(
+                f"case {case}: its sequence is given, not drawn: archive a subset without it"
+            )
         drawn = seed
         if self.secret is not None:
             drawn = hidden_seed(self.secret, self.suite.name, case, seed)

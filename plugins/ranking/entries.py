@@ -33,7 +33,7 @@ from eventsweep.eval.results.table import EVENTS, POOLED, Value, each, together
 from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.suite.predictions import perfect_scores
-from eventsweep.plugins.ranking.submission import SubmissionFacts
+from eventsweep.plugins.ranking.facts import SubmissionFacts
 from eventsweep.plugins.ranking.tracks import OTHERS, SEMI_DENSE
 
 if TYPE_CHECKING:
@@ -259,7 +259,7 @@ def _case(result: Results, case: str) -> RankedCase:
     spec = result.definition["cases"][case]
     facts = {s.seed: s for s in result.samples if s.case == case}
     return RankedCase(
-        scene=spec["scene"],
+        scene=Path(spec["scene"]).name,  # of a model or a given sequence, not where it lies
         conditions=tuple(spec.get("conditions", ())),
         ranked=DEFAULT_MAPPER in spec["mappers"],
         sequences=tuple(facts[s].sequence if s in facts else "" for s in result.seeds),

@@ -22,15 +22,15 @@ from eventsweep.emvs.utils.outputs import atomic_dir
 from eventsweep.eval.suite.definition import ALL, check_name, installed, load
 from eventsweep.plugins.ranking.archives.manifest import ArchiveManifest
 from eventsweep.plugins.ranking.archives.tarball import sha256_of
+from eventsweep.plugins.ranking.facts import AnyFacts
 from eventsweep.plugins.ranking.submission import (
+    PACKAGE,
     Asked,
-    SubmissionFacts,
     check_submission,
     make_submission,
 )
 
 ENTRY = "entry.toml"
-PACKAGE = "maps.tar.zst"
 MOST_BYTES = 100 << 20
 """Of a package: what hosts of repositories take in one file."""
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,39}")
@@ -83,11 +83,11 @@ def package_of(folder: Path) -> Path:
     return path
 
 
-def make_entry(folder: Path, asked: Asked, out: Path, *, force: bool) -> SubmissionFacts:
-    """Checks depth maps, packs them, and writes the folder of an entry.
+def make_entry(folder: Path, asked: Asked, out: Path, *, force: bool) -> AnyFacts:
+    """Checks depth maps or files, packs them, and writes the folder of an entry.
 
     Args:
-        folder: depth maps and `submission.toml`, as `make_submission` takes them.
+        folder: depth maps or files, and `submission.toml`, as `make_submission` takes them.
         asked: what it must hold.
         out: the folder to write; its name is the entry's.
         force: whether an entry that is there is replaced.
@@ -104,8 +104,8 @@ def make_entry(folder: Path, asked: Asked, out: Path, *, force: bool) -> Submiss
 
 def check_entry(
     folder: Path, suite: str = "", archive: ArchiveManifest | None = None
-) -> tuple[SubmissionFacts, Asked]:
-    """Checks an entry as CI does: its name, its files, the package's hash, every depth map.
+) -> tuple[AnyFacts, Asked]:
+    """Checks an entry as CI does: its name, its files, the package's hash, all that is packed.
 
     Args:
         folder: the entry.
@@ -135,7 +135,7 @@ def check_entry(
     return check_submission(package, asked), asked
 
 
-def check_apart(found: Iterable[tuple[Path, SubmissionFacts]]) -> None:
+def check_apart(found: Iterable[tuple[Path, AnyFacts]]) -> None:
     """Refuses two entries of one method name: a ranking could not tell them apart."""
     by_method: dict[str, Path] = {}
     for folder, facts in found:

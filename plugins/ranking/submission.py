@@ -1,8 +1,8 @@
-"""A submission: a method's depth maps for a suite in one file, with who made it and what it costs.
+"""A submission: what a method found for a suite in one file, with who made it and what it costs.
 
-Made from the folder of a [prediction](predictions) that holds a `submission.toml`, and checked as
-far as no truth is needed. Nothing in such a file is believed: what may be in it, and how large it
-may be, follows from the suite.
+Made from the folder of a [prediction](predictions) that holds a `submission.toml`, or of one file
+per sequence (`files`), and checked as far as no truth is needed. Nothing in such a file is
+believed: what may be in it, and how large it may be, follows from the suite.
 """
 
 from __future__ import annotations
@@ -18,12 +18,11 @@ from typing import Annotated, Any
 
 import numpy as np
 import tomli_w
-from pydantic import Field, FiniteFloat, ValidationError
+from pydantic import Field, ValidationError
 
-from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted, refused, repeated
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError, located, quoted, refused, repeated
 from eventsweep.emvs.parameters import FrozenModel, first_fault
 from eventsweep.emvs.utils.cache import Cache, key_of
-from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, inside, parse_toml, read_text
 from eventsweep.emvs.utils.output_manifest import hashed
 from eventsweep.emvs.utils.outputs import output_file
 from eventsweep.eval.scoring.predictions import (
@@ -41,34 +40,23 @@ from eventsweep.eval.suite.packages import Wanted
 from eventsweep.eval.suite.predictions import Assignment, assignment, open_predictions
 from eventsweep.plugins.ranking.archives.manifest import ArchiveManifest, PackedFile
 from eventsweep.plugins.ranking.archives.tarball import first_member, pack, unpack
+from eventsweep.plugins.ranking.facts import FACTS, AnyFacts, FileFacts, read_facts
+from eventsweep.plugins.ranking.files import (
+    MOST_BYTES,
+    SUFFIXES,
+    check_content,
+    file_names,
+    stage_files,
+)
 
-FACTS = "submission.toml"
 MANIFEST = ".manifest.json"
+PACKAGE = "maps.tar.zst"
+"""Of an entry."""
 SCHEMA_VERSION = 1
 _MANIFEST_BYTES = 1 << 24
 _ARRAYS = {"depth_m.npy", "mask.npy", "confidence.npy"}
 # Depth, confidence and a mask of 8 bytes per pixel each, and what files say of themselves.
 _PIXEL_BYTES, _FILE_BYTES = 24, 1 << 16
-_Line = Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
-_Positive = Annotated[FiniteFloat, Field(gt=0)]
-
-
-class StatedCost(FrozenModel):
-    """What a submitter says that one window costs; nobody here measured it."""
-
-    seconds_per_window: _Positive = Field(description="time for one window, s, on average")
-    peak_memory_mb: _Positive = Field(description="memory at most, MB")
-    hardware: _Line = Field(description="processor and accelerator, in words")
-
-
-class SubmissionFacts(FrozenModel):
-    """`submission.toml`: what is submitted, by whom, under which licence, at which cost."""
-
-    method: _Line = Field(description="name of the method")
-    authors: Annotated[tuple[_Line, ...], Field(min_length=1, max_length=100)]
-    licence: _Line = Field(description="of the depth maps, as SPDX names it")
-    url: _Line | None = Field(None, description="where method or paper are found")
-    cost: StatedCost
 
 
 class SubmissionManifest(FrozenModel):
@@ -91,7 +79,7 @@ class SubmissionManifest(FrozenModel):
     cases: Annotated[tuple[str, ...], Field(min_length=1, max_length=1000)]
     seeds: Annotated[tuple[int, ...], Field(min_length=1, max_length=1000)]
     may_be_empty: bool = False
-    facts: SubmissionFacts
+    facts: AnyFacts
     files: dict[str, PackedFile]
 
 
@@ -121,8 +109,13 @@ class Asked(Wanted):
         return cls(suite, cases, seeds, archive.version, subset)
 
     def assignments(self) -> list[Assignment]:
-        """One for each case and seed."""
-        return [assignment(self.suite, case, seed) for case in self.cases for seed in self.seeds]
+        """One for each case and its seeds."""
+        return [
+            assignment(self.suite, case, seed)
+            for case in self.cases
+            for seed in self.seeds
+            if not self.suite.leaves_out(case, seed)
+        ]
 
     def views(self) -> dict[str, TargetView]:
         """The views, by the name of their file in a submission."""
@@ -133,38 +126,14 @@ class Asked(Wanted):
         }
 
 
-def read_facts(folder: Path) -> SubmissionFacts:
-    """Reads `submission.toml` in a folder."""
-    path = inside(folder, FACTS)
-    try:
-        return SubmissionFacts.model_validate(parse_toml(read_text(path, SETTINGS_BYTES)))
-    except FileNotFoundError as error:
-        raise InputError(
-            f"{path}: is missing; needs method, authors, licence, and [cost] with "
-            f"{', '.join(StatedCost.model_fields)}"
-        ) from error
-    except ValidationError as error:
-        raise InputError(f"{path}: {_first(error)}") from error
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not TOML ({error}): correct it") from error
-
-
-def _first(error: ValidationError) -> str:
-    fault = error.errors()[0]
-    where = ".".join(map(quoted, fault["loc"]))
-    costs = (f"cost.{name}" for name in StatedCost.model_fields)
-    known = ", ".join((*SubmissionFacts.model_fields, *costs))
-    more = "is missing" if fault["type"] == "missing" else fault["msg"]
-    return f"{where}: {more}; it holds {known}"
-
-
 def make_submission(folder: Path, asked: Asked, out: Path, *, force: bool) -> SubmissionManifest:
-    """Checks a folder with depth maps and `submission.toml`, and packs it into a file.
+    """Checks a folder with depth maps or files, and `submission.toml`, and packs it into a file.
 
-    Depth is stored in metres as 32-bit numbers, whatever the folder's files hold.
+    Depth is stored in metres as 32-bit numbers, whatever the folder's files hold; other files are
+    packed as they are.
 
     Args:
-        folder: as `open_predictions` takes it.
+        folder: as `open_predictions` takes it, or with `CASE/seedN` files of the facts' track.
         asked: what it must hold.
         out: the file to write.
         force: whether a file that is there is replaced.
@@ -172,25 +141,34 @@ def make_submission(folder: Path, asked: Asked, out: Path, *, force: bool) -> Su
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; needs one with depth maps and {FACTS}")
     facts = read_facts(folder)
-    (prediction,) = open_predictions([NamedFolder(folder)], asked.suite, asked.assignments())
     with output_file(out, force=force, inputs=(folder,)) as path:
         stage = path.with_name("staged")  # a kill leaves it where the next call removes it
-        for sample in asked.assignments():
-            files = timed_files(folder, prediction.description, sample.place)
-            _export(Prediction(prediction.name, files, prediction.description), sample, stage)
+        if isinstance(facts, FileFacts):
+            names, may_be_empty = stage_files(folder, facts, asked, stage), False
+        else:
+            names, may_be_empty = sorted(asked.views()), _stage_maps(folder, asked, stage)
         manifest = SubmissionManifest(
             suite=asked.suite.name,
             archive=asked.archive,
             cases=asked.cases,
             seeds=asked.seeds,
-            may_be_empty=prediction.description.may_be_empty,
+            may_be_empty=may_be_empty,
             facts=facts,
-            files={n: PackedFile(**hashed(stage / n)._asdict()) for n in sorted(asked.views())},
+            files={name: PackedFile(**hashed(stage / name)._asdict()) for name in sorted(names)},
         )
         (stage / MANIFEST).write_text(manifest.model_dump_json(), encoding="utf-8")
         # Sorted, the manifest comes first: nothing else begins with a dot.
         pack(path, stage, [MANIFEST, *manifest.files])
     return manifest
+
+
+def _stage_maps(folder: Path, asked: Asked, stage: Path) -> bool:
+    """Writes the depth maps that are packed; returns whether some may be empty."""
+    (prediction,) = open_predictions([NamedFolder(folder)], asked.suite, asked.assignments())
+    for sample in asked.assignments():
+        files = timed_files(folder, prediction.description, sample.place)
+        _export(Prediction(prediction.name, files, prediction.description), sample, stage)
+    return prediction.description.may_be_empty
 
 
 def _export(prediction: Prediction, asked: Assignment, stage: Path) -> None:
@@ -224,20 +202,50 @@ def _parsed(path: Path, text: bytes) -> SubmissionManifest:
     return manifest
 
 
-def check_submission(path: Path, asked: Asked) -> SubmissionFacts:
+def check_submission(path: Path, asked: Asked) -> AnyFacts:
     """Reads all of a submission, or of a folder that one is to be made of; no truth is needed."""
-    if path.is_dir():
-        facts = read_facts(path)
-        open_predictions([NamedFolder(path)], asked.suite, asked.assignments())
-        return facts
     with TemporaryDirectory() as place:
-        manifest = unpack_submission(path, asked, Path(place))
-        open_predictions([NamedFolder(Path(place))], asked.suite, asked.assignments())
-    return manifest.facts
+        if path.is_dir():
+            facts = read_facts(path)
+            if isinstance(facts, FileFacts):
+                stage_files(path, facts, asked, Path(place))
+                return facts
+        else:
+            facts, path = unpack_submission(path, asked, Path(place)).facts, Path(place)
+        if not isinstance(facts, FileFacts):
+            open_predictions([NamedFolder(path)], asked.suite, asked.assignments())
+    return facts
+
+
+def opened_files(path: Path, asked: Wanted, out: Path) -> tuple[FileFacts, Path, dict[str, str]]:
+    """The files of a submission, an entry or a folder, for scoring.
+
+    Args:
+        path: what holds them, checked.
+        asked: what it must hold.
+        out: an empty folder to unpack into.
+
+    Returns:
+        What is submitted, the folder of its files, and the file of each sequence.
+
+    Raises:
+        InputError: it is of depth maps, which a suite scores.
+    """
+    folder, facts = path, None
+    if path.is_dir() and (path / FACTS).exists():
+        facts = read_facts(path)
+    if facts is None:
+        package = path / PACKAGE if path.is_dir() else path
+        facts, folder = unpack_submission(package, asked, out).facts, out
+    if not isinstance(facts, FileFacts):
+        raise InputError(f"{path}: holds depth maps: give it to `suite` as --prediction")
+    there = [file.relative_to(folder).as_posix() for file in folder.glob("*/*") if file.is_file()]
+    kept = [name for name in there if name.endswith(SUFFIXES[facts.track])]
+    return facts, folder, file_names(kept, facts.track, asked)
 
 
 def unpack_submission(path: Path, asked: Wanted, out: Path) -> SubmissionManifest:
-    """Unpacks a submission into an empty folder, as `open_predictions` takes it."""
+    """Unpacks a submission into an empty folder; depth maps as `open_predictions` takes them."""
     text = first_member(path, MANIFEST, _MANIFEST_BYTES)
     manifest = _parsed(path, text)
     if manifest.suite != asked.suite.name:
@@ -247,15 +255,37 @@ def unpack_submission(path: Path, asked: Wanted, out: Path) -> SubmissionManifes
             f"{path}: is for archive {manifest.archive}, not for {asked.archive}: those are "
             "different sequences"
         )
-    views = _claimed(path, manifest, asked).views()
-    _check_files(path, manifest, views)
+    claimed = _claimed(path, manifest, asked)
     own = PackedFile(sha256=hashlib.sha256(text).hexdigest(), bytes=len(text))
-    unpack(path, out, {MANIFEST: own, **manifest.files})
+    members = {MANIFEST: own, **manifest.files}
+    if isinstance(manifest.facts, FileFacts):
+        with located(path):
+            _unpack_files(path, manifest, manifest.facts.track, claimed, out, members)
+        return manifest
+    views = claimed.views()
+    _check_files(path, manifest, views)
+    unpack(path, out, members)
     for name, view in views.items():
         _check_arrays(path, out / name, name, view)
     facts = {"name": manifest.facts.method, "may_be_empty": manifest.may_be_empty}
     (out / DESCRIPTION).write_text(tomli_w.dumps(facts), encoding="utf-8")
     return manifest
+
+
+def _unpack_files(
+    path: Path, manifest: SubmissionManifest, track: str, claimed: Asked, out: Path,
+    members: Mapping[str, PackedFile],
+) -> None:  # fmt: skip
+    names = file_names(list(manifest.files), track, claimed).values()
+    for name in names:
+        if manifest.files[name].bytes > MOST_BYTES:
+            raise InputError(f"{name}: more than {MOST_BYTES} bytes: leave points out")
+    unpack(path, out, members)
+    for name in names:
+        try:
+            check_content(out / name, track)
+        except InputError as error:  # where it was unpacked says nothing
+            raise InputError(str(error).replace(f"{out}/", "")) from error
 
 
 def _claimed(path: Path, manifest: SubmissionManifest, asked: Wanted) -> Asked:
@@ -326,7 +356,8 @@ def opened(
     Returns:
         The folders; and by the method's name in scores, facts of those that state them.
     """
-    folders, stated = [], {}
+    folders: list[NamedFolder] = []
+    stated: dict[str, dict[str, Any]] = {}
     for folder in given:
         facts = None
         if folder.path.is_file():
@@ -334,6 +365,11 @@ def opened(
         elif (folder.path / FACTS).exists():
             facts = read_facts(folder.path)
             folder = NamedFolder(folder.path, folder.name or plain(facts.method))
+        if isinstance(facts, FileFacts):
+            raise InputError(
+                f"{given[len(folders)].path}: has no depth maps, it is of the track {facts.track}: "
+                "score it with `submission score`"
+            )
         folders.append(folder)
         if facts is not None:
             stated[method_name(folder, described(folder.path))] = facts.model_dump(mode="json")
@@ -342,7 +378,7 @@ def opened(
 
 def _in_cache(
     submission: NamedFolder, wanted: Wanted, cache: Cache
-) -> tuple[NamedFolder, SubmissionFacts]:
+) -> tuple[NamedFolder, AnyFacts]:
     facts = {
         "submission": hashed(submission.path).sha256,
         "suite": wanted.suite.digest,

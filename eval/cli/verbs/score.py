@@ -58,6 +58,9 @@ class Scorer(Protocol):
     def takes(self, scored: str) -> bool:
         """Whether `FILE` or `NAME=FILE` is of its kind, by the name alone."""
 
+    def check(self, scored: str) -> None:
+        """Refuses a file that cannot be scored, as far as no truth is needed."""
+
     def score(
         self, scored: tuple[str, ...], truth: Path, out: Path | None, console: Console, *,
         config: Any, align: str | None, case: str | None, force: bool, command: str,
@@ -119,7 +122,7 @@ def score(
             ("--score.", score != SCORE),
             of="maps: leave out --truth",
         )
-        scorer = _scorer(scored)
+        scorer = scorer_of(scored)
         if scorer is not None:
             _score_by(scorer, scored, truth, out, case, trajectory, further, common, force=force)
             return
@@ -143,7 +146,7 @@ def _refuse(*flags: tuple[str, bool], of: str) -> None:
             raise InputError(f"{name} {is_} for {of}, or leave out {name}")
 
 
-def _scorer(scored: tuple[str, ...]) -> Scorer | None:
+def scorer_of(scored: tuple[str, ...]) -> Scorer | None:
     """The plug-in that one of the files is for."""
     for point in points(SCORERS):
         scorer: Scorer = loaded(point, _CANNOT)

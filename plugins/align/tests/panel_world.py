@@ -113,6 +113,7 @@ class PanelRecording:
     late_us: int = 0
     turn_rad: tuple = (0.0, 0.0, 0.0)
     threshold: float = 0.2
+    cutoff_hz: float = np.inf  # of the photoreceptors at a light of 1
     shift_px: tuple = (0.0, 0.0)
     name: str = "panel"
     rig: Rig = RIG
@@ -136,7 +137,7 @@ class PanelRecording:
 
     def events(self, camera, t0_us, t1_us):
         if self._events is None:
-            self._events = crossings(self.trajectory, self.threshold)
+            self._events = crossings(self.trajectory, self.threshold, self.cutoff_hz)
         a, b = np.searchsorted(self._events.t_us, (t0_us, t1_us))
         return Events(*(column[a:b] for column in self._events.columns))
 
@@ -147,12 +148,19 @@ class PanelRecording:
         return hits(EYE, self.trajectory.at(t_us))[0].astype(np.float32)
 
 
-def crossings(trajectory, threshold):
-    """Events of the eye: crossings of log intensity, linear between steps of 0.5 ms."""
+def crossings(trajectory, threshold, cutoff_hz):
+    """Events of the eye: crossings of log intensity, linear between steps of 0.5 ms.
+
+    A photoreceptor follows by a pole whose cut-off is proportional to light, as in v2e.
+    """
     first_us, last_us = trajectory.span_us
     level, parts, before = None, [], None
     for t_us in range(first_us, last_us + 1, STEP_US):
-        now = np.log(hits(EYE, trajectory.at(t_us))[1] + 0.02)
+        light = hits(EYE, trajectory.at(t_us))[1]
+        now = np.log(light + 0.02)
+        if before is not None:
+            pace = 2 * np.pi * cutoff_hz * (light + 20 / 255) / (1 + 20 / 255)
+            now = before + (now - before) * -np.expm1(-1e-6 * STEP_US * pace)
         if level is None:
             level = now + np.random.default_rng(0).uniform(-0.5, 0.5, now.shape) * threshold
         else:

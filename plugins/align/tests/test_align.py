@@ -96,7 +96,10 @@ def test_events_in_the_frame_cameras_pixels_open_as_dsecs(panel, tmp_path, capsy
         t, index = file["events/t"][()], file["ms_to_idx"][()]
         assert (t[index[index < len(t)]] >= 1000 * np.flatnonzero(index < len(t))).all()
     with h5py.File(out / "events_px.h5") as file:
-        assert len(file["xy_px"]) == len(file["depth_m"]) == len(events)
+        assert len(file["xy_px"]) == len(file["depth_m"]) == len(file["unsure"]) == len(events)
+        said = json.loads((out / "alignment.json").read_text())["events"]
+        assert said["aligned"] == len(events)
+        assert said["unsure"] == file["unsure"][()].sum() > 0
     with np.load(sorted((out / "views").iterdir())[0]) as view:
         assert (view["mask"] == 255).all()
         assert view["image"].shape == view["depth_m"].shape == (170, 220)

@@ -8,10 +8,11 @@ import pytest
 
 import panel_world as world
 from eventsweep.plugins.align import offset
-from eventsweep.plugins.align.carry import aligned_events
+from eventsweep.plugins.align.carry import aligned_events, event_rho
 from eventsweep.plugins.align.depths import depth_source
 from eventsweep.plugins.align.edges import find_edges, match
 from eventsweep.plugins.align.equations import Rows
+from eventsweep.plugins.align.folder import align
 from eventsweep.plugins.align.offset import covariance, find_offset
 from eventsweep.plugins.align.residual import apart, samples
 from eventsweep.plugins.align.rig import set_up
@@ -55,6 +56,22 @@ def test_planted_offsets_are_found_within_their_intervals(seed, late_us, turn_de
     before, after = apart(setup, taken), apart(setup.corrected(found.correction), taken)
     assert after.table()[0]["median_px"] < 0.5
     assert after.table()[0]["p95_px"] < 0.7 * before.table()[0]["p95_px"]
+
+
+def test_intervals_of_the_clock_allow_for_a_photoreceptors_delay(monkeypatch):
+    """Its events come late as if frames were early; the allowance is about what it does."""
+    (_, _, quick), (_, _, slow) = (
+        found_for(world.PanelRecording(0, 3000, cutoff_hz=hz)) for hz in (np.inf, 300.0)
+    )  # fmt: skip
+    moved_ms = slow.estimates[0].value - quick.estimates[0].value
+    monkeypatch.setattr(offset, "DELAY_US", 0.0)
+    _, _, random = found_for(world.PanelRecording(0, 3000, cutoff_hz=300.0))
+    allowed_ms = np.sqrt(slow.estimates[0].half ** 2 - random.estimates[0].half ** 2)
+    assert moved_ms > 0.6
+    assert 0.5 * allowed_ms < moved_ms < allowed_ms
+    assert abs(slow.estimates[0].value - 3) <= slow.estimates[0].half
+    for one, other in zip(slow.estimates[1:], random.estimates[1:], strict=True):
+        assert one.half == pytest.approx(other.half, rel=0.3)  # of a rotation it is little
 
 
 @pytest.mark.parametrize("mirrored", [(-1, 1), (1, -1)])
@@ -106,7 +123,7 @@ def rows_of(view_deg):
     tile = (np.floor((x * f_px + 120) / 48) * 1000 + np.floor((y * f_px + 120) / 48)).astype(int)
     off_px = 0.1 * rng.normal(size=5000)[tile] + 0.1 * rng.normal(size=4000)
     kind = (angle // (np.pi / 4)).astype(int) * 2 + rng.integers(0, 2, 4000)
-    return Rows(J, off_px, one, moves_px, tile, kind)
+    return Rows(J, off_px, one, moves_px, np.zeros(4000), tile, kind)
 
 
 def test_the_narrower_the_view_the_less_a_turn_is_told_from_a_principal_point():
@@ -139,6 +156,15 @@ def test_what_cannot_be_told_apart_is_said_and_corrected_by_a_rotation(monkeypat
     assert after.table()[0]["median_px"] < 0.5
 
 
+def test_beyond_the_reach_of_the_search_nothing_is_determined_or_applied(tmp_path):
+    """Of a picture that is shifted by 9 px other edges are found, or the right ones by luck."""
+    setup, _, found = found_for(world.PanelRecording(0, shift_px=(9.0, 0.0)))
+    assert "further than the 6 px within which they were searched for" in found.note
+    assert {each.words for each in found.estimates} == {"not determined"}
+    refused("nothing to apply: the estimate would move", align, setup, tmp_path / "o", apply=True)
+    assert not (tmp_path / "o").exists()
+
+
 def test_without_motion_nothing_is_determined_or_compared():
     still = world.motion(3)
     still = replace(still, positions_m=0 * still.positions_m, quats_xyzw=still.quats_xyzw[:1] + 0
@@ -156,6 +182,8 @@ def test_events_land_where_the_frame_camera_sees_their_points():
     for _, some in aligned_events(setup, 100_000, 110_000):
         events = some.events
         T_world_body = recording.trajectory.at(events.t_us)
+        assert some.unsure.shape == events.t_us.shape
+        assert 0 < some.unsure.mean() < 0.1
         for k in range(0, len(events), 37):
             T_world_grey = T_world_body[k] @ world.T_BODY_GREY
             true_m, _, _ = world.hits(world.GREY, T_world_grey, some.xy_px[k].astype(float))
@@ -166,6 +194,26 @@ def test_events_land_where_the_frame_camera_sees_their_points():
     )
     assert total > 2000
     assert count > 0.95 * total / 37  # edges belong to the nearer surface, a pixel wide
+
+
+def test_beside_a_silhouette_events_are_unsure_and_a_third_are_the_walls():
+    """Whether the panel's rim passed an event's pixel around its time, by formula."""
+    recording = world.PanelRecording(4)
+    rim, wall, panel, count = 0, 0, 0, 0
+    for t0_us, t1_us, depths in setup_of(recording).slices(100_000, 120_000):
+        events = recording.events(0, t0_us, t1_us)
+        _, unsure = event_rho(events, depths)
+        count += len(events)
+        for k in np.flatnonzero(unsure)[::3]:
+            uv_px = np.array([events.x[k], events.y[k]], float)
+            poses = recording.trajectory.at(events.t_us[k] + np.array([-500, 0, 500]))
+            on = {bool(world.hits(world.EYE, T_world_eye, uv_px)[2]) for T_world_eye in poses}
+            rim, wall, panel = rim + (len(on) > 1), wall + (on == {False}), panel + (on == {True})
+    total = rim + wall + panel
+    assert 0.03 < 3 * total / count < 0.06
+    assert rim / total > 0.55
+    assert 0.2 < wall / total < 0.4
+    assert panel / total < 0.05
 
 
 def test_cameras_that_are_not_there_are_named():

@@ -36,14 +36,10 @@ from eventsweep.plugins.ranking.archives.manifest import ArchiveManifest, Packed
 from eventsweep.plugins.ranking.archives.manifest import parse as parse_archive
 from eventsweep.plugins.ranking.archives.tarball import pack
 from eventsweep.plugins.ranking.entries import DATA_NAME, RankingData
+from eventsweep.plugins.ranking.facts import SubmissionFacts
 from eventsweep.plugins.ranking.pages.page import write_ranking
 from eventsweep.plugins.ranking.sources import read_source
-from eventsweep.plugins.ranking.submission import (
-    MANIFEST,
-    Asked,
-    SubmissionFacts,
-    unpack_submission,
-)
+from eventsweep.plugins.ranking.submission import MANIFEST, Asked, unpack_submission
 from ranking_entries import entry
 from score_rows import score_row
 from small_suite import case, suite_text

@@ -19,11 +19,11 @@ from eventsweep.plugins.ranking.entries import (
     RankingData,
     read_data,
 )
+from eventsweep.plugins.ranking.facts import SubmissionFacts
 from eventsweep.plugins.ranking.pages import page as standings
 from eventsweep.plugins.ranking.pages.method_page import page_names
 from eventsweep.plugins.ranking.pages.page import HTML_NAME, ranking_page, write_ranking
 from eventsweep.plugins.ranking.sources import Source, read_source
-from eventsweep.plugins.ranking.submission import SubmissionFacts
 from killed import killed_at_every_step
 from ranking_entries import CASES, entry
 from refusals import command_refused, line_of

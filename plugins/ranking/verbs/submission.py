@@ -1,4 +1,4 @@
-"""`eventsweep submission`: depth maps of a method for a suite, made into one file and checked."""
+"""`eventsweep submission`: what a method found for a suite, made into one file and checked."""
 
 from __future__ import annotations
 
@@ -11,10 +11,15 @@ from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, SuiteNam
 from eventsweep.eval.cli.help import HELP_FLAGS, Program
 
 if TYPE_CHECKING:
-    from eventsweep.plugins.ranking.submission import Asked, SubmissionFacts
+    from eventsweep.plugins.ranking.facts import AnyFacts
+    from eventsweep.plugins.ranking.submission import Asked
 
 Maps = Annotated[
-    Path, Parameter(help="Depth maps as CASE/seedN/TIME.npz, beside them submission.toml.")
+    Path,
+    Parameter(
+        help="Depth maps as CASE/seedN/TIME.npz, geometries as CASE/seedN.ply or poses as "
+        "CASE/seedN.txt, beside them submission.toml."
+    ),
 ]
 Archive = Annotated[
     Path | None,
@@ -23,7 +28,7 @@ Archive = Annotated[
 
 submission = Program(
     name="submission",
-    help="Make or check a submission: depth maps of a method for a suite.",
+    help="Make, check or score a submission: what a method found for a suite.",
     help_flags=HELP_FLAGS,
 )
 
@@ -39,7 +44,7 @@ def make(
     force: Force = False,
     common: Common = COMMON,
 ) -> None:
-    """Check depth maps and pack them into a file; any fault is reported in one line.
+    """Check what a method found and pack it into a file; any fault is reported in one line.
 
     Args:
         suite: Such as suite-v5, quick, or FILE.toml.
@@ -64,7 +69,7 @@ def enter(
     force: Force = False,
     common: Common = COMMON,
 ) -> None:
-    """Check depth maps and make an entry to a public ranking: a folder for a pull request.
+    """Check what a method found and make an entry to a ranking: a folder for a pull request.
 
     Args:
         suite: Such as suite-v5 or quick.
@@ -93,18 +98,54 @@ def check(
         paths: Files of `submission make`, the folders they are made of, or entries: submissions/*.
         suite: Such as suite-v5, quick, or FILE.toml, which no entry names itself.
     """
-    from eventsweep.plugins.ranking.archives.manifest import read
-    from eventsweep.plugins.ranking.entry import check_apart, check_entry, is_entry
+    from eventsweep.plugins.ranking.entry import check_apart, is_entry
 
     entries = []
     for path in paths:
+        facts, asked = _checked(path, suite, archive)
         if is_entry(path):
-            facts, asked = check_entry(path, suite or "", read(archive) if archive else None)
             entries.append((path, facts))
-        else:
-            facts, asked = _checked(path, suite, archive)
         _show(common, facts, asked, len(asked.views()))
     check_apart(entries)
+
+
+@submission.command
+def score(
+    path: Path,
+    /,
+    *,
+    recordings: Path,
+    out: Path,
+    suite: SuiteName | None = None,
+    archive: Archive = None,
+    force: Force = False,
+    common: Common = COMMON,
+) -> None:
+    """Score geometries or poses of a submission, for `ranking`; depth maps are scored by `suite`.
+
+    Args:
+        path: File of `submission make`, the folder it is made of, or an entry.
+        recordings: Folder of `archive unpack`: sequences with truth as CASE/seedN.
+        out: Folder to write: CASE/seedN/results.json.
+        suite: Such as suite-v5, quick, or FILE.toml, which no entry names itself.
+    """
+    from tempfile import TemporaryDirectory
+
+    from eventsweep.eval.cli.app import command_line
+    from eventsweep.eval.cli.console import Console
+    from eventsweep.plugins.ranking.files import score_files
+    from eventsweep.plugins.ranking.submission import opened_files
+
+    _, asked = _checked(path, suite, archive)
+    with TemporaryDirectory() as place:
+        facts, folder, names = opened_files(path, asked, Path(place))
+        score_files(
+            folder, facts, names, recordings, out, Console(quiet=True, as_json=False),
+            force=force, command=command_line(),
+        )  # fmt: skip
+    line = f"{facts.method}: {len(names)} files of the track {facts.track} are scored"
+    common.console().result({**facts.model_dump(mode="json"), "files": len(names)}, [line])
+    common.console().wrote(out)
 
 
 def _asked(suite: str, archive: Path | None) -> Asked:
@@ -117,10 +158,14 @@ def _asked(suite: str, archive: Path | None) -> Asked:
     return Asked.of(definition, subset, read(archive) if archive else None)
 
 
-def _checked(path: Path, suite: str | None, archive: Path | None) -> tuple[SubmissionFacts, Asked]:
+def _checked(path: Path, suite: str | None, archive: Path | None) -> tuple[AnyFacts, Asked]:
     from eventsweep.emvs.errors import InputError
+    from eventsweep.plugins.ranking.archives.manifest import read
+    from eventsweep.plugins.ranking.entry import check_entry, is_entry
     from eventsweep.plugins.ranking.submission import check_submission
 
+    if is_entry(path):
+        return check_entry(path, suite or "", read(archive) if archive else None)
     if not path.exists():
         raise InputError(
             f"{path}: no such file or folder; needs a submission, or an entry's folder"
@@ -131,13 +176,22 @@ def _checked(path: Path, suite: str | None, archive: Path | None) -> tuple[Submi
     return check_submission(path, asked), asked
 
 
-def _show(common: Common, facts: SubmissionFacts, asked: Asked, maps: int) -> None:
+def _show(common: Common, facts: AnyFacts, asked: Asked, maps: int) -> None:
     """Prints what a submission is, once all of it has been checked."""
+    from eventsweep.plugins.ranking.facts import FileFacts
+    from eventsweep.plugins.ranking.files import places
+
     cost = facts.cost
+    if isinstance(facts, FileFacts):
+        files = len(places(asked))
+        what, counted = f"{files} files of the track {facts.track}", {"files": files}
+        pace = f"{facts.cost.seconds_per_sequence:g} s per sequence"
+    else:
+        what, counted = f"{maps} depth maps", {"depth_maps": maps}
+        pace = f"{facts.cost.seconds_per_window:g} s per window"
     line = (
-        f"{facts.method} by {', '.join(facts.authors)}, {facts.licence}: {maps} depth maps for "
-        f"{asked.name} are complete; stated: {cost.seconds_per_window:g} s per window, "
-        f"{cost.peak_memory_mb:g} MB, {cost.hardware}"
+        f"{facts.method} by {', '.join(facts.authors)}, {facts.licence}: {what} for {asked.name} "
+        f"are complete; stated: {pace}, {cost.peak_memory_mb:g} MB, {cost.hardware}"
     )
-    content = {**facts.model_dump(mode="json"), "suite": asked.name, "depth_maps": maps}
+    content = {**facts.model_dump(mode="json"), "suite": asked.name, **counted}
     common.console().result(content, [line])

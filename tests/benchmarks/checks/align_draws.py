@@ -5,9 +5,8 @@
 A few small sequences are simulated once and kept in the folder. Each draw takes seven frames of one
 of them and spoils the frame camera's calibration, of a size near 3 ms, 0.3 degrees and 2 px in any
 direction; found is what the estimate says. Scenes for development chose constants; the others were
-opened with them. `--half` makes one of the two alone, and prints the 95 % quantile of errors
-in standard deviations: `offset.WIDTHS` is that of `--half development --draws 16` together with
-made worlds as in the plug-in's tests.
+opened with them. `--half` makes one of the two alone, and prints the 95 % quantile of errors in
+standard deviations: `offset.WIDTHS` is that of `--half development`.
 """
 
 from __future__ import annotations
@@ -83,10 +82,12 @@ HALVES = {
         Base("planes", "77°", "ideal", 0), Base("rpg-monitor", "40°", "davis346", 0),
     ),
     "held out": (
-        Base("boxes", "77°", "ideal", 1), Base("mvsec-flying", "40°", "davis346", 1),
-        Base("rpg-bin", "77°", "davis346", 1), Base("rpg-reader", "40°", "ideal", 1),
+        Base("boxes", "77°", "ideal", 901), Base("mvsec-flying", "40°", "davis346", 902),
+        Base("rpg-bin", "77°", "davis346", 903), Base("rpg-reader", "40°", "ideal", 904),
     ),
 }  # fmt: skip
+FIRST = {"development": 0, "held out": 900}
+"""Of the seeds of the draws; those of the held-out half were never drawn before the table was."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ class Drawn:
 
 def sequence(base: Base, folder: Path) -> Recording:
     """The simulated sequence, kept if it is there."""
-    path = folder / f"{base.scene}-{LENSES[base.lens].name}"
+    path = folder / f"{base.scene}-{LENSES[base.lens].name}-seed{base.seed}"
     if not path.exists():
         frames = {"rate_hz": 25, "exposure_us": 5000}
         config = es.SimConfig(duration_s=SECONDS, sensor={"preset": base.sensor}, frames=frames)
@@ -167,11 +168,11 @@ def sequence(base: Base, folder: Path) -> Recording:
 def draws(half: str, folder: Path, count: int) -> list[Drawn]:
     """Every draw of a half; the first are the same for any `count`."""
     bases, done = HALVES[half], []
-    for seed in range(count):
-        base = bases[seed % len(bases)]
+    for number in range(count):
+        base, seed = bases[number % len(bases)], FIRST[half] + number
         rng = np.random.default_rng([sorted(HALVES).index(half), seed])
         done.append(_draw(base, sequence(base, folder), rng))
-        sys.stderr.write(f"{half} {seed + 1}/{count} {base.scene}\n")
+        sys.stderr.write(f"{half} {number + 1}/{count} {base.scene}\n")
     return done
 
 
@@ -198,17 +199,22 @@ def _direction(rng: np.random.Generator) -> Array:
 
 
 def quantile(done: Sequence[Drawn]) -> float:
-    """95 % of the errors are less than so many standard deviations."""
-    return float(np.quantile([WIDTHS * np.abs(one.off) / one.half for one in done], 0.95))
+    """95 % of the errors, but for the clock's, are less than so many standard deviations.
+
+    The clock's intervals allow for the sensor's delay above all, and say nothing of these.
+    """
+    off = [(WIDTHS * np.abs(one.off) / one.half)[1:][one.known[1:]] for one in done]
+    return float(np.quantile(np.concatenate(off), 0.95))
 
 
 def table(halves: dict[str, list[Drawn]]) -> str:
     """A line per value in Markdown."""
     lines = [
         f"Written by `python tests/benchmarks align_draws`: {DRAWS} draws each, seven frames of "
-        f"240×180, events of 173×130. Scenes of the development and made worlds chose the width of "
-        f"intervals ({WIDTHS:g} standard deviations); the others were opened with this state and "
-        "one before. Half-widths and errors: medians of the held-out draws.",
+        f"240×180, events of 173×130. The development chose the width of intervals ({WIDTHS:g} "
+        "standard deviations). The held-out motions and draws, of seeds from 900, were opened "
+        "after all constants were set; earlier states saw other motions in the same scenes. "
+        "Half-widths and errors: medians of the held-out draws.",
         "",
         "| Value | Held out: within its interval | Not determined | Half-width | Error "
         "| Development: within |",
