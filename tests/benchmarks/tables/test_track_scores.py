@@ -19,15 +19,20 @@ def row(seed, percent, lost=0, failure="", ratio=1.05):
     ate_m = None if percent is None else percent / 100
     twin = Twin("rpg-boxes", "davis240", seed, 1.5)
     ratio = None if failure else ratio
-    return Row(twin, failure, ate_m, percent, 99.0, lost, 9.0, ratio, 97.0, percent == 0.4)
+    found = 97.0, percent == 0.4, None if failure else 90.0 + lost
+    return Row(twin, failure, ate_m, percent, 99.0, lost, 9.0, ratio, *found)
 
 
 def test_failures_count_and_opened_seeds_do_not():
     failed = row(1002, None, failure="no poses")
     text = table([row(0, 9.0), row(1000, 0.2), row(1001, 0.4, lost=1), failed])
-    assert "| 1.5 | 1000, 1001, 1002 | 0.40 | no poses | 97 | 1 | 99.0 | 2 | 1.05 | 6.0 |" in text
-    assert "| 1.5 | 0 (seen) | 9.00 | 9.00 | 97 | 0 | 99.0 | 0 | 1.05 | 6.0 |" in text
+    assert (
+        "| 1.5 | 1000, 1001, 1002 | 0.40 | no poses | 97 | 1 | 90.5 | 99.0 | 2 | 1.05 | 6.0 |"
+        in text
+    )
+    assert "| 1.5 | 0 (seen) | 9.00 | 9.00 | 97 | 0 | 90.0 | 99.0 | 0 | 1.05 | 6.0 |" in text
     assert "depth errors 1.05 times those on true poses in the median, inf at worst" in text
+    assert "inf at worst; 90.5 % of true poses in the 95 % regions of those found." in text
     assert "ATE 0.40 % of the way in the median, no poses at worst" in text
     assert "on 1 of 3 sequences, wrong without a word on 1" in text
     assert "Held-out seeds" not in table([row(0, 1.0)])

@@ -182,11 +182,11 @@ def table(rows: Sequence[Row]) -> str:
         "Written by `python tests/benchmarks track_scores`; aligned rigidly; CPU of all threads.",
         f"Depth: median error of `{_METHOD}` on these poses / on true ones. Tracking:",
         "least share of poses said to be; wrong: sequences in which those are off by 2 % of the",
-        "way, or 3 % of scale.",
+        "way, or 3 % of scale. Likely: true poses in the 95 % regions of those found, on average.",
         "",
         "| Scene | Sensor | s | Seeds | ATE, % of the way | At worst | Tracking, % | Wrong "
-        "| Covered, % | Lost | Depth | CPU s per s |",
-        "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
+        "| Likely, % | Covered, % | Lost | Depth | CPU s per s |",
+        "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
     ]
     for is_opened in (False, True):
         found = [row for row in rows if row.twin.is_opened == is_opened]
@@ -209,6 +209,7 @@ def _line(rows: Sequence[Row], is_opened: bool) -> str:
         f"`{twin.drawn}`", f"`{twin.sensor}`", f"{twin.seconds:g}", seeds,
         _share(float(np.median(percent))), _share(max(percent)),
         f"{min(row.claimed_percent for row in rows):.0f}", f"{sum(r.is_wrong for r in rows)}",
+        _likely(rows),
         f"{min(row.covered_percent for row in rows):.1f}",
         f"{sum(bool(row.failure) or row.lost > 0 for row in rows)}",
         f"{np.median(ratios):.2f}" if ratios else "–",
@@ -235,17 +236,19 @@ def _summary(rows: Sequence[Row]) -> str:
     wrong = sum(row.is_wrong for row in rows)
     kept = sum(not row.failure and not row.lost for row in rows)
     ratios = [np.inf if row.ratio is None else row.ratio for row in rows]
-    likely = [row.within_percent for row in rows if row.within_percent is not None]
-    regions = (
-        f" True poses in their 95 % regions: {np.mean(likely):.1f} % over {len(likely)} tracks."
-        if likely else ""
-    )  # fmt: skip
     return (
         f"Held-out seeds: ATE {median} of the way in the median, {worst} at worst; track kept "
         f"on {kept} of {len(rows)} sequences, wrong without a word on {wrong}; "
         f"depth errors {np.median(ratios):.2f} times those on true poses in the median, "
-        f"{np.max(ratios):.2f} at worst.{regions}"
+        f"{np.max(ratios):.2f} at worst; {_likely(rows)} % of true poses in the 95 % regions of "
+        "those found."
     )
+
+
+def _likely(rows: Sequence[Row]) -> str:
+    """Each track counts alike."""
+    shares = [row.within_percent for row in rows if row.within_percent is not None]
+    return f"{np.mean(shares):.1f}" if shares else "–"
 
 
 def simulated(twin: Twin, folder: Path) -> Path:
