@@ -94,9 +94,10 @@ def begin(
         found = _tracked(batches, k_start, 1, start, points, registration, sizes)
         return found if isinstance(found, str) else (*found, points)
     found = _slow_or_fast(batches, k_start, _EVERY, start, points, registration, sizes)
+    if isinstance(found, str):
+        return found
     for _ in range(_ROUNDS):
-        if not isinstance(found, str):
-            found = _followed(batches[::_EVERY], found[0][0], reach, points, registration, sizes)
+        found = _followed(batches[::_EVERY], found[0][0], reach, points, registration, sizes)
         if isinstance(found, str):
             return found
         points = _mapped(arrived, found[0], config)
@@ -154,7 +155,8 @@ def _followed(
     """
     registration.use_map(points, few(points, sizes))
     here = replace(Motion.near(first.t_us, first.T_world_body, reach), twist=first.twist)
-    motions, fits = [], []
+    motions: list[Motion] = []
+    fits: list[Fit] = []
     for batch in batches:
         motion, fit = registration(batch.events, here.at(batch.t_us))
         if fit.inliers >= LEAST_INLIERS:
