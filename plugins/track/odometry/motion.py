@@ -7,6 +7,7 @@ section 11.1, with a spectral density that covers the heads of people and small 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,16 +85,19 @@ class Motion:
     def given(self, later: Motion) -> Motion:
         """The motion once a later one is known, found from this one and all since.
 
-        A step of the smoother of Rauch, Tung and Striebel (1965). The covariance stays.
+        A step of the smoother of Rauch, Tung and Striebel (1965).
         """
         expected, (_, F) = self.at(later.t_us), self._step(later.t_us)
         xi = se3.log(se3.inverse(later.T_world_body) @ expected.T_world_body)
         off = np.concatenate([xi, later.twist - expected.twist])
-        change = self.covariance @ F.T @ np.linalg.solve(expected.covariance, off)
+        gain = np.linalg.solve(expected.covariance, F @ self.covariance).T
+        change = gain @ off
         T_world_body = self.T_world_body @ se3.inverse(se3.exp(change[:6]))
+        covariance = self.covariance + gain @ (later.covariance - expected.covariance) @ gain.T
         return replace(
-            self, T_world_body=se3.nearest_rigid(T_world_body), twist=self.twist + change[6:]
-        )
+            self, T_world_body=se3.nearest_rigid(T_world_body), twist=self.twist + change[6:],
+            covariance=(covariance + covariance.T) / 2,
+        )  # fmt: skip
 
     def turning(self, rate_rad_s: Matrix, sigma_rad_s: float) -> Motion:
         """The motion once a gyroscope has said how fast the body turns: a Kalman update.
@@ -119,6 +123,16 @@ class Motion:
     def seen_from(self, T_new_world: Matrix) -> Motion:
         """The motion in another world frame."""
         return replace(self, T_world_body=T_new_world @ self.T_world_body)
+
+
+def smoothed_motions(beliefs: Sequence[Motion | None]) -> list[Motion | None]:
+    """Motions as those after them say, too, as far as one filter led from each to the next."""
+    done: list[Motion | None] = []
+    later: Motion | None = None
+    for here in reversed(beliefs):
+        later = here if here is None or later is None else here.given(later)
+        done.append(later)
+    return done[::-1]
 
 
 def reach_for(near_m: float) -> float:

@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.plugins.track.odometry.motion import Motion
+from eventsweep.plugins.track.odometry.motion import Motion, smoothed_motions
 from eventsweep.plugins.track.odometry.registration.fit import Fit
 
 Matrix = NDArray[np.float64]
@@ -54,12 +54,9 @@ class Pose:
 
 def smoothed(poses: Sequence[Pose]) -> list[Pose]:
     """Poses as those after them say, too, as far as one filter led from each to the next."""
-    done, later = [], None
-    for pose in reversed(poses):
-        here = pose.belief
-        if here is not None and later is not None:
-            here = here.given(later)
-            pose = replace(pose, T_world_body=here.T_world_body, twist=here.twist)
-        done.append(pose)
-        later = here
-    return done[::-1]
+    better = smoothed_motions([pose.belief for pose in poses])
+    return [
+        pose if here is None
+        else replace(pose, T_world_body=here.T_world_body, twist=here.twist)
+        for pose, here in zip(poses, better, strict=True)
+    ]  # fmt: skip

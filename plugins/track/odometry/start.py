@@ -1,8 +1,8 @@
 """The first map and the first poses: static stereo, then maps on the poses that it gives.
 
 Static stereo knows no motion, so some of its points are wrong. It is used from the middle of the
-first stretch of events, forwards and backwards in time; then the whole stretch is mapped on those
-poses and tracked anew, from the middle again. Nothing of the stereo map remains.
+first stretch of events, forwards and backwards in time; then the whole stretch is tracked and
+mapped in turns: forwards, smoothed, and mapped on those poses. Nothing of the stereo map remains.
 
 A stretch in which the rig has hardly moved has no parallax to map: it grows until it has, up to
 `LONGEST_START_US`, so that its poses are found in the end.
@@ -38,7 +38,7 @@ from eventsweep.plugins.track.odometry.batches import (
     without_lone,
 )
 from eventsweep.plugins.track.odometry.maps import points_of
-from eventsweep.plugins.track.odometry.motion import Motion
+from eventsweep.plugins.track.odometry.motion import Motion, smoothed_motions
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.registration.fit import (
     AGREES,
@@ -55,11 +55,12 @@ Found = tuple[Motion, Fit, Status]
 START_US, LONGEST_START_US = 200_000, 400_000
 LEAST_POINTS = 500
 _STEREO = "SGM/ts"
-_ROUNDS, _EVERY = 2, 2  # of mapping the stretch, on poses of every so many batches
+_ROUNDS, _EVERY = 4, 2  # of mapping the stretch, on poses of every so many batches
 _SETTLING = 3  # registrations of the first batch, whose twist nothing predicts
 _SLOW, _MUST_GAIN = 0.1, 1.02  # of the usual reach; of what agrees
 _LEAST_SHARE = 0.6  # of the batches, around the middle one
 _STRETCH_US = 400_000
+_FEW_FIT = "only {} of {} batches fit the first map"
 
 
 def begin(
@@ -89,16 +90,21 @@ def begin(
         return str(error)
     if len(points) < LEAST_POINTS:
         return f"the first map has {len(points)} points: needs {LEAST_POINTS}"
-    for k in range(_ROUNDS if known is None else 0):
-        find = _tracked if k else _slow_or_fast
-        tracked = find(batches, k_start, _EVERY, start, points, registration, sizes)
-        if isinstance(tracked, str):
-            return tracked
-        start, points = _mapped(arrived, tracked[0], middle, config, reach)
+    if known is not None:
+        found = _tracked(batches, k_start, 1, start, points, registration, sizes)
+        return found if isinstance(found, str) else (*found, points)
+    found = _slow_or_fast(batches, k_start, _EVERY, start, points, registration, sizes)
+    if isinstance(found, str):
+        return found
+    for _ in range(_ROUNDS):
+        found = _followed(batches[::_EVERY], found[0][0], reach, points, registration, sizes)
+        if isinstance(found, str):
+            return found
+        points = _mapped(arrived, found[0], config)
         if len(points) < LEAST_POINTS:
             return f"the map of the first poses has {len(points)} points: needs {LEAST_POINTS}"
-    tracked = _tracked(batches, k_start, 1, start, points, registration, sizes)
-    return tracked if isinstance(tracked, str) else (*tracked, points)
+    found = _followed(batches, found[0][0], reach, points, registration, sizes)
+    return found if isinstance(found, str) else (*found, points)
 
 
 def _slow_or_fast(
@@ -133,8 +139,34 @@ def _tracked(
     registration.use_map(points, few(points, sizes))
     motions, fits = _both_ways(some, k_start // every, start, registration)
     if len(motions) < _LEAST_SHARE * len(some):
-        return f"only {len(motions)} of {len(some)} batches fit the first map"
+        return _FEW_FIT.format(len(motions), len(some))
     return motions, fits
+
+
+def _followed(
+    batches: Sequence[Batch], first: Motion, reach: float, points: Matrix,
+    registration: Registration, sizes: Sizes,
+) -> tuple[list[Motion], list[Fit]] | str:  # fmt: skip
+    """Tracks batches on a map forwards from near the `first` motion, and smooths what that gives.
+
+    A map on poses that err shows the same error, and the next poses are found on it. A batch hardly
+    sees some of them, as a turn about one axis with a shift along another: unless its neighbours in
+    time decide those, they grow whenever the stretch is mapped again.
+    """
+    registration.use_map(points, few(points, sizes))
+    here = replace(Motion.near(first.t_us, first.T_world_body, reach), twist=first.twist)
+    motions: list[Motion] = []
+    fits: list[Fit] = []
+    for batch in batches:
+        motion, fit = registration(batch.events, here.at(batch.t_us))
+        if fit.inliers >= LEAST_INLIERS:
+            here = motion
+            motions, fits = [*motions, motion], [*fits, fit]
+        elif motions:
+            break
+    if len(motions) < _LEAST_SHARE * len(batches):
+        return _FEW_FIT.format(len(motions), len(batches))
+    return [motion for motion in smoothed_motions(motions) if motion is not None], fits
 
 
 def few(points: Matrix, sizes: Sizes) -> Matrix:
@@ -161,17 +193,12 @@ def _stereo(
     return Motion.unknown(middle.t_us, np.eye(4), reach), points
 
 
-def _mapped(
-    arrived: Arrived, motions: Sequence[Motion], middle: Batch, config: MapperConfig, reach: float
-) -> tuple[Motion, Matrix]:
-    """The map of the stretch on the poses of motions, and the one at a batch, to begin from."""
+def _mapped(arrived: Arrived, motions: Sequence[Motion], config: MapperConfig) -> Matrix:
+    """The points of the map of the stretch on the poses of motions."""
     arrived.poses = trajectory_of(motions)
     first_us, last_us = arrived.poses.span_us
     window = Window(first_us, last_us, (first_us + last_us) // 2, (0,) * len(arrived.rig))
-    result = map_window(arrived, config, window=window)
-    pose = arrived.poses.at([middle.t_us])[0]
-    points = points_of(result.depth_maps[config.methods[0]])
-    return Motion.unknown(middle.t_us, pose, reach), points
+    return points_of(map_window(arrived, config, window=window).depth_maps[config.methods[0]])
 
 
 def trajectory_of(motions: Sequence[Motion]) -> Trajectory:

@@ -13,12 +13,12 @@ from eventsweep.plugins.track.odometry.tracker import Tracker
 CONFIG = TrackConfig(map_rate_hz=8, map_s=0.2, planes=40)
 
 
-def edges(segments=60, per_segment=120, seed=0, near_m=0.7, far_m=3.0):
-    """(N, 3) points on random segments before a camera at the origin, m."""
+def edges(segments=60, per_segment=120, seed=0, near_m=0.7, far_m=3.0, along=(1, 1, 0.4)):
+    """(N, 3) points on random segments before a camera at the origin, m; `along` weighs axes."""
     rng = np.random.default_rng(seed)
     rho = rng.uniform(1 / far_m, 1 / near_m, segments)
     middle = np.c_[rng.uniform(-0.8, 0.8, (segments, 2)), np.ones(segments)] / rho[:, None]
-    along = rng.normal(size=(segments, 3)) * [1, 1, 0.4]
+    along = rng.normal(size=(segments, 3)) * along
     along *= 0.25 / rho[:, None] / np.linalg.norm(along, axis=1, keepdims=True)
     share = np.linspace(-1, 1, per_segment)
     return (middle[:, None] + share[:, None] * along[:, None]).reshape(-1, 3)

@@ -1,13 +1,17 @@
 """The table of track's scores counts failures, keeps finished rows, and names held-out seeds."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import track_scores
+from eventsweep.emvs.data.poses import write_tum
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.plugins.track.folder import write_covariances
 from track_scores import Row, Twin, claimed, measured, table, twins_of
 
 
@@ -15,18 +19,50 @@ def row(seed, percent, lost=0, failure="", ratio=1.05):
     ate_m = None if percent is None else percent / 100
     twin = Twin("rpg-boxes", "davis240", seed, 1.5)
     ratio = None if failure else ratio
-    return Row(twin, failure, ate_m, percent, 99.0, lost, 9.0, ratio, 97.0, percent == 0.4)
+    found = 97.0, percent == 0.4, None if failure else 90.0 + lost
+    return Row(twin, failure, ate_m, percent, 99.0, lost, 9.0, ratio, *found)
 
 
 def test_failures_count_and_opened_seeds_do_not():
     failed = row(1002, None, failure="no poses")
     text = table([row(0, 9.0), row(1000, 0.2), row(1001, 0.4, lost=1), failed])
-    assert "| 1.5 | 1000, 1001, 1002 | 0.40 | no poses | 97 | 1 | 99.0 | 2 | 1.05 | 6.0 |" in text
-    assert "| 1.5 | 0 (seen) | 9.00 | 9.00 | 97 | 0 | 99.0 | 0 | 1.05 | 6.0 |" in text
+    assert (
+        "| 1.5 | 1000, 1001, 1002 | 0.40 | no poses | 97 | 1 | 90.5 | 99.0 | 2 | 1.05 | 6.0 |"
+        in text
+    )
+    assert "| 1.5 | 0 (seen) | 9.00 | 9.00 | 97 | 0 | 90.0 | 99.0 | 0 | 1.05 | 6.0 |" in text
     assert "depth errors 1.05 times those on true poses in the median, inf at worst" in text
+    assert "inf at worst; 90.5 % of true poses in the 95 % regions of those found." in text
     assert "ATE 0.40 % of the way in the median, no poses at worst" in text
     assert "on 1 of 3 sequences, wrong without a word on 1" in text
     assert "Held-out seeds" not in table([row(0, 1.0)])
+
+
+@pytest.mark.parametrize(("factor", "least", "most"), [(1.0, 91, 98), (0.5, 5, 60)])
+def test_errors_as_large_as_the_covariance_says_lie_in_its_region_as_often(
+    tmp_path, monkeypatch, factor, least, most
+):
+    """Whatever the world's frame; errors of position and turn are correlated."""
+    rng, count = np.random.default_rng(0), 500
+    root = rng.normal(size=(count, 6, 6)) * 1e-3
+    off = (root @ rng.normal(size=(count, 6, 1)))[..., 0]
+    off[0] = 0
+    xi = np.cumsum(rng.normal(size=(count, 6)), axis=0) * 0.02
+    found, true = np.stack([se3.exp(each) for each in xi]), []
+    for T, error in zip(found, off, strict=True):
+        turned = se3.exp(np.r_[0, 0, 0, error[3:]]) @ T
+        turned[:3, 3] = T[:3, 3] + error[:3]
+        true.append(se3.exp([1, 2, 3, 0.4, 0.5, 0.6]) @ turned)
+    t_us = np.arange(count) * 10_000
+    truth, track = (Trajectory.from_matrices(t_us, np.stack(poses)) for poses in (true, found))
+    covariances = factor**2 * root @ root.swapaxes(1, 2)
+    write_tum(tmp_path / "trajectory.txt", track)
+    write_covariances(
+        tmp_path / "covariances.txt", SimpleNamespace(trajectory=track, covariances=covariances)
+    )
+    recording = SimpleNamespace(trajectory=truth)
+    monkeypatch.setattr(track_scores.es, "open_recording", lambda _path: recording)
+    assert least < track_scores.within(tmp_path, tmp_path) < most
 
 
 def test_what_is_claimed_follows_from_the_changes_of_status():

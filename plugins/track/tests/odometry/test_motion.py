@@ -40,11 +40,15 @@ def test_what_a_later_motion_says_is_what_least_squares_over_both_say():
     ])  # fmt: skip
     both = np.linalg.solve(H, np.concatenate([np.zeros(12), seen.T @ inverse(noise) @ measured]))
     T_later = se3.inverse(se3.exp(both[12:18]) @ se3.inverse(expected.T_world_body))
-    later = replace(expected, T_world_body=T_later, twist=expected.twist + both[18:])
+    later = replace(
+        expected, T_world_body=T_later, twist=expected.twist + both[18:],
+        covariance=inverse(H)[12:, 12:],
+    )  # fmt: skip
     smoothed = before.given(later)
     xi = se3.log(se3.inverse(smoothed.T_world_body) @ before.T_world_body)
     np.testing.assert_allclose(xi, both[:6], rtol=1e-3, atol=1e-9)
     np.testing.assert_allclose(smoothed.twist - before.twist, both[6:12], rtol=1e-3, atol=1e-8)
+    np.testing.assert_allclose(smoothed.covariance, inverse(H)[:12, :12], rtol=1e-3, atol=1e-9)
 
 
 def test_heads_reach_as_far_as_they_do_and_cars_farther():
