@@ -8,7 +8,7 @@ from refusals import command_refused
 REPLACE = {
     "archive make", "archive unpack", "calibrate", "check", "run", "score", "simulate", "map",
     "convert", "events", "fit", "realism", "submission enter", "submission make", "suite", "gate",
-    "info", "track", "compare", "paper", "align",
+    "info", "track", "compare", "paper", "align", "submission score",
 }  # fmt: skip
 NO_FACTS = {"archive unpack", "convert", "report", "completion"}
 
