@@ -21,6 +21,7 @@ from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.jobs.job import Job
 from eventsweep.eval.studies.curves import METRICS, sample_words
+from eventsweep.eval.studies.definitions import METHODS as COMPARED
 from eventsweep.eval.studies.definitions import STUDIES
 from eventsweep.eval.studies.run import StudyResult, study_suite
 from eventsweep.eval.studies.stored import find_studies, read_study
@@ -42,7 +43,7 @@ def code() -> dict[str, Code]:
 
 def _jobs(name: str) -> list[Job]:
     """Of a study on the page's scenes."""
-    suite = study_suite(STUDIES[name], ("Alg1/H", "EMVS/cam0"), ("boxes", "planes"), (0,))
+    suite = study_suite(STUDIES[name], COMPARED, ("boxes", "planes"), (0,))
     return suite_jobs(suite, tuple(suite.cases), suite.seeds)
 
 
@@ -73,36 +74,36 @@ def write(folder: Path, page: Path) -> None:
             f"{folder}: not a study; `eventsweep study NAME --out {folder}` writes one"
         )
     studies = [read_study(path) for path in paths]
-    costs = [_cost(path, study) for path, study in zip(paths, studies, strict=True)]
+    cost_s = sum(_cost(path, study) for path, study in zip(paths, studies, strict=True))
     images = page.parent / "images"
     images.mkdir(exist_ok=True)
     for path in paths:
         with atomic_path(images / f"study_{path.stem}.png") as partial:
             shrink(path.with_suffix(".png"), partial)
-    text = overview(studies, costs) + "".join(f"\n{section(study)}" for study in studies)
+    text = overview(studies, cost_s) + "".join(f"\n{section(study)}" for study in studies)
     into_page(page, MARK, text, code)
 
 
-def overview(studies: Sequence[StudyResult], costs: Sequence[float]) -> str:
+def overview(studies: Sequence[StudyResult], cost_s: float) -> str:
     """Markdown: where each method breaks, and what each study averaged and cost.
 
     Args:
         studies: in the page's order.
-        costs: time of processors of each, s; jobs that studies share count in each of them.
+        cost_s: time of processors of all, s; jobs that studies share count in each of them.
     """
     methods = list(dict.fromkeys(method for study in studies for method in study.breaking()))
     usual = statistics.mode(map(_samples, studies))
     lines = [
-        f"| Study ({usual}) | unit | {' | '.join(methods)} | CPU min |",
-        f"|---|---|{'--:|' * len(methods)}--:|",
+        f"| Study ({usual}) | unit | {' | '.join(methods)} |",
+        f"|---|---|{'--:|' * len(methods)}",
     ]
-    for study, cost_s in zip(studies, costs, strict=True):
+    for study in studies:
         cells = " | ".join(_breaking(study, method) for method in methods)
         name = f"[`{study.about.name}`](#{study.about.name})"
         if _samples(study) != usual:
             name += f" ({_samples(study)})"
-        lines.append(f"| {name} | {study.about.unit} | {cells} | {cost_s / 60:.1f} |")
-    lines.append(f"| together |{' |' * (len(methods) + 1)} {sum(costs) / 60:.1f} |")
+        lines.append(f"| {name} | {study.about.unit} | {cells} |")
+    lines.append(f"\nTogether {cost_s / 60:.0f} CPU min.")
     return "\n".join(lines) + "\n"
 
 
@@ -134,7 +135,7 @@ def _breaking(study: StudyResult, method: str) -> str:
     curve = next(curves, None)
     if curve is None or math.isnan(curve.mean[0]):
         return "–"
-    return f"never (x {max(curve.mean) / curve.mean[0]:.1f})"
+    return f"never (×{max(curve.mean) / curve.mean[0]:.1f})"
 
 
 def _cost(path: Path, study: StudyResult) -> float:

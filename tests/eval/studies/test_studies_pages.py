@@ -48,8 +48,8 @@ def test_the_page_has_every_study_with_its_figure_and_breaking_points(tmp_path):
     assert "old" not in text
     assert text.startswith("before\n")
     assert text.endswith("after\n")
-    line = "mm | 3.25 | never (x 1.7) | 1.5 |"
-    for words in (f"| [`pose-noise`](#pose-noise) | {line}", "| together | | | | 3.0 |", "it died"):
+    line = "mm | 3.25 | never (×1.7) |"
+    for words in (f"| [`pose-noise`](#pose-noise) | {line}", "Together 3 CPU min.", "it died"):
         assert words in text
     assert text.index("### pose-noise") < text.index("### planes")
     with Image.open(tmp_path / "docs" / "images" / "study_pose-noise.png") as image:
