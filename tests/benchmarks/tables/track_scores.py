@@ -324,16 +324,19 @@ def is_wrong(recording: Path, poses: Trajectory, claims: NDArray[np.bool_]) -> b
 
 
 def within(recording: Path, out: Path) -> float:
-    """Of the poses after the first, which is the world's origin, those whose true one is likely.
+    """Share, %, of poses whose true one is likely: in their 95 % region of position and turn.
 
-    Likely: in the region that holds it with 95 % by the covariance of position and turn; %.
+    Of those that have a true one; the first of them is moved onto it.
     """
     found, truth = read_poses(out / FOUND_FILE), es.open_recording(recording).trajectory
-    T_world_body, T_true = found.at(found.t_us), truth.at(found.t_us)
+    has_truth = (truth.t_us[0] <= found.t_us) & (found.t_us <= truth.t_us[-1])
+    times_us = found.t_us[has_truth]
+    T_world_body, T_true = found.at(times_us), truth.at(times_us)
     T_true = T_world_body[0] @ se3.inverse(T_true[0]) @ T_true
     covariances = np.zeros((len(found), 6, 6))
     covariances[:, *np.triu_indices(6)] = np.loadtxt(out / "covariances.txt", ndmin=2)[:, 1:]
     covariances += np.triu(covariances, 1).swapaxes(1, 2)
+    covariances = covariances[has_truth]
     off = np.array([_off(*poses) for poses in zip(T_true, T_world_body, strict=True)])
     squares = np.einsum("ni,ni->n", off, np.linalg.solve(covariances, off[..., None])[..., 0])
     return 100 * float((squares[1:] < _LIKELY).mean())
