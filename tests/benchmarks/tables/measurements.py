@@ -114,7 +114,7 @@ PARTS = (
     ),
     Part(
         ("plugins/learned/learned.md#left-out",),
-        f"{_LEARNED} --left-out --sequences OUT {_PAGE}",
+        f"{_LEARNED} --left-out --sequences OUT {_PAGE} --methods {_WITH_ERRORS}",
     ),
     Part(("docs/simulator.md#fidelity",), f"{_FIDELITY} --picture docs/images/fidelity.png"),
 )
