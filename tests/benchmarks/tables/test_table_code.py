@@ -44,7 +44,9 @@ EDITS = {
     "emvs/formats/prophesee_kernels.py": {"docs/formats.md#speeds"},
     "scenes/planes.py": PLANES,
     "scenes/planes.xml": PLANES,
-    "plugins/learned/networks/weights/learned.npz": SUITES | LEARNED | REAL,
+    "plugins/learned/networks/weights/learned.npz": SUITES | LEARNED | REAL | {
+        "docs/studies.md#studies"
+    },
     "plugins/track/odometry/tracker.py": {
         "docs/paper.md#paper", "plugins/track/odometry.md#track-scores",
     },
