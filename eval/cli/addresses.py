@@ -81,7 +81,7 @@ def with_addresses(command: Callable[..., Any], bound: BoundArguments) -> Callab
             mirrored[name] = str(address_of(alone))
             continue
         for address in _addresses(value):
-            raise InputError(f"{address}: {_refusal(verb, taken, address)}")
+            raise InputError(f"{address}: {_refusal(verb, taken, address, name)}")
     if not mirrored:
         return command
 
@@ -99,11 +99,13 @@ def with_addresses(command: Callable[..., Any], bound: BoundArguments) -> Callab
     return in_mirrors
 
 
-def _refusal(verb: str, taken: Mapping[str, Opened], address: str) -> str:
+def _refusal(verb: str, taken: Mapping[str, Opened], address: str, name: str) -> str:
     known = " and ".join(taken)
     which = f"addresses only for {known}" if known else "no addresses"
-    how = ", with `aws s3 cp --recursive` for example," if address.startswith("s3:") else ""
-    return f"`{verb}` takes {which}: copy it to this machine first{how} and name the copy"
+    how = ", with `aws s3 cp --recursive` for example" if address.startswith("s3:") else ""
+    if name == "out":
+        return f"`{verb}` takes {which}: choose a folder here, and copy it there afterwards{how}"
+    return f"`{verb}` takes {which}: copy it to this machine first{how}, and name the copy"
 
 
 def _addresses(value: Any) -> Iterator[str]:
