@@ -77,7 +77,7 @@ def find_edges(image: NDArray[np.float32]) -> Edges:
     shift = 0.5 * (behind - ahead) / np.where(bend < 0, bend, -1.0)
     moved = places + np.clip(shift, -0.5, 0.5)[:, None] * normal
     exact = np.asarray(moved[peak], np.float64)
-    light = np.exp(_at(smooth, exact)) - _DARK
+    light = np.exp(_at(np.asarray(smooth, np.float64), exact)) - _DARK
     return Edges(exact, normal[peak], here[peak], light, log.shape[1], KDTree(exact))
 
 
