@@ -133,7 +133,7 @@ def _show(console: Console, path: Path) -> None:
 
 
 def _facts(path: Path) -> tuple[dict[str, Any], str, str]:
-    """What is said of a sequence, to programs and people, and what drew it."""
+    """The summary of a sequence, as facts for `--json` and as a line, and its renderer."""
     from eventsweep.emvs.data.sequence import Sequence
     from eventsweep.eval.numbers import thousands
 

@@ -32,22 +32,6 @@ from job_stages import runs
 from places import HELPERS, ROOT
 
 
-@pytest.fixture
-def log(tmp_path):
-    return tmp_path / "log"
-
-
-@pytest.fixture
-def make(log):
-    """A function that makes jobs of the test stage."""
-
-    def job(name, act="write", needs=(), **more):
-        facts = {"id": name, "act": act, "log": str(log), **more}
-        return Job(name, "job_stages", facts, tuple(needs))
-
-    return job
-
-
 def done(jobs, cache, code=code_of):
     """What comes back of a batch of jobs."""
     parcel = packed((batches_of_jobs.BATCH_S, [(job, str(cache), code(job)) for job in jobs]))

@@ -35,22 +35,6 @@ from places import HELPERS, ROOT
 from refusals import line_of
 
 
-@pytest.fixture
-def log(tmp_path):
-    return tmp_path / "log"
-
-
-@pytest.fixture
-def make(log):
-    """A function that makes jobs of the test stage."""
-
-    def job(name, act="write", needs=(), **more):
-        facts = {"id": name, "act": act, "log": str(log), **more}
-        return Job(name, "job_stages", facts, tuple(needs))
-
-    return job
-
-
 def run_here(jobs, folder, count=2):
     return run_jobs(jobs, lambda: local_workers(count, folder), Silent())
 
