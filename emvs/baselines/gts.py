@@ -118,31 +118,60 @@ def pairs(
 ) -> tuple[Indices, Indices, Float64s]:
     """Events that choose each other: (K,) indices in `left` and `right`, and (K,) energies."""
     low, high = range_px
-    to_right, energy = _best(left, right, low, high, settings)
-    to_left, _ = _best(right, left, -high, -low, settings)
+    one, other = _Rows.of(left), _Rows.of(right)
+    to_right, energy = _best(one, other, low, high, settings)
+    to_left, _ = _best(other, one, -high, -low, settings)
     mine = np.flatnonzero(to_right >= 0)
     mutual = mine[to_left[to_right[mine]] == mine]
-    return mutual, to_right[mutual], energy[mutual]
+    i, j = one.index[mutual], other.index[to_right[mutual]]
+    order = np.argsort(i)
+    return i[order], j[order], energy[mutual][order]
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """The events of a stream that can match, sorted by polarity, row and time.
+
+    Those that are compared lie beside each other in memory: fetched from all over it, they took
+    most of the time of long windows.
+
+    Attributes:
+        index: (K,) places in the stream.
+        start: (2, rows + 1) where each row of each polarity begins.
+        p, uv_px, t_us, slope: (K, ...) of the stream.
+    """
+
+    index: Indices
+    start: Indices
+    p: NDArray[np.uint8]
+    uv_px: Float64s
+    t_us: Indices
+    slope: Float64s
+
+    @classmethod
+    def of(cls, stream: Stream) -> _Rows:
+        known = np.isfinite(stream.uv_px).all(axis=1) & ~np.isnan(stream.slope[:, 0])
+        index = np.flatnonzero(known)
+        row = np.rint(stream.uv_px[index, 1]).astype(np.int64)
+        seen = row >= 0
+        index, row = index[seen], row[seen]
+        rows = int(row.max(initial=0)) + 1
+        key = stream.p[index] * np.int64(rows) + row
+        order = np.argsort(key, kind="stable")
+        index, key = index[order], key[order]
+        start = np.searchsorted(key, np.arange(2)[:, None] * rows + np.arange(rows + 1))
+        of = (stream.p, stream.uv_px, stream.t_us, stream.slope)
+        return cls(index, start, *(values[index] for values in of))
 
 
 def _best(
-    stream: Stream, other: Stream, low: float, high: float, settings: Coincidence
+    rows: _Rows, other: _Rows, low: float, high: float, settings: Coincidence
 ) -> tuple[Indices, Float64s]:
-    """For each event of `stream`, the best of `other` with `low <= column difference <= high`."""
-    out, energy = np.empty(len(stream.t_us), np.int64), np.empty(len(stream.t_us))
-    order, start = _by_row(other.uv_px)
+    """For each event of `rows`, the best of `other` with `low <= column difference <= high`."""
+    out, energy = np.empty(len(rows.t_us), np.int64), np.empty(len(rows.t_us))
     widths = settings.row_px, settings.time_us, settings.motion, settings.most_energy
     in_threads(
-        search, len(stream.t_us), stream.uv_px, stream.t_us, stream.p, stream.slope,
-        other.uv_px, other.t_us, other.p, other.slope, order, start, low, high, widths, out, energy,
+        search, len(rows.t_us), rows.p, rows.uv_px, rows.t_us, rows.slope, other.start,
+        other.uv_px, other.t_us, other.slope, low, high, widths, out, energy,
     )  # fmt: skip
     return out, energy
-
-
-def _by_row(uv_px: Float64s) -> tuple[Indices, Indices]:
-    """Indices by row, in each row by time, and where each row begins."""
-    known = np.isfinite(uv_px).all(axis=1)
-    row = np.where(known, np.rint(np.where(known, uv_px[:, 1], 0)), -1).astype(np.int64)
-    order = np.argsort(row, kind="stable")
-    rows = int(row.max(initial=0)) + 1
-    return order, np.searchsorted(row[order], np.arange(rows + 1))

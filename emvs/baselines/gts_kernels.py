@@ -24,11 +24,11 @@ def _energy(dv, dt, one, other, widths):
 
 
 @njit(cache=True, nogil=True)
-def _not_before(t_us, order, low, high, first_us):
-    """First place in low..high of `order` whose event is not before `first_us`."""
+def _not_before(t_us, low, high, first_us):
+    """First of the sorted times low..high that is not before `first_us`."""
     while low < high:
         half = (low + high) // 2
-        if t_us[order[half]] < first_us:
+        if t_us[half] < first_us:
             low = half + 1
         else:
             high = half
@@ -37,30 +37,28 @@ def _not_before(t_us, order, low, high, first_us):
 
 @njit(cache=True, nogil=True)
 def search(
-    first, last, uv, t_us, p, slope, o_uv, o_t_us, o_p, o_slope, order, start, low, high, widths,
-    out, energy,
-):  # fmt: skip
+    first, last, p, uv, t_us, slope, start, o_uv, o_t_us, o_slope, low, high, widths, out, energy
+):
     """Fills the best partner, -1 for none, and its energy, of events `first` to `last`.
 
-    Of equals it takes the earlier row and event.
+    Events of both cameras are sorted by polarity, row and time; `start` (2, rows + 1) says where
+    each row of the other camera begins. Of equals it takes the earlier row and event.
     """
     row_px, time_us, _, most = widths
-    reach = int(np.ceil(2 * row_px)) + 1
+    # A pair that is further apart in row or time has more than the largest energy by that alone.
+    far = min(2.0, np.sqrt(most) * (1 + 1e-9))
+    reach = int(far * row_px) + 1
     for k in range(first, last):
         out[k], energy[k] = -1, most
-        if np.isnan(slope[k, 0]) or np.isnan(uv[k, 0]):
-            continue
-        middle = int(np.floor(uv[k, 1] + 0.5))
-        for row in range(max(0, middle - reach), min(len(start) - 2, middle + reach) + 1):
-            first = _not_before(o_t_us, order, start[row], start[row + 1], t_us[k] - 2 * time_us)
-            for n in range(first, start[row + 1]):
-                m = order[n]
-                if o_t_us[m] > t_us[k] + 2 * time_us:
+        rows = start[p[k]]
+        middle = int(np.rint(uv[k, 1]))
+        for row in range(max(0, middle - reach), min(len(rows) - 2, middle + reach) + 1):
+            begin = _not_before(o_t_us, rows[row], rows[row + 1], t_us[k] - far * time_us)
+            for m in range(begin, rows[row + 1]):
+                if o_t_us[m] > t_us[k] + far * time_us:
                     break
                 du, dv = uv[k, 0] - o_uv[m, 0], uv[k, 1] - o_uv[m, 1]
-                if o_p[m] != p[k] or not low <= du <= high or abs(dv) > 2 * row_px:
-                    continue
-                if np.isnan(o_slope[m, 0]):
+                if not low <= du <= high or abs(dv) > far * row_px:
                     continue
                 value = _energy(dv, float(o_t_us[m] - t_us[k]), slope[k], o_slope[m], widths)
                 if value < energy[k]:

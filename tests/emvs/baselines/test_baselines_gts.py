@@ -28,15 +28,20 @@ def mapped(recording, parameters=CONFIG.gts):
 
 
 def random_stream(seed, n=120):
+    """Places in steps of a quarter, so that pairs lie exactly on the limits of what is allowed."""
     rng = np.random.default_rng(seed)
-    uv_px, t_us = rng.uniform(0, (30, 6), (n, 2)), np.sort(rng.integers(0, 4000, n))
+    uv_px, t_us = rng.integers(0, (120, 24), (n, 2)) / 4, np.sort(rng.integers(0, 4000, n))
     polarity = rng.integers(0, 2, n).astype(np.uint8)
     return Stream(uv_px, t_us, polarity, rng.uniform(800, 1200, (n, 2)))
 
 
-def test_pairs_against_the_twin_choose_each_other():
-    left, right = random_stream(1), random_stream(2)
-    settings = Coincidence(row_px=1.0, time_us=1000.0, motion=0.5, most_energy=4.0)
+@pytest.mark.parametrize("settings", [
+    Coincidence(row_px=1.0, time_us=1000.0, motion=0.5, most_energy=4.0),
+    Coincidence(row_px=1.0, time_us=1000.0, motion=0.5, most_energy=1.0),
+    Coincidence(row_px=0.5, time_us=500.0, motion=1.0, most_energy=9.0),
+])  # fmt: skip
+def test_pairs_against_the_twin_choose_each_other(settings):
+    left, right = random_stream(1, 400), random_stream(2, 400)
     i, j, energy = pairs(left, right, (1, 12), settings)
     to_right = naive.best_pairs(left, right, 1, 12, settings)
     to_left = naive.best_pairs(right, left, -12, -1, settings)
