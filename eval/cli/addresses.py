@@ -6,8 +6,9 @@ A command works in the address's mirror; what it makes there is sent when it has
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import fields, is_dataclass
 from functools import partial
 from inspect import BoundArguments
@@ -21,6 +22,7 @@ from eventsweep.emvs.utils.address import address_of, is_address, named
 
 Opened = Callable[[Path], AbstractContextManager[Path]]
 _BESIDE = ".eventsweep-next"  # the end of a hidden folder's name, of what takes an output's place
+_WITHIN = ".eventsweep-making"
 
 
 def _read(path: Path) -> AbstractContextManager[Path]:
@@ -50,20 +52,39 @@ def _replaced(path: Path, inputs: Iterable[str]) -> AbstractContextManager[Path]
     return replaced(path, f"{folder}/.{name}{_BESIDE}/{name}", inputs)
 
 
+@contextmanager
+def _within(opened: Opened, path: Path) -> Iterator[Path]:
+    """A folder within a mirror, for commands that read what they wrote beside their output.
+
+    Beside the mirror that would stand for another address.
+    """
+    with opened(path) as mirror:
+        place = mirror / _WITHIN / mirror.name
+        yield place
+        for old in set(mirror.iterdir()) - {place.parent}:  # of one that was ended before it sent
+            shutil.rmtree(old)
+        for new in place.iterdir():
+            new.rename(mirror / new.name)
+        shutil.rmtree(place.parent)
+
+
 _TAKEN: Mapping[str, Mapping[str, Opened]] = {
     "info": {"path": _read},
     "map": {"recording": _read, "out": _made},
     "report": {"folder": _changed},
     "score": {"scored": _changed},
+    "run": {"out": _made},
     "simulate": {"out": _made},
     "suite": {"out": _made},
 }
 """How arguments of commands are opened at addresses."""
+_WORK_BESIDE = {"run"}
 
 
 def shown(text: str) -> str:
     """A text with addresses in the place of their mirrors, also of what is to take their place."""
-    return re.sub(rf"\.([^/]+){re.escape(_BESIDE)}/\1", r"\1", named(text))
+    text = re.sub(rf"([^/]+)/{re.escape(_WITHIN)}/\1", r"\1", named(text))
+    return re.sub(rf"\.([^/]+){re.escape(_BESIDE)}/\1", r"\1", text)
 
 
 def with_addresses(command: Callable[..., Any], bound: BoundArguments) -> Callable[..., Any]:
@@ -92,6 +113,8 @@ def with_addresses(command: Callable[..., Any], bound: BoundArguments) -> Callab
                 if opened is _made and bound.arguments.get("force"):
                     inputs = [one for other, one in mirrored.items() if other != name]
                     opened = partial(_replaced, inputs=inputs)
+                if opened is not _read and verb in _WORK_BESIDE:
+                    opened = partial(_within, opened)
                 place = stack.enter_context(opened(Path(address)))
                 bound.arguments[name] = (str(place),) if name == "scored" else place
             return command(*bound.args, **bound.kwargs)

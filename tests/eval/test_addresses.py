@@ -118,6 +118,25 @@ def test_with_force_an_output_on_object_storage_is_replaced_as_one_here(lab, tmp
     assert {key.partition("/")[0] for key in keys(lab)} == {"seq"}
 
 
+RUN = (
+    "run", "planes", "--seconds", "0.04", "--method", "Alg1/H", "--map.planes", "10", "--workers",
+    "2", "--quiet", "--out",
+)  # fmt: skip
+
+
+def test_a_run_on_object_storage_is_the_run_here(lab, tmp_path, capsys):
+    here = tmp_path / "here"
+    assert main([*RUN, "s3://lab/run"]) == 0
+    assert main([*RUN, str(here / "run")]) == 0
+    assert keys(lab) == {f"run/{name}" for name in folder_bytes(here / "run")}
+    copied(lab, "run/", tmp_path / "back")
+    assert folder_bytes(tmp_path / "back") == folder_bytes(here)
+    line = command_refused(capsys, *RUN, "s3://lab/run")
+    assert "s3://lab/run exists: choose another output, or add --force" in line
+    assert main([*RUN, "s3://lab/run", "--force", "--seed", "1"]) == 0
+    assert {key.partition("/")[0] for key in keys(lab)} == {"run"}
+
+
 def folder_bytes(folder):
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
@@ -182,7 +201,7 @@ def test_a_web_server_takes_no_output(capsys, monkeypatch, tmp_path):
     (["map", "s3://lab/none", "--out", "x"], "s3://lab/none: nothing is there"),
     ([*SIMULATE, "s3://lost/seq"], "s3://lost/seq: cannot be written|nothing is there"),
     (["fuse", "s3://lab/map"], "s3://lab/map: `fuse` takes no addresses: copy it"),
-    (["run", "planes", "--out", "s3://lab/run"], "`run` takes no addresses: choose a folder here"),
+    (["study", "planes", "--out", "s3://lab/s"], "`study` takes no addresses: choose a folder here"),
     (["map", "x", "--out", "y", "--config", "s3://lab/c.toml"],
      "s3://lab/c.toml: `map` takes addresses only for recording and out"),
 ])  # fmt: skip
