@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import pickle
 import queue
+import socket
 import time
 import zlib
 from abc import ABC, abstractmethod
@@ -17,20 +18,32 @@ from collections import Counter, deque
 from collections.abc import Iterable
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
-from eventsweep.eval.jobs.executor import LOSSES, Result, do_same_code
-from eventsweep.eval.jobs.job import Failed, Job, Outcome, code_of
+from eventsweep.eval.jobs.job import Failed, Job, Outcome, code_of, do
 
 BATCH_S = 1.0
 """For how long a batch begins jobs, at least."""
 MOST = 256
 """Jobs of a batch: what is handed over stays a small message."""
+LOSSES = 20
+"""How often what came of a batch may be lost on its way, with the scheduler or with the worker that
+still had it, before that counts as a try of its jobs."""
 _PER_S = 100  # batches that are over: a third of what Dask's scheduler can pass on
-_PER_WORKER, _LEAST = 3, 32  # batches handed over and not over
+_PER_WORKER = 3  # batches handed over and not over
 _FETCH_S = 30.0  # for what came of a batch that is over
 _MOST_TEXT = 1 << 26  # characters that a batch sends back
 Batch = tuple[Job, ...]
+
+
+class Result(Protocol):
+    """A future, as far as it is asked: `concurrent.futures` and Dask have it."""
+
+    def result(self, timeout: float | None = None) -> Any:
+        """What the call returned, or its error."""
+
+    def add_done_callback(self, call: Any, /) -> Any:
+        """Has it called with the future, once it is over."""
 
 
 def do_batch(parcel: bytes) -> bytes:
@@ -49,6 +62,18 @@ def do_batch(parcel: bytes) -> bytes:
         size += len(getattr(outcomes[-1], "text", None) or "")
         spent_s = time.monotonic() - begun_s
     return packed((outcomes, spent_s / batch_s))
+
+
+def do_same_code(job: Job, cache: str, code: str) -> Outcome:
+    """Does a job, unless this machine would do it with other code."""
+    here = code_of(job)
+    if here != code:
+        return Failed(
+            job.name,
+            f"worker {socket.gethostname()} runs different code ({here}, not {code}): install "
+            "the same version on all machines",
+        )
+    return do(job, cache)
 
 
 def packed(value: object) -> bytes:
@@ -111,9 +136,13 @@ class BatchWorkers(ABC):
 
     Attributes:
         cache: the jobs' cache, as a folder that the workers see; best one that they share.
+        held: the batches that are handed over and not over, and their futures, by number.
+        least: how many of these there may be, even if few workers are known.
         lost: what a future raises whose jobs are not to blame.
         final: what one raises whose jobs were tried elsewhere already, as often as is good.
     """
+
+    least: int = 32
 
     lost: tuple[type[Exception], ...] = ()
     final: tuple[type[Exception], ...] = ()
@@ -121,7 +150,7 @@ class BatchWorkers(ABC):
     def __init__(self, cache: Path) -> None:
         self.cache = str(cache)
         self._batches, self._numbers = Batches(), count()
-        self._held: dict[int, tuple[Batch, Result]] = {}
+        self.held: dict[int, tuple[Batch, Result]] = {}
         self._over: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._losses: Counter[str] = Counter()
 
@@ -158,34 +187,34 @@ class BatchWorkers(ABC):
 
     def take_back(self) -> None:
         """Takes back all that is handed over."""
-        self._batches.again(batch for batch, _ in self._held.values())
-        self._held.clear()
+        self._batches.again(batch for batch, _ in self.held.values())
+        self.held.clear()
 
     def _hand_over(self) -> None:
         self.check()
         workers = self.count
-        most, batch_s = max(_PER_WORKER * workers, _LEAST), max(BATCH_S, workers / _PER_S)
-        while self._batches and len(self._held) < most:
+        most, batch_s = max(_PER_WORKER * workers, self.least), max(BATCH_S, workers / _PER_S)
+        while self._batches and len(self.held) < most:
             batch, number = self._batches.next(most), next(self._numbers)
             jobs = [(job, self.cache, code_of(job)) for job in batch]
             future = self.start(batch[0].stage, packed((batch_s, jobs)))
-            self._held[number] = batch, future
+            self.held[number] = batch, future
             future.add_done_callback(lambda _, number=number: self._over.put(number))
 
     def _outcomes(self, number: int) -> list[Outcome]:
         """What came of a batch; nothing if that was lost, or its jobs are handed over again."""
-        if number not in self._held:
+        if number not in self.held:
             return []
-        batch, future = self._held.pop(number)
+        batch, future = self.held.pop(number)
         try:
             came: tuple[list[Outcome], float] = unpacked(future.result(timeout=_FETCH_S))
         except Exception as error:  # whatever workers elsewhere can do to jobs
-            return self._failed(batch, error)
+            return self.failed(batch, error)
         outcomes, spent = came
         self._batches.over(batch, len(outcomes), spent)
         return outcomes
 
-    def _failed(self, batch: Batch, error: Exception) -> list[Outcome]:
+    def failed(self, batch: Batch, error: Exception) -> list[Outcome]:
         """Hands a batch over again if it was lost; else each job alone, or gives one up."""
         name, lost = batch[0].name, isinstance(error, self.lost)
         self._losses[name] += lost

@@ -17,8 +17,7 @@ from uuid import uuid4
 
 from eventsweep.emvs.errors import InputError, heed_interrupt
 from eventsweep.emvs.utils.release import install_extra
-from eventsweep.eval.jobs.batches import BatchWorkers, do_batch
-from eventsweep.eval.jobs.executor import Result
+from eventsweep.eval.jobs.batches import BatchWorkers, Result, do_batch
 
 if TYPE_CHECKING:
     from distributed import Client

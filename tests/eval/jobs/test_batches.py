@@ -15,6 +15,7 @@ import pytest
 from eventsweep.eval.jobs import batches as batches_of_jobs
 from eventsweep.eval.jobs.batches import (
     BATCH_S,
+    LOSSES,
     MOST,
     Batches,
     BatchWorkers,
@@ -23,7 +24,6 @@ from eventsweep.eval.jobs.batches import (
     unpacked,
 )
 from eventsweep.eval.jobs.dask import Cluster, dask_workers
-from eventsweep.eval.jobs.executor import LOSSES
 from eventsweep.eval.jobs.job import Done, Failed, Job, code_of, do
 from eventsweep.eval.jobs.local import local_workers
 from eventsweep.eval.jobs.scheduler import run_jobs
@@ -62,7 +62,7 @@ class Threads(BatchWorkers):
         batch_s, jobs = unpacked(sent)
         self.sizes.append(len(jobs))
         self.batch_s = batch_s
-        self.most = max(self.most, len(self._held) + 1)
+        self.most = max(self.most, len(self.held) + 1)
         return self.pool.submit(self.do, sent)
 
 
@@ -130,7 +130,7 @@ def test_workers_with_other_code_do_nothing(make, log, tmp_path):
 
 
 def test_a_graph_in_batches_is_done_as_in_processes(make, log, tmp_path, monkeypatch):
-    monkeypatch.setattr(batches_of_jobs, "_LEAST", 3)
+    monkeypatch.setattr(Threads, "least", 3)
     first = [make(f"a{k}") for k in range(60)]
     jobs = [make(f"b{k}", needs=(first[k], first[k - 1])) for k in range(60)]
     jobs += [make("x", "fail"), make("y", needs=(make("z", "refuse"),)), make("w", "fail once")]
@@ -150,7 +150,7 @@ def test_a_graph_in_batches_is_done_as_in_processes(make, log, tmp_path, monkeyp
 def test_few_batches_are_handed_over_at_a_time_and_each_has_many_of_many_jobs(tmp_path):
     crew = Threads(tmp_path, nothing)
     assert len(run_on(crew, empty(20_000))) == 20_000
-    assert crew.most <= batches_of_jobs._LEAST
+    assert crew.most <= crew.least
     assert len(crew.sizes) < 20_000 / 40
 
 
@@ -228,7 +228,7 @@ def test_batches_of_which_nothing_can_come_any_more_are_handed_over_again(tmp_pa
         found = False
 
         def check(self):
-            if self._held and not self.found:
+            if self.held and not self.found:
                 self.found = True
                 self.take_back()
 

@@ -12,7 +12,13 @@ import sys
 import threading
 import time
 from collections import deque
-from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import (
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -22,9 +28,10 @@ from eventsweep.emvs.utils.cache import Cache, key_of
 from eventsweep.emvs.utils.files import MARK
 from eventsweep.eval.jobs import code_version as versions_of_code
 from eventsweep.eval.jobs import dask as schedule_dask
+from eventsweep.eval.jobs.batches import LOSSES
 from eventsweep.eval.jobs.code_version import closure, code_version, definition_digest
 from eventsweep.eval.jobs.dask import Cluster, dask_workers
-from eventsweep.eval.jobs.executor import LOSSES, FutureWorkers, executor_workers
+from eventsweep.eval.jobs.executor import executor_workers
 from eventsweep.eval.jobs.job import NOT_YET, RESULT, Done, Failed, Job, do, order, stored
 from eventsweep.eval.jobs.local import ATTEMPTS, FoundJobs, local_workers
 from eventsweep.eval.jobs.scheduler import JobBoard, run_jobs
@@ -458,37 +465,25 @@ def test_an_error_that_may_pass_is_tried_once_more_and_its_log_kept_bad_input_is
     assert (outcomes["z"].log, outcomes["z"].again) == ("", False)
 
 
-class Losing(FutureWorkers):
-    """Does a job at once, but loses what came of it the first times."""
+@pytest.mark.parametrize("error", [CancelledError(), TimeoutError()])
+def test_what_an_executor_loses_on_its_way_is_no_try_of_the_job_but_is_bounded(
+    make, tmp_path, error
+):
+    class Losing(Executor):
+        def __init__(self, losses):
+            self.left = losses
 
-    count = 1
+        def submit(self, call, /, *given):
+            future, self.left = Future(), self.left - 1
+            if self.left < 0:
+                future.set_result(call(*given))
+            else:
+                future.set_exception(error)
+            return future
 
-    def __init__(self, cache, losses):
-        super().__init__(cache)
-        self.losses = deque(losses)
-
-    def start(self, job):
-        future = Future()
-        if self.losses:
-            future.set_exception(self.losses.popleft())
-        else:
-            future.set_result(do(job, self.cache))
-        return future
-
-
-def test_what_is_lost_on_its_way_is_no_try_of_the_job_but_is_bounded(make, tmp_path):
-    def outcome(*losses):
-        crew = Losing(tmp_path / "cache", losses)
-        return run_jobs([make("a")], lambda: nullcontext(crew), Silent())["a"], len(crew.losses)
-
-    for kind in (CancelledError, TimeoutError):
-        one, left = outcome(*[kind()] * LOSSES)
-        assert (type(one), left) == (Done, 0)
-        one, left = outcome(*[kind()] * 99)
-        assert (type(one), 99 - left) == (Failed, LOSSES + 2)
-        assert one.reason.startswith(kind.__name__)
-    one, left = outcome(*[OSError("no such weights")] * 99)
-    assert (one.reason, 99 - left) == ("OSError: no such weights", 2)
+    assert isinstance(run_on(Losing(LOSSES), [make("a")], tmp_path / "cache")["a"], Done)
+    outcome = run_on(Losing(99), [make("b")], tmp_path / "cache")["b"]
+    assert outcome.reason.startswith(type(error).__name__)
 
 
 def test_what_is_done_so_far_is_found_and_nothing_is_run(make, log, tmp_path):
