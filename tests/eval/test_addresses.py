@@ -201,7 +201,7 @@ def test_a_web_server_takes_no_output(capsys, monkeypatch, tmp_path):
     (["map", "s3://lab/none", "--out", "x"], "s3://lab/none: nothing is there"),
     ([*SIMULATE, "s3://lost/seq"], "s3://lost/seq: cannot be written|nothing is there"),
     (["fuse", "s3://lab/map"], "s3://lab/map: `fuse` takes no addresses: copy it"),
-    (["study", "planes", "--out", "s3://lab/s"], "`study` takes no addresses: choose a folder here"),
+    (["study", "planes", "--out", "s3://lab/s"], "`study` takes no addresses: choose a folder"),
     (["map", "x", "--out", "y", "--config", "s3://lab/c.toml"],
      "s3://lab/c.toml: `map` takes addresses only for recording and out"),
 ])  # fmt: skip
