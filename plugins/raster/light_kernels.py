@@ -72,12 +72,13 @@ def _towards(kind, vectors, cone, p):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def lit(
-    corners, normals, owner, colours, shine, channels, kinds, vectors, cones, ambient, weights,
-    eye, cut, share, light,
+    which, corners, normals, owner, colours, shine, channels, kinds, vectors, cones, ambient,
+    weights, eye, cut, share, light,
 ):  # fmt: skip
-    """Fills `light` (T, 3, 3) of all corners: their luma, or that of each colour.
+    """Fills `light` (N, 3, 3) of corners: their luma, or that of each colour.
 
     Args:
+        which: (N,) triangles.
         corners: (T, 3, 3) places of the corners, in the world's axes, m.
         normals: (T, 3, 3) of length 1.
         owner: (T,) the geom of each triangle.
@@ -95,20 +96,20 @@ def lit(
         light: out.
     """
     sums = np.empty(3)
-    for t in range(len(corners)):
+    for n, t in enumerate(which):
         g = owner[t]
         for k in range(3):
-            p, n = corners[t, k], normals[t, k]
+            p, up = corners[t, k], normals[t, k]
             v_x, v_y, v_z = _unit(eye[0] - p[0], eye[1] - p[1], eye[2] - p[2])
             for c in range(3):
                 sums[c] = (shine[g, 0] + ambient) * share * colours[g, c]
             for i in range(len(kinds)):
                 x, y, z, arrives = _towards(kinds[i], vectors[i], cones[i], p)
-                facing = n[0] * x + n[1] * y + n[2] * z
+                facing = up[0] * x + up[1] * y + up[2] * z
                 glossy = 0.0
                 if facing > 0.0 and shine[g, 1] > 0.0:
                     h_x, h_y, h_z = _unit(x + v_x, y + v_y, z + v_z)
-                    towards = max(0.0, n[0] * h_x + n[1] * h_y + n[2] * h_z)
+                    towards = max(0.0, up[0] * h_x + up[1] * h_y + up[2] * h_z)
                     glossy = shine[g, 1] * power(min(1.0, towards), shine[g, 2])
                 facing = max(0.0, facing)
                 for c in range(3):
@@ -117,7 +118,7 @@ def lit(
             total = 0.0
             for c in range(3):
                 value = min(1.0, sums[c]) if cut else sums[c]
-                light[t, k, c] = weights[c] * value
+                light[n, k, c] = weights[c] * value
                 total += weights[c] * value
             if channels[g] == 1:
-                light[t, k, 0] = total
+                light[n, k, 0] = total

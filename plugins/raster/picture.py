@@ -73,6 +73,7 @@ class Buffers:
         self._ids, self._triangles = np.empty(0, np.int32), triangles
         self.edges, self.rho = np.empty((0, 3, 3)), np.empty((0, 3))
         self.light, self.places = np.empty((0, 3, 3)), np.empty((0, 3, 3))
+        self.corner_light = np.empty((0, 3, 3))
         self.source = np.empty(0, np.int64)
         self.reserve(0)
 
@@ -80,7 +81,7 @@ class Buffers:
         """Makes room for all triangles, and the sky, after so many."""
         count = made + self._triangles + 1
         if len(self.source) < count:
-            for name in ("edges", "source", "rho", "light", "places"):
+            for name in ("edges", "source", "rho", "corner_light", "light", "places"):
                 before = getattr(self, name)
                 grown = np.empty((count + made // 2, *before.shape[1:]), before.dtype)
                 grown[:made] = before[:made]
@@ -114,6 +115,20 @@ class Drawn(NamedTuple):
     nearness: NDArray[np.float32]
     ids: NDArray[np.int32]
     made: int
+
+
+class Look(NamedTuple):
+    """How a picture is lit.
+
+    Attributes:
+        T_world_lamp: (4, 4) where the headlight is.
+        bias: below 0 it makes textures sharper.
+        share: what a mirror leaves of colours.
+    """
+
+    T_world_lamp: Array
+    bias: float
+    share: float = 1.0
 
 
 class Painter:
@@ -155,16 +170,13 @@ class Painter:
         drawn = Drawn(grid, T_world_view, clip_m, scale, nearness, ids, 0)
         return drawn._replace(made=self._visible(drawn, order, view, T_world_view[:3, 3]))
 
-    def paint(
-        self, drawn: Drawn, T_world_lamp: Array, bias: float, light: NDArray[np.float32]
-    ) -> None:
-        """Fills `light` of the picture drawn last; a `bias` below 0 makes textures sharper."""
-        self._surfaces.shine(drawn.T_world_view, T_world_lamp)
-        self._shade(drawn, drawn.grid.view, bias, light, sky=True)
+    def paint(self, drawn: Drawn, look: Look, light: NDArray[np.float32]) -> None:
+        """Fills `light` of the picture drawn last."""
+        self._shade(drawn, look, light, sky=True)
         if self._surfaces.mirror >= 0:
-            self._reflect(drawn, T_world_lamp, bias, light)
+            self._reflect(drawn, look, light)
         seen = self._seen(drawn.grid.camera, drawn.T_world_view)
-        self._glaze(drawn, drawn.T_world_view[:3, 3], seen, bias, light)
+        self._glaze(drawn, drawn.T_world_view[:3, 3], seen, look, light)
 
     def _visible(
         self, drawn: Drawn, order: NDArray[np.int64], view: NDArray[np.int64], eye_m: Array,
@@ -183,33 +195,38 @@ class Painter:
         )  # fmt: skip
 
     def _shade(
-        self, drawn: Drawn, view: NDArray[np.int64], bias: float, light: NDArray[np.float32], *,
-        sky: bool,
-    ) -> None:  # fmt: skip
-        surfaces, memory, made = self._surfaces, self._buffers, drawn.made
-        planes(
-            0, made, memory.edges, memory.source, surfaces.light, surfaces.places, memory.rho,
-            memory.light, memory.places,
-        )  # fmt: skip
-        count, nothing = made, -1
-        if sky and surfaces.sky >= 0:
-            nothing = self._sky(made, drawn.grid, drawn.T_world_view)
+        self, drawn: Drawn, look: Look, light: NDArray[np.float32], *, sky: bool = False
+    ) -> None:
+        memory, count, nothing = self._buffers, drawn.made, -1
+        self._light(0, drawn.made, drawn.T_world_view[:3, 3], look)
+        if sky and self._surfaces.sky >= 0:
+            nothing = self._sky(drawn.made, drawn.grid, drawn.T_world_view)
             count += 1
         owner = self._owner[memory.source[:count]]
         shade(
             drawn.ids, owner, self._texture, self._channels, memory.rho, memory.light,
-            memory.places, *surfaces.texels, drawn.grid.stride, view, bias, nothing, light,
+            memory.places, *self._surfaces.texels, drawn.grid.stride, drawn.grid.view, look.bias,
+            nothing, light,
         )  # fmt: skip
 
-    def _reflect(
-        self, drawn: Drawn, T_world_lamp: Array, bias: float, light: NDArray[np.float32]
-    ) -> None:
+    def _light(self, first: int, made: int, eye_m: Array, look: Look) -> None:
+        """Prepares triangles seen from an eye (3,), m: most of a scene's are not, nor are lit."""
+        surfaces, memory, its = self._surfaces, self._buffers, slice(first, made)
+        surfaces.shine(
+            memory.source[its], eye_m, look.T_world_lamp, look.share, memory.corner_light[its]
+        )
+        planes(
+            first, made, memory.edges, memory.source, memory.corner_light, surfaces.places,
+            memory.rho, memory.light, memory.places,
+        )  # fmt: skip
+
+    def _reflect(self, drawn: Drawn, look: Look, light: NDArray[np.float32]) -> None:
         """Adds what the mirror shows: the scene on its side, seen by an eye behind it."""
         surfaces, memory, eye_m = self._surfaces, self._buffers, drawn.T_world_view[:3, 3]
         normal, distance_m = surfaces.mirror_plane()
         if normal @ eye_m < distance_m:
             return
-        wanted = surfaces.mirror_triangles()[memory.source[: drawn.made]]
+        wanted = surfaces.of_mirror(memory.source[: drawn.made])
         turn = np.eye(4)
         turn[:3, :3] -= 2 * np.outer(normal, normal)
         turn[:3, 3] = 2 * distance_m * normal
@@ -218,20 +235,19 @@ class Painter:
             drawn.grid, turn @ drawn.T_world_view, drawn.clip_m, drawn.scale,
             np.zeros_like(drawn.nearness), ids, 0,
         )  # fmt: skip
-        others = self._order[self._order != surfaces.mirror]
+        others = self._seen(drawn.grid.camera, other.T_world_view)
+        others = others[others != surfaces.mirror]
         side = np.append(normal @ other.T_world_view[:3, :3], 0.0)
         side[3] = normal @ other.T_world_view[:3, 3] - distance_m
         order = others[self._opacity(eye_m)[others] >= SOLID]
         other = other._replace(made=self._visible(other, order, drawn.grid.view, eye_m, side))
-        surfaces.shine(other.T_world_view, T_world_lamp, surfaces.reflectance)
-        its = np.empty_like(light)
-        self._shade(other, drawn.grid.view, bias, its, sky=False)
-        self._glaze(other, eye_m, others, bias, its, side)
+        its, dimmed = np.empty_like(light), look._replace(share=surfaces.reflectance)
+        self._shade(other, dimmed, its)
+        self._glaze(other, eye_m, others, dimmed, its, side)
         add_where(drawn.ids, wanted, its, drawn.grid.view, light)
-        surfaces.shine(drawn.T_world_view, T_world_lamp)
 
     def _glaze(
-        self, drawn: Drawn, eye_m: Array, geoms: NDArray[np.int64], bias: float,
+        self, drawn: Drawn, eye_m: Array, geoms: NDArray[np.int64], look: Look,
         light: NDArray[np.float32], side: Array = _EVERYWHERE,
     ) -> None:  # fmt: skip
         """Puts the light of those geoms that are not solid over that of what is drawn."""
@@ -241,9 +257,9 @@ class Painter:
         for g in (*there, *there[::-1]):
             for over in self._faces(drawn, g, eye_m, side):
                 its, share = np.empty_like(light), np.full_like(light, opacity[g])
-                self._shade(over, drawn.grid.view, bias, its, sky=False)
+                self._shade(over, look, its)
                 if self._surfaces.geoms.cover[g] >= 0:
-                    self._shade_cover(over, g, bias, share)
+                    self._shade_cover(over, g, look.bias, share)
                 glaze(over.ids, over.nearness, drawn.nearness, its, share, drawn.grid.view, light)
 
     def _faces(self, drawn: Drawn, g: int, eye_m: Array, side: Array) -> Iterator[Drawn]:
@@ -266,7 +282,7 @@ class Painter:
         """Multiplies `share` by the opacity of a geom's texture."""
         surfaces, memory, made = self._surfaces, self._buffers, drawn.made
         planes(
-            0, made, memory.edges, memory.source, np.ones_like(surfaces.light), surfaces.places,
+            0, made, memory.edges, memory.source, np.ones((made, 3, 3)), surfaces.places,
             memory.rho, memory.light, memory.places,
         )  # fmt: skip
         cover, one = np.full_like(self._texture, surfaces.geoms.cover[g]), self._channels * 0 + 1
@@ -298,7 +314,7 @@ class Painter:
 
     def through_lens(
         self, lens: LensMap, parts: list[tuple[Grid, Array]], clip_m: tuple[float, float],
-        T_world_lamp: Array, bias: float, samples: Samples,
+        look: Look, samples: Samples,
     ) -> None:  # fmt: skip
         """Fills the samples of a sensor behind a lens, from which all is solid.
 
@@ -306,14 +322,12 @@ class Painter:
             lens: where its pixels lie in the sub-views.
             parts: these, and their poses.
             clip_m: nearest and farthest depth.
-            T_world_lamp: where the headlight is.
-            bias: see `paint`.
+            look: how they are lit.
             samples: out.
         """
         surfaces, memory, made = self._surfaces, self._buffers, 0
         ids, nearness = memory.ids(lens.shape), np.zeros(lens.shape, np.float32)
         ids[:] = -1
-        surfaces.shine(parts[0][1], T_world_lamp)
         for grid, T_world_view in parts:
             memory.reserve(made)
             first = made
@@ -325,15 +339,12 @@ class Painter:
             made = self._visible(
                 drawn, self._seen(grid.camera, T_world_view), grid.view, T_world_view[:3, 3]
             )
-            planes(
-                first, made, memory.edges, memory.source, surfaces.light, surfaces.places,
-                memory.rho, memory.light, memory.places,
-            )  # fmt: skip
+            self._light(first, made, parts[0][1][:3, 3], look)
         owner = self._owner[memory.source[:made]]
         number = samples.light.shape[0] // len(lens.position)
         shade_lens(
             ids, owner, self._texture, self._channels, memory.rho, memory.light, memory.places,
-            *surfaces.texels, bias, owner < len(surfaces.geoms.ids), lens.position, lens.step,
+            *surfaces.texels, look.bias, owner < len(surfaces.geoms.ids), lens.position, lens.step,
             lens.ratio, sample_offsets(number), 1 if number % 2 else 2, parts[0][0].stride,
             *samples,
         )  # fmt: skip

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.plugins.raster.picture import Drawn, Grid, Painter
+from eventsweep.plugins.raster.picture import Drawn, Grid, Look, Painter
 from eventsweep.plugins.raster.surfaces import Surfaces
 from eventsweep.sim.rendering import box_kernels, pixel_kernels
 from eventsweep.sim.rendering.base import Frame, Pose, Samples
@@ -133,8 +133,11 @@ class RasterRenderer(ModelRenderer):
         """Light and 1/z of a pinhole picture."""
         drawn = self._drawn(grid, camera, T_world_body)
         light = np.empty_like(drawn.nearness)
-        self._painter.paint(drawn, self._T_world_lamp(T_world_body), self._bias, light)
+        self._painter.paint(drawn, self._look(T_world_body), light)
         return light, drawn.nearness
+
+    def _look(self, T_world_body: Pose) -> Look:
+        return Look(self._T_world_lamp(T_world_body), self._bias)
 
     def _parts(
         self, mapped: LensMap, camera: int, T_world_body: Pose, stride: int = 1
@@ -162,8 +165,7 @@ class RasterRenderer(ModelRenderer):
             glass = self._surfaces.all_solid and not lit
             drawn = self._painter.draw(grid, T_world_view, clip_m, window, scale, glass=glass)
             if lit:
-                lamp = self._T_world_lamp(T_world_body)
-                self._painter.paint(drawn, lamp, self._bias, light)
+                self._painter.paint(drawn, self._look(T_world_body), light)
         return window, light
 
     def _plain_in_lens(self, mapped: LensMap, camera: int, T_world_body: Pose) -> Frame:
@@ -185,9 +187,8 @@ class RasterRenderer(ModelRenderer):
         lens, rho = view.lens, samples.inverse_depth_per_m
         if self._painter.all_solid((T_world_body @ self.rig.T_body_cam[camera])[:3, 3]):
             parts = self._parts(lens, camera, T_world_body, _SUB_STRIDE)
-            lamp = self._T_world_lamp(T_world_body)
-            clip_m = self._clip_m(lens)
-            self._painter.through_lens(lens, parts, clip_m, lamp, self._bias, samples)
+            clip_m, look = self._clip_m(lens), self._look(T_world_body)
+            self._painter.through_lens(lens, parts, clip_m, look, samples)
             return samples
         window, light = self._in_views(lens, camera, T_world_body, lit=True)
         pixel_kernels.resampled(light, window, lens.position, lens.step, n, *samples)

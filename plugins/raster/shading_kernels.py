@@ -29,7 +29,7 @@ def planes(first, made, edges, source, light, places, rho, light_over_z, places_
         made: N, how many are seen.
         edges: (N, 3, 3) of `visibility_kernels.visible`.
         source: (N,) which triangles these are.
-        light: (T, 3, 3) of corners.
+        light: (N, 3, 3) of corners.
         places: (T, 3, 3) texture coordinates of corners.
         rho: out, (N, 3) of 1/z.
         light_over_z: out, (N, 3, 3).
@@ -42,7 +42,7 @@ def planes(first, made, edges, source, light, places, rho, light_over_z, places_
             for c in range(3):
                 total, place = 0.0, 0.0
                 for i in range(3):
-                    total += light[t, i, c] * edges[n, i, k]
+                    total += light[n, i, c] * edges[n, i, k]
                     place += places[t, i, c] * edges[n, i, k]
                 light_over_z[n, c, k] = total
                 places_over_z[n, c, k] = place

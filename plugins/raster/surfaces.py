@@ -105,7 +105,6 @@ class Surfaces:
         texels: the textures.
         corners: (T, 3, 3) of the triangles in the world's axes, m.
         owner: (T,) the geom of each triangle.
-        light: (T, 3, 3) luma at the corners, or that of red, green and blue.
         places: (T, 3, 3) texture coordinates of the corners.
         sky: channel of the sky's texture; -1 without.
         poses: (G, 3, 4) of geoms in the world's axes.
@@ -140,9 +139,7 @@ class Surfaces:
         self._moving = np.flatnonzero(moving_geoms(model)[self.geoms.ids])
         self.corners = np.empty_like(self._object_m)
         self._turned = np.empty_like(self._normals)
-        self.light = np.empty_like(self._normals)
         self._put(np.arange(len(shown)))
-        self.shine(np.eye(4), np.eye(4))
 
     def move(self, data: Any) -> None:
         """Puts moving geoms where they are in a state whose kinematics are up to date."""
@@ -150,7 +147,6 @@ class Surfaces:
         self.poses[self._moving, :, :3] = data.geom_xmat[ids].reshape(-1, 3, 3)
         self.poses[self._moving, :, 3] = data.geom_xpos[ids]
         self._put(self._moving)
-        self._lit_for = None
 
     @property
     def all_solid(self) -> bool:
@@ -170,45 +166,35 @@ class Surfaces:
             place = place + normal * self.geoms.half[self.mirror, 2]
         return normal, float(normal @ place)
 
-    def mirror_triangles(self) -> NDArray[np.bool_]:
-        """(T,) which triangles are the mirror's face."""
+    def of_mirror(self, which: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(N,) which of (N,) triangles are the mirror's face."""
         normal, _ = self.mirror_plane()
-        its = self.owner == self.mirror
-        return np.asarray(its & (self._turned[:, 0] @ normal > 0.5))
+        its = self.owner[which] == self.mirror
+        return np.asarray(its & (self._turned[which, 0] @ normal > 0.5))
 
-    def shine(self, T_world_eye: Array, T_world_lamp: Array, share: float = 1.0) -> None:
-        """Lights the corners as seen from an eye (4, 4), lamps of the head where one is (4, 4).
+    def shine(
+        self, which: NDArray[np.int64], eye_m: Array, T_world_lamp: Array, share: float,
+        light: Array,
+    ) -> None:  # fmt: skip
+        """Fills `light` (N, 3, 3) of triangles' corners: luma, or that of red, green and blue.
 
-        A mirror leaves a `share` of their colours.
+        Args:
+            which: (N,) triangles.
+            eye_m: (3,) from where they are seen, m.
+            T_world_lamp: (4, 4) where lamps of the head are.
+            share: what a mirror leaves of their colours, else 1.
+            light: out.
         """
-        seen: tuple[object, ...] = (share,)
-        if self._follows:
-            seen = share, T_world_eye.tobytes(), T_world_lamp.tobytes()
-        if self._lit_for == seen:
-            return
         lights, geoms = self.lights, self.geoms
         vectors = lights.vectors.copy()
-        vectors[lights.heads, 0], vectors[lights.heads, 1] = (
-            T_world_lamp[:3, 3],
-            T_world_lamp[:3, 2],
-        )
+        vectors[lights.heads, 0] = T_world_lamp[:3, 3]
+        vectors[lights.heads, 1] = T_world_lamp[:3, 2]
         ambient = 0.0 if len(vectors) else _WITHOUT_LIGHTS
         lit(
-            self.corners, self._turned, self.owner, geoms.colours, geoms.shine, geoms.channels,
-            lights.kinds, vectors, lights.cones, ambient, np.array(LUMA),
-            T_world_eye[:3, 3].copy(), not self._floats, share,
-            self.light,
+            which, self.corners, self._turned, self.owner, geoms.colours, geoms.shine,
+            geoms.channels, lights.kinds, vectors, lights.cones, ambient, np.array(LUMA),
+            np.ascontiguousarray(eye_m), not self._floats, share, light,
         )  # fmt: skip
-        self._lit_for = seen
-
-    _lit_for: tuple[object, ...] | None = None
-
-    @property
-    def _follows(self) -> bool:
-        """Whether light depends on where the eye or the head is."""
-        vectors, heads = self.lights.vectors, self.lights.heads
-        glossy = bool(self.geoms.shine[:, 1].any()) and bool(vectors[:, 4].any())
-        return glossy or bool(vectors[heads, 3].any())
 
     def _even(self, geom: Any) -> bool:
         """Whether a flat geom has the same light everywhere."""
