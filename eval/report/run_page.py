@@ -19,6 +19,7 @@ from eventsweep.eval.figures.plots import (
     outlier_causes,
     svg,
 )
+from eventsweep.eval.numbers import thousands
 from eventsweep.eval.report.html import (
     REPORT_NAME,
     Block,
@@ -43,6 +44,7 @@ from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import (
     column,
     findings,
+    lead,
     mean_over_cases,
     ranked_methods,
     standings_of,
@@ -54,7 +56,7 @@ from eventsweep.eval.results.table import EVENTS, POOLED, RIG, each
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.metrics import NAN
 from eventsweep.eval.scoring.run_folder import TRACK_FOLDER
-from eventsweep.eval.scoring.standings import RULE, Standing, lead_words
+from eventsweep.eval.scoring.standings import RULE
 
 OVERVIEW_NAME = "overview.png"
 _SMALL_PX = 480
@@ -105,7 +107,7 @@ def run_page(data: RunData, files: Sequence[str] = ()) -> Page:
         subtitle="Depth from events by ray density fusion: "
         f"{', '.join((plural(len(data.cases), 'case'), *counts))}.",
         blocks=(
-            *(Text(lead_words(ranks, 1), "lead") for ranks in [_standings(data)] if ranks),
+            *(Text(words, "lead") for words in [_verdict(data)] if words),
             *(block for case in data.cases[:1] for block in _film(data, case)),
         ),
         sections=(
@@ -118,9 +120,20 @@ def run_page(data: RunData, files: Sequence[str] = ()) -> Page:
     )
 
 
-def _standings(data: RunData) -> tuple[Standing, ...]:
-    rows = data.results.rows
-    return standings_of(rows[rows["window"] == POOLED], data.ranking_metric)
+def _verdict(data: RunData) -> str:
+    """Who is best; where nothing was scored, how much was found; of no map, nothing."""
+    rows = data.results.rows[data.results.rows["window"] == POOLED]
+    if ranks := standings_of(rows, data.ranking_metric):
+        return lead(ranks, rows, data.ranking_metric)
+    case = data.cases[0]
+    windows = case.film or case.windows
+    maps = [window.methods[0] for window in windows if window.methods]
+    if not maps:
+        return ""
+    points, pixels = np.mean([one.mask.sum() for one in maps]), maps[0].mask.size
+    each_has = f", on average over {len(maps)} windows" if len(maps) > 1 else ""
+    share = f"{100 * points / pixels:.1f} % of the pixels"
+    return f"{maps[0].name} found depth at {thousands(points)} px, {share}{each_has}; not scored."
 
 
 def _overall(data: RunData, rows: pd.DataFrame) -> Iterator[Section]:

@@ -34,6 +34,7 @@ from eventsweep.eval.report.html import (
 from eventsweep.eval.report.ranking import (
     RANKING_COLUMNS,
     column,
+    lead,
     mean_over_cases,
     standings_of,
     table,
@@ -47,7 +48,7 @@ from eventsweep.eval.results.results import (
 )
 from eventsweep.eval.results.series import Series, means_over_seeds, measured_of
 from eventsweep.eval.results.table import POOLED
-from eventsweep.eval.scoring.standings import RULE, Standing, lead_words
+from eventsweep.eval.scoring.standings import RULE, Standing
 
 _ABOUT = (
     "Of each case: means over the seeds ± their standard deviation, where there is more than one; "
@@ -115,7 +116,7 @@ def _verdict(
     rows = means_over_seeds([numbers for of_case in by_case.values() for numbers in of_case])
     mean = mean_over_cases(rows, "mean") if by_case else rows
     if ranks := _standings(result, metric, by_case):
-        yield Text(lead_words(ranks, len(result.seeds)), "lead")
+        yield Text(lead(ranks, rows, metric, len(result.seeds)), "lead")
     if first:
         layer = Layer(pictures[first], "camera, depth, true depth")
         yield Pictures((Picture(first, (layer,)),), columns=1)
@@ -159,7 +160,7 @@ def _section(
     spreads = {(n.method, n.metric): displayed(n.spread, n.unit) for n in series}
     about = "what the camera saw, depth maps and true depth"
     blocks: tuple[Block, ...] = (
-        *((Text(lead_words(ranks, len(result.seeds))),) if ranks else ()),
+        *((Text(lead(ranks, rows, metric, len(result.seeds))),) if ranks else ()),
         *((Plot(picture, f"{case}: {about}"),) if picture else ()),
         table(rows, metric, ranks=ranks).grid(f"By {column(metric).title}.", spreads),
     )
