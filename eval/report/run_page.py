@@ -44,13 +44,13 @@ from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import (
     column,
     findings,
-    lead,
     mean_over_cases,
     ranked_methods,
     standings_of,
     table,
 )
 from eventsweep.eval.report.run_data import CaseData, RunData, WindowData, best_first, load_run
+from eventsweep.eval.report.verdict import lead
 from eventsweep.eval.report.window_page import COLUMNS, events_cap, seconds, window_blocks
 from eventsweep.eval.results.table import EVENTS, POOLED, RIG, each
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM

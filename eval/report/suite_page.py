@@ -34,11 +34,11 @@ from eventsweep.eval.report.html import (
 from eventsweep.eval.report.ranking import (
     RANKING_COLUMNS,
     column,
-    lead,
     mean_over_cases,
     standings_of,
     table,
 )
+from eventsweep.eval.report.verdict import lead
 from eventsweep.eval.results.results import (
     PICTURES_FOLDER,
     SUITE_CSV,

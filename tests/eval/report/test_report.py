@@ -14,7 +14,6 @@ from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import (
     findings,
     fusion_order,
-    lead,
     mean_over_cases,
     order,
     standings_of,
@@ -22,6 +21,7 @@ from eventsweep.eval.report.ranking import (
 )
 from eventsweep.eval.report.run_data import _range_s
 from eventsweep.eval.report.run_page import run_page, write_report
+from eventsweep.eval.report.verdict import lead
 from eventsweep.eval.results.table import tidy, together
 from refusals import line_of
 from report_data import METHODS, SHAPE, WellFormed, report_data, window_data
