@@ -15,10 +15,7 @@ from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
     REPORT_NAME,
     Block,
-    Layer,
     Page,
-    Picture,
-    Pictures,
     Plot,
     Section,
     Sentences,
@@ -54,6 +51,7 @@ _ABOUT = (
     "Of each case: means over the seeds ± their standard deviation, where there is more than one; "
     "the best of each column is marked."
 )
+_PICTURE = "what the camera saw, depth maps and true depth"
 _OVER_CASES = (
     "Every case weighs the same, and pixels are the mean of a case. A method that lacks one of "
     "the cases has no mean."
@@ -118,8 +116,7 @@ def _verdict(
     if ranks := _standings(result, metric, by_case):
         yield Text(lead(ranks, rows, metric, len(result.seeds)), "lead")
     if first:
-        layer = Layer(pictures[first], "camera, depth, true depth")
-        yield Pictures((Picture(first, (layer,)),), columns=1)
+        yield Plot(pictures[first], f"{first}: {_PICTURE}")
     yield Sentences(tuple(_missing(result)))
     if len(by_case) > 1:  # the mean of a single case would repeat it
         about = f"Mean of {len(by_case)} cases, by {column(metric).title}. {_OVER_CASES}"
@@ -158,10 +155,9 @@ def _section(
     rows = means_over_seeds(series)
     ranks = _standings(result, metric, (case,))
     spreads = {(n.method, n.metric): displayed(n.spread, n.unit) for n in series}
-    about = "what the camera saw, depth maps and true depth"
     blocks: tuple[Block, ...] = (
         *((Text(lead(ranks, rows, metric, len(result.seeds))),) if ranks else ()),
-        *((Plot(picture, f"{case}: {about}"),) if picture else ()),
+        *((Plot(picture, f"{case}: {_PICTURE}"),) if picture else ()),
         table(rows, metric, ranks=ranks).grid(f"By {column(metric).title}.", spreads),
     )
     return Section(f"case{position}", case, blocks)
