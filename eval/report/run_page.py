@@ -132,8 +132,8 @@ def _verdict(data: RunData) -> str:
         return ""
     points, pixels = np.mean([one.mask.sum() for one in maps]), maps[0].mask.size
     each_has = f", on average over {len(maps)} windows" if len(maps) > 1 else ""
-    share = f"{100 * points / pixels:.1f} % of the pixels"
-    return f"{maps[0].name} found depth at {thousands(points)} px, {share}{each_has}; not scored."
+    found = f"{thousands(points)} px ({100 * points / pixels:.1f} % of the image){each_has}"
+    return f"{maps[0].name} found depth at {found}; not scored."
 
 
 def _overall(data: RunData, rows: pd.DataFrame) -> Iterator[Section]:

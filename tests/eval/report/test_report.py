@@ -98,9 +98,9 @@ def test_a_map_without_scores_begins_with_how_much_it_found():
     first = data.cases[0].windows[0].methods[0]
     points = np.mean([window.methods[0].mask.sum() for window in data.cases[0].windows])
     said = re.search(r'class="lead">([^<]*)', words_of(data))[1]
-    assert said.startswith(f"{first.name} found depth at {points:,.0f} px, ")
-    assert said.endswith("% of the pixels, on average over 2 windows; not scored.")
-    assert f", {100 * points / first.mask.size:.1f} % of" in said
+    assert said.startswith(f"{first.name} found depth at {points:,.0f} px (")
+    assert said.endswith("% of the image), on average over 2 windows; not scored.")
+    assert f"({100 * points / first.mask.size:.1f} % of" in said
 
 
 def verdict(*values):
