@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from eventsweep.eval.figures.plots import (
     outlier_causes,
     svg,
 )
-from eventsweep.eval.numbers import thousands
+from eventsweep.eval.numbers import display_unit, displayed, thousands
 from eventsweep.eval.report.html import (
     REPORT_NAME,
     Block,
@@ -50,13 +51,12 @@ from eventsweep.eval.report.ranking import (
     table,
 )
 from eventsweep.eval.report.run_data import CaseData, RunData, WindowData, best_first, load_run
-from eventsweep.eval.report.verdict import lead
 from eventsweep.eval.report.window_page import COLUMNS, events_cap, seconds, window_blocks
 from eventsweep.eval.results.table import EVENTS, POOLED, RIG, each
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.metrics import NAN
 from eventsweep.eval.scoring.run_folder import TRACK_FOLDER
-from eventsweep.eval.scoring.standings import RULE
+from eventsweep.eval.scoring.standings import RULE, Standing, lead_words
 
 OVERVIEW_NAME = "overview.png"
 _SMALL_PX = 480
@@ -134,6 +134,26 @@ def _verdict(data: RunData) -> str:
     each_has = f", on average over {len(maps)} windows" if len(maps) > 1 else ""
     found = f"{thousands(points)} px ({100 * points / pixels:.1f} % of the image){each_has}"
     return f"{maps[0].name} found depth at {found}; not scored."
+
+
+def lead(ranks: Sequence[Standing], rows: pd.DataFrame, metric: str, seeds: int = 1) -> str:
+    """A page's verdict: who is first; with one seed, which ranks nobody, by how much."""
+    if seeds > 1:
+        return lead_words(ranks, seeds)
+    title, unit = column(metric).title, rows.loc[rows["metric"] == metric, "unit"].iloc[0]
+    first = [one for one in ranks if one.place == ranks[0].place]
+    values = [f"{displayed(r.values[0], unit)} {display_unit(unit)}".rstrip() for r in ranks]
+    names, are = ", ".join(one.method for one in first), "are" if len(first) > 1 else "is"
+    if len(ranks[0].values) > 1:
+        verdict = f"{names} {are} placed first by {title} over {len(ranks[0].values)} cases."
+    elif math.isnan(ranks[0].values[0]):
+        return f"No method has a {title}: none has a depth that could be scored."
+    elif len(ranks) == 1:
+        return f"{names}: {title} {values[0]}, from one seed."
+    else:
+        behind = [f", then {r.method} with {v}" for r, v in zip(ranks, values, strict=True)]
+        verdict = f"{names} {are} best: {title} {values[0]}{''.join(behind[len(first) :][:1])}."
+    return f"{verdict} One seed does not show whether that holds for others."
 
 
 def _overall(data: RunData, rows: pd.DataFrame) -> Iterator[Section]:

@@ -35,7 +35,7 @@ from eventsweep.eval.report.ranking import (
     standings_of,
     table,
 )
-from eventsweep.eval.report.verdict import lead
+from eventsweep.eval.report.run_page import lead
 from eventsweep.eval.results.results import (
     PICTURES_FOLDER,
     SUITE_CSV,

@@ -20,8 +20,7 @@ from eventsweep.eval.report.ranking import (
     table,
 )
 from eventsweep.eval.report.run_data import _range_s
-from eventsweep.eval.report.run_page import run_page, write_report
-from eventsweep.eval.report.verdict import lead
+from eventsweep.eval.report.run_page import lead, run_page, write_report
 from eventsweep.eval.results.table import tidy, together
 from refusals import line_of
 from report_data import METHODS, SHAPE, WellFormed, report_data, window_data
