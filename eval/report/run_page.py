@@ -43,6 +43,7 @@ from eventsweep.eval.report.html import (
 )
 from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import (
+    RANKING_COLUMNS,
     column,
     findings,
     mean_over_cases,
@@ -136,6 +137,12 @@ def _verdict(data: RunData) -> str:
     return f"{maps[0].name} found depth at {found}; not scored."
 
 
+def columns_by(metric: str) -> tuple[str, ...]:
+    """Points, and what orders the table, come first: a phone shows few columns more."""
+    first = ("points", metric)
+    return (*first, *(name for name in RANKING_COLUMNS if name not in first))
+
+
 def lead(ranks: Sequence[Standing], rows: pd.DataFrame, metric: str, seeds: int = 1) -> str:
     """A page's verdict: who is first; with one seed, which ranks nobody, by how much."""
     if seeds > 1:
@@ -167,7 +174,7 @@ def _overall(data: RunData, rows: pd.DataFrame) -> Iterator[Section]:
         f"Ranking, mean of {count} cases" if count > 1 else "Ranking",
         (
             Sentences(tuple(findings(rows, metric, count))),
-            table(rows, metric).grid(),
+            table(rows, metric, columns_by(metric)).grid(),
             Text(_READING.format(title=title, rule=RULE.format(title=title)), "note"),
         ),
     )
@@ -181,7 +188,10 @@ def _case(data: RunData, case: CaseData, position: int) -> Section:
     if position:
         blocks += _film(data, case)
     if len(data.cases) > 1 and len(rows):
-        blocks += [Sentences(tuple(findings(rows, metric))), table(rows, metric).grid()]
+        blocks += [
+            Sentences(tuple(findings(rows, metric))),
+            table(rows, metric, columns_by(metric)).grid(),
+        ]
     methods = _methods(data, case)
     shown = (*_windows(data, case, methods), *_plots(rows, methods, f"case{position}"))
     blocks.append(Choice(f"case{position}", "Method", tuple(methods), shown))

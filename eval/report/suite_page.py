@@ -35,7 +35,7 @@ from eventsweep.eval.report.ranking import (
     standings_of,
     table,
 )
-from eventsweep.eval.report.run_page import lead
+from eventsweep.eval.report.run_page import columns_by, lead
 from eventsweep.eval.results.results import (
     PICTURES_FOLDER,
     SUITE_CSV,
@@ -120,7 +120,7 @@ def _verdict(
     yield Sentences(tuple(_missing(result)))
     if len(by_case) > 1:  # the mean of a single case would repeat it
         about = f"Mean of {len(by_case)} cases, by {column(metric).title}. {_OVER_CASES}"
-        yield table(mean, metric, ranks=ranks).grid(about)
+        yield table(mean, metric, columns_by(metric), ranks).grid(about)
     yield Text(f"{RULE.format(title=column(metric).title)} {_ABOUT}", "note")
 
 
@@ -158,6 +158,6 @@ def _section(
     blocks: tuple[Block, ...] = (
         *((Text(lead(ranks, rows, metric, len(result.seeds))),) if ranks else ()),
         *((Plot(picture, f"{case}: {_PICTURE}"),) if picture else ()),
-        table(rows, metric, ranks=ranks).grid(f"By {column(metric).title}.", spreads),
+        table(rows, metric, columns_by(metric), ranks).grid(f"By {column(metric).title}.", spreads),
     )
     return Section(f"case{position}", case, blocks)

@@ -102,6 +102,13 @@ def test_a_map_without_scores_begins_with_how_much_it_found():
     assert f"({100 * points / first.mask.size:.1f} % of" in said
 
 
+def test_what_orders_the_table_is_among_its_first_columns(one_case):
+    heads = re.findall(r"<th[^>]*>(.*?)</th>", one_case, re.S)
+    assert [re.sub(r"<.*?>", " ", head).split()[0] for head in heads[:3]] == [
+        "method", "points", "mean",
+    ]  # fmt: skip
+
+
 def verdict(*values):
     """Of methods a, b, c with these values per case, one seed each."""
     rows = tidy([
