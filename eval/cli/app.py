@@ -56,7 +56,7 @@ Force = Annotated[
     Parameter(
         group=COMMON_GROUP,
         negative=(),
-        help="Replace an existing output; what is not ours, or is read, is kept beside it.",
+        help="Replace an existing output; files of yours, or that it reads, are kept beside it.",
     ),
 ]
 

@@ -12,13 +12,14 @@ from xml.etree import ElementTree as xml
 
 from eventsweep.emvs.errors import significant
 from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.eval.gate.compare import COMPARED, INPUT, Alike, Judgement, is_red
+from eventsweep.eval.gate.compare import COMPARED, DECIDING, INPUT, Alike, Judgement, is_red
 from eventsweep.eval.numbers import display_unit, in_display_unit
 from eventsweep.eval.results.table import EVENTS
 
 HEADINGS = ("verdict", "case", "method", "metric", "baseline", "now", "change", "allowed", "why")
 CAPTION = "everything that changed; numbers in brackets are shown but do not decide"
 MOST_LINES = 25
+MOST_METRICS = 8
 _ALIKE: dict[Alike, str] = {
     "sequence": "of the same sequences (by hash)",
     "recipe": "of other sequences, made from the same scene and settings by the same simulator",
@@ -35,12 +36,14 @@ def summary(verdicts: Sequence[Judgement]) -> str:
     counts = _counts(verdict for verdict in verdicts if verdict.decides)
     beside = _counts(verdict for verdict in verdicts if not verdict.decides)
     counts += f"; not deciding: {beside}" if beside else ""
-    red = [verdict for verdict in verdicts if verdict.is_red]
+    red = [verdict for verdict in _shown(verdicts) if verdict.is_red]
     ending = f"{_of_input(verdicts)}{_of_better(verdicts)}. {_of_tolerance(verdicts)}".rstrip()
     if not red:
         return f"gate: green ({counts}){ending}"
     by = Counter(verdict.key.metric for verdict in red if verdict.key.metric)
-    metrics = ", ".join(f"{metric} ({count})" for metric, count in by.most_common())
+    most = sorted(by.items(), key=lambda one: (one[0] not in DECIDING, -one[1]))
+    metrics = ", ".join(f"{metric} ({count})" for metric, count in most[:MOST_METRICS])
+    metrics += f" and {len(most) - MOST_METRICS} more" * (len(most) > MOST_METRICS)
     decided = f"; decided by {metrics}" if metrics else ""
     return f"gate: red ({counts}){decided}; first: {sentence(red[0])}{ending}"
 
@@ -152,7 +155,13 @@ def _defined(value: float) -> float | None:
 
 
 def _shown(verdicts: Sequence[Judgement]) -> list[Judgement]:
-    return [verdict for verdict in verdicts if verdict.status != "same"]
+    """All that is not `same`; where every number decides, the telling ones come first."""
+
+    def is_minor(one: Judgement) -> bool:
+        return one.key.method != EVENTS and one.key.metric not in ("", *DECIDING)
+
+    shown = (verdict for verdict in verdicts if verdict.status != "same")
+    return sorted(shown, key=lambda one: (not one.is_red, not one.decides, is_minor(one)))
 
 
 def _cells(one: Judgement) -> VerdictLine:

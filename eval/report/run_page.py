@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from eventsweep.eval.figures.plots import (
     outlier_causes,
     svg,
 )
+from eventsweep.eval.numbers import display_unit, displayed, thousands
 from eventsweep.eval.report.html import (
     REPORT_NAME,
     Block,
@@ -41,6 +43,7 @@ from eventsweep.eval.report.html import (
 )
 from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import (
+    RANKING_COLUMNS,
     column,
     findings,
     mean_over_cases,
@@ -105,7 +108,7 @@ def run_page(data: RunData, files: Sequence[str] = ()) -> Page:
         subtitle="Depth from events by ray density fusion: "
         f"{', '.join((plural(len(data.cases), 'case'), *counts))}.",
         blocks=(
-            *(Text(lead_words(ranks, 1), "lead") for ranks in [_standings(data)] if ranks),
+            *(Text(words, "lead") for words in [_verdict(data)] if words),
             *(block for case in data.cases[:1] for block in _film(data, case)),
         ),
         sections=(
@@ -118,9 +121,46 @@ def run_page(data: RunData, files: Sequence[str] = ()) -> Page:
     )
 
 
-def _standings(data: RunData) -> tuple[Standing, ...]:
-    rows = data.results.rows
-    return standings_of(rows[rows["window"] == POOLED], data.ranking_metric)
+def _verdict(data: RunData) -> str:
+    """Who is best; where nothing was scored, how much was found; of no map, nothing."""
+    rows = data.results.rows[data.results.rows["window"] == POOLED]
+    if ranks := standings_of(rows, data.ranking_metric):
+        return lead(ranks, rows, data.ranking_metric)
+    case = data.cases[0]
+    windows = case.film or case.windows
+    maps = [window.methods[0] for window in windows if window.methods]
+    if not maps:
+        return ""
+    points, pixels = np.mean([one.mask.sum() for one in maps]), maps[0].mask.size
+    each_has = f", on average over {len(maps)} windows" if len(maps) > 1 else ""
+    found = f"{thousands(points)} px ({100 * points / pixels:.1f} % of the image){each_has}"
+    return f"{maps[0].name} found depth at {found}; not scored."
+
+
+def columns_by(metric: str) -> tuple[str, ...]:
+    """Points, and what orders the table, come first: a phone shows few columns more."""
+    first = ("points", metric)
+    return (*first, *(name for name in RANKING_COLUMNS if name not in first))
+
+
+def lead(ranks: Sequence[Standing], rows: pd.DataFrame, metric: str, seeds: int = 1) -> str:
+    """A page's verdict: who is first; with one seed, which ranks nobody, by how much."""
+    if seeds > 1:
+        return lead_words(ranks, seeds)
+    title, unit = column(metric).title, rows.loc[rows["metric"] == metric, "unit"].iloc[0]
+    first = [one for one in ranks if one.place == ranks[0].place]
+    values = [f"{displayed(r.values[0], unit)} {display_unit(unit)}".rstrip() for r in ranks]
+    names, are = ", ".join(one.method for one in first), "are" if len(first) > 1 else "is"
+    if len(ranks[0].values) > 1:
+        verdict = f"{names} {are} placed first by {title} over {len(ranks[0].values)} cases."
+    elif math.isnan(ranks[0].values[0]):
+        return f"No method has a {title}: none has a depth that could be scored."
+    elif len(ranks) == 1:
+        return f"{names}: {title} {values[0]}, from one seed."
+    else:
+        behind = [f", then {r.method} with {v}" for r, v in zip(ranks, values, strict=True)]
+        verdict = f"{names} {are} best: {title} {values[0]}{''.join(behind[len(first) :][:1])}."
+    return f"{verdict} One seed does not show whether that holds for others."
 
 
 def _overall(data: RunData, rows: pd.DataFrame) -> Iterator[Section]:
@@ -134,7 +174,7 @@ def _overall(data: RunData, rows: pd.DataFrame) -> Iterator[Section]:
         f"Ranking, mean of {count} cases" if count > 1 else "Ranking",
         (
             Sentences(tuple(findings(rows, metric, count))),
-            table(rows, metric).grid(),
+            table(rows, metric, columns_by(metric)).grid(),
             Text(_READING.format(title=title, rule=RULE.format(title=title)), "note"),
         ),
     )
@@ -148,7 +188,10 @@ def _case(data: RunData, case: CaseData, position: int) -> Section:
     if position:
         blocks += _film(data, case)
     if len(data.cases) > 1 and len(rows):
-        blocks += [Sentences(tuple(findings(rows, metric))), table(rows, metric).grid()]
+        blocks += [
+            Sentences(tuple(findings(rows, metric))),
+            table(rows, metric, columns_by(metric)).grid(),
+        ]
     methods = _methods(data, case)
     shown = (*_windows(data, case, methods), *_plots(rows, methods, f"case{position}"))
     blocks.append(Choice(f"case{position}", "Method", tuple(methods), shown))

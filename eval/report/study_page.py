@@ -89,7 +89,8 @@ def _lead(study: StudyResult) -> str:
     ]
     if never := [name for name in breaking if name not in known]:
         parts.append(f"at no amount tried ({', '.join(never)})")
-    return f"{about.name}: the mean error reaches {BREAKS_AT:g} times its first {', '.join(parts)}."
+    grown = f"reaches {BREAKS_AT:g} times the unperturbed one"
+    return f"{about.name}: the mean error {grown} {', '.join(parts)}."
 
 
 def _findings(studies: list[StudyResult]) -> Iterator[str]:

@@ -15,10 +15,7 @@ from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
     REPORT_NAME,
     Block,
-    Layer,
     Page,
-    Picture,
-    Pictures,
     Plot,
     Section,
     Sentences,
@@ -38,6 +35,7 @@ from eventsweep.eval.report.ranking import (
     standings_of,
     table,
 )
+from eventsweep.eval.report.run_page import columns_by, lead
 from eventsweep.eval.results.results import (
     PICTURES_FOLDER,
     SUITE_CSV,
@@ -47,12 +45,13 @@ from eventsweep.eval.results.results import (
 )
 from eventsweep.eval.results.series import Series, means_over_seeds, measured_of
 from eventsweep.eval.results.table import POOLED
-from eventsweep.eval.scoring.standings import RULE, Standing, lead_words
+from eventsweep.eval.scoring.standings import RULE, Standing
 
 _ABOUT = (
     "Of each case: means over the seeds ± their standard deviation, where there is more than one; "
     "the best of each column is marked."
 )
+_PICTURE = "what the camera saw, depth maps and true depth"
 _OVER_CASES = (
     "Every case weighs the same, and pixels are the mean of a case. A method that lacks one of "
     "the cases has no mean."
@@ -115,14 +114,13 @@ def _verdict(
     rows = means_over_seeds([numbers for of_case in by_case.values() for numbers in of_case])
     mean = mean_over_cases(rows, "mean") if by_case else rows
     if ranks := _standings(result, metric, by_case):
-        yield Text(lead_words(ranks, len(result.seeds)), "lead")
+        yield Text(lead(ranks, rows, metric, len(result.seeds)), "lead")
     if first:
-        layer = Layer(pictures[first], "camera, depth, true depth")
-        yield Pictures((Picture(first, (layer,)),), columns=1)
+        yield Plot(pictures[first], f"{first}: {_PICTURE}")
     yield Sentences(tuple(_missing(result)))
     if len(by_case) > 1:  # the mean of a single case would repeat it
         about = f"Mean of {len(by_case)} cases, by {column(metric).title}. {_OVER_CASES}"
-        yield table(mean, metric, ranks=ranks).grid(about)
+        yield table(mean, metric, columns_by(metric), ranks).grid(about)
     yield Text(f"{RULE.format(title=column(metric).title)} {_ABOUT}", "note")
 
 
@@ -157,10 +155,9 @@ def _section(
     rows = means_over_seeds(series)
     ranks = _standings(result, metric, (case,))
     spreads = {(n.method, n.metric): displayed(n.spread, n.unit) for n in series}
-    about = "what the camera saw, depth maps and true depth"
     blocks: tuple[Block, ...] = (
-        *((Text(lead_words(ranks, len(result.seeds))),) if ranks else ()),
-        *((Plot(picture, f"{case}: {about}"),) if picture else ()),
-        table(rows, metric, ranks=ranks).grid(f"By {column(metric).title}.", spreads),
+        *((Text(lead(ranks, rows, metric, len(result.seeds))),) if ranks else ()),
+        *((Plot(picture, f"{case}: {_PICTURE}"),) if picture else ()),
+        table(rows, metric, columns_by(metric), ranks).grid(f"By {column(metric).title}.", spreads),
     )
     return Section(f"case{position}", case, blocks)

@@ -65,7 +65,7 @@ def check_page_text(report: Report, folder: Path | None = None) -> str:
         title=f"Check of {report.name}",
         subtitle="Faults come first: the cure, where mapping has shown the cause, what the fault "
         "means for a map, and the evidence.",
-        blocks=(Text(summary(report), "lead"), Sentences(tuple(unchecked))),
+        blocks=(Text(_plain(summary(report)), "lead"), Sentences(tuple(unchecked))),
         sections=(
             *(_section(finding, k) for k, finding in enumerate(odd)),
             *_good(good, len(odd)),
@@ -89,7 +89,7 @@ def _good(findings: Sequence[Finding], position: int) -> Iterator[Section]:
 
 def _section(finding: Finding, position: int) -> Section:
     """What is wrong and its cure, then what it means and how that was seen."""
-    cure = [Text(finding.cure, head="Cure: ")] if finding.cure else []
+    cure = [Text(_plain(finding.cure), head="Cure: ")] if finding.cure else []
     pairs = {"Means": finding.meaning, "Evidence": finding.evidence, "Check": finding.name}
     known = tuple((name, text) for name, text in pairs.items() if text)
     said: tuple[Block, ...] = *cure, Facts(known)
@@ -109,6 +109,11 @@ def summary(report: Report) -> str:
     named = ", ".join(dict.fromkeys(one.suspect or one.name for one in doubtful))
     parts += [f"Doubtful: {named}."] if doubtful else []
     return " ".join(parts)
+
+
+def _plain(text: str) -> str:
+    """A terminal's text as a page shows it: names of commands need no marks."""
+    return text.replace("`", "")
 
 
 def _figure(finding: Finding, position: int) -> Iterator[Block]:

@@ -124,8 +124,8 @@ def check_entry(
     own, _, subset = entry.suite.partition(":")
     if not suite and own not in installed():  # a file of that name would be the entry's own
         raise InputError(
-            f"{folder}: its suite {quoted(own)} is not one of {', '.join(installed())}: whoever "
-            "checks gives the file of another suite"
+            f"{folder}: its suite {quoted(own)} is not one of {', '.join(installed())}: give that "
+            "suite's file with --suite"
         )
     found, _ = load(suite or entry.suite)
     check_name(found)

@@ -2,6 +2,7 @@
 
 import ast
 import importlib.util
+import json
 import re
 import runpy
 import sys
@@ -202,3 +203,16 @@ def test_the_site_is_whole_loads_nothing_from_elsewhere_and_has_what_errors_name
     for name in ("formats", "datasets", "gate"):
         address = release.page(name)
         assert (site / address.removeprefix("https://example.org/")).is_file()
+
+
+@pytest.mark.slow
+def test_search_finds_names_without_their_prefix_but_pages_before_names(site):
+    """The reference has names that begin with "is" and "no", as do questions."""
+    index = json.loads((site / "search" / "search_index.json").read_text("utf-8"))
+    reference = [one for one in index["docs"] if one["location"].startswith("api.html#")]
+    assert len(reference) > 100
+    assert {one["boost"] for one in reference} == {0.05}
+    (title,) = (one["title"] for one in reference if one["location"].endswith("MapperConfig"))
+    assert "MapperConfig" in re.split(index["config"]["separator"], re.sub("<.*?>", "", title))
+    assert not any(one["location"].startswith("changelog") for one in index["docs"])
+    assert sum("boost" in one for one in index["docs"]) == len(reference) + 1  # and their page

@@ -62,11 +62,14 @@ def suite(
         cost: Measure time and memory of each method alone, for a ranking; takes two minutes more.
         so_far: Run nothing, and write what is done by now, also while the suite runs elsewhere.
     """
+    from eventsweep.eval.report.ranking import column
     from eventsweep.eval.suite.definition import load
     from eventsweep.eval.suite.output import assignments
     from eventsweep.eval.suite.source import open_source
 
     table.check(force=force)
+    for metric in table.metric:
+        column(metric)  # refuses what is none before hours of jobs, not after them
     source = open_source(archive) if archive else None
     parts = Parts(*load(name), seed_numbers(seeds, "--seeds"), case, source)
     if list_cases and (out is not None or prediction):
@@ -188,6 +191,7 @@ def _summary(result: Results, cache: Path) -> Iterator[Part]:
 def _table(case: str, series: Iterable[Series], seeds: int) -> Table:
     from eventsweep.eval.cli.console import table
     from eventsweep.eval.numbers import display_unit
+    from eventsweep.eval.report.ranking import heading
 
     cells: dict[str, dict[str, str]] = {}
     units: dict[str, str] = {}
@@ -196,7 +200,7 @@ def _table(case: str, series: Iterable[Series], seeds: int) -> Table:
         units[numbers.metric] = display_unit(numbers.unit)
     many = f"mean over {seeds} seeds ± standard deviation"
     metrics = [metric for metric in _SHOWN if metric in units]
-    headings = (f">{metric.replace('_', ' ')}\n{units[metric]}" for metric in metrics)
+    headings = (f">{heading(metric)}\n{units[metric]}" for metric in metrics)
     rows = ((name, *(of.get(metric, "") for metric in metrics)) for name, of in cells.items())
     return table(f"{case}: {many if seeds > 1 else 'one seed'}", ("method", *headings), rows)
 

@@ -18,7 +18,17 @@ def _report(name="rec"):
     findings = (
         Finding("fine", "good", 1.0, "m", "it is 1 m", series=image),
         Finding("odd", "doubtful", 2.0, "m", "it is 2 m", "may hurt", "", "stray"),
-        Finding("bad", "wrong", 3.0, "m", "it is 3 m", "it hurts", "mend it", "unit", curve),
+        Finding(
+            "bad",
+            "wrong",
+            3.0,
+            "m",
+            "it is 3 m",
+            "it hurts",
+            "mend it by `calibrate`",
+            "unit",
+            curve,
+        ),
     )
     return Report(name, findings, (("mapping", "there are no poses"),))
 
@@ -34,6 +44,7 @@ def test_what_is_wrong_comes_first_with_its_cure_and_the_summary_counts(tmp_path
     )
     for words in ("it is 3 m", "it hurts", "mend it", "there are no poses", "<svg", "image/png"):
         assert words in text
+    assert text.count("mend it by calibrate") == 2  # without a terminal's marks
     assert (text.count("<dt>Means"), text.count("<b>Cure: </b>")) == (2, 1)
     places = [text.index(said, text.index('id="bad"')) for said in
               ("unit</h2>", "mend it", "it hurts", "it is 3 m")]  # fmt: skip
@@ -43,7 +54,10 @@ def test_what_is_wrong_comes_first_with_its_cure_and_the_summary_counts(tmp_path
     hostile = check_page.check_page_text(_report("<script>alert(1)</script>"))
     WellFormed(hostile)
     assert "<script>alert" not in hostile
-    assert check_page.summary(_report()) == "Wrong: unit. Cure: mend it. Doubtful: stray."
+    assert (
+        check_page.summary(_report())
+        == "Wrong: unit. Cure: mend it by `calibrate`. Doubtful: stray."
+    )
     fine = Report("rec", _report().findings[:1])
     assert check_page.summary(fine) == "Nothing is wrong: 1 check."
     part = replace(fine, unchecked=_report().unchecked)

@@ -54,9 +54,10 @@ def _facts(ranked: Ranked) -> dict[str, Any]:
 
 def _summary(ranked: Ranked, track: str = "") -> Iterator[Part]:
     from eventsweep.eval.cli.console import table
+    from eventsweep.eval.report.ranking import heading
 
     rows = ((row.method, str(row.rank), f"{row.place:.2f}") for row in ranked.standings)
-    title = f"{track}ranks by {ranked.metric.replace('_', ' ')}"
+    title = f"{track}ranks by {heading(ranked.metric)}"
     yield table(title, ("method", ">rank", ">mean place"), rows)
     for label, why in ranked.joined.refused:
         yield f"{label}: {why}"

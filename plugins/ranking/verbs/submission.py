@@ -96,7 +96,7 @@ def check(
 
     Args:
         paths: Files of `submission make`, the folders they are made of, or entries: submissions/*.
-        suite: Such as suite-v5, quick, or FILE.toml, which no entry names itself.
+        suite: Suite that was answered; of an entry needed only if it is FILE.toml.
     """
     from eventsweep.plugins.ranking.entry import check_apart, is_entry
 
@@ -127,7 +127,7 @@ def score(
         path: File of `submission make`, the folder it is made of, or an entry.
         recordings: Folder of `archive unpack`: sequences with truth as CASE/seedN.
         out: Folder to write: CASE/seedN/results.json.
-        suite: Such as suite-v5, quick, or FILE.toml, which no entry names itself.
+        suite: Suite that was answered; of an entry needed only if it is FILE.toml.
     """
     from tempfile import TemporaryDirectory
 

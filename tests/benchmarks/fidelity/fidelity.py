@@ -201,7 +201,7 @@ def table(results: dict[str, dict[str, Agreement]], against: str) -> str:
     ]
     for case, ways in results.items():
         for number, (way, same) in enumerate(ways.items()):
-            count = f"{same.true:,}".replace(",", " ")
+            count = f"{same.true:,}"
             first = f"{case} | {way} | {count}" if number == 0 else f" | {way} | "
             error = f"{100 * same.count_error:+.1f} %".replace("-", "−")
             shares = f"{100 * same.recall:.1f} % | {100 * same.precision:.1f} %"

@@ -246,6 +246,17 @@ def test_what_decides_is_green_or_red_whatever_descriptive_numbers_say():
     )
 
 
+def test_where_every_number_decides_the_telling_ones_are_named_first():
+    """With --strict a fault changes a hundred numbers; the summary stays one that is read."""
+    minor = [(f"recall_{k}cm", "higher", 0.1) for k in range(20)]
+    verdicts = judged(*minor, ("points", "higher", 0.5), choice=Choice(strict=True))
+    verdicts = [replace(one, is_red=True, decides=True) for one in verdicts]
+    said = report.summary(verdicts)
+    assert "; decided by points (1), recall_" in said
+    assert f" and {21 - report.MOST_METRICS} more; first: desk Alg1/H points worse" in said
+    assert report.lines(verdicts)[0][3] == "points"
+
+
 def test_other_events_are_red_and_said_loudly():
     """Nobody can say whether the depth of other events is better."""
     events = series([1000] * 3, metric="events", direction="none")

@@ -122,6 +122,10 @@ def test_the_command_writes_the_table_of_one_result(tmp_path, monkeypatch, capsy
         (["compare", "mine", "--table", "n.md", "--metric", "none"], "no metric 'none'"),
         (["compare", "mine", "--table", "n.md", "--case", "none"], "no case 'none'"),
         (["compare", "mine", "--table", "n.md", "--reference", "none"], "no method 'none'"),
+        (
+            ["suite", "quick", "--out", "o", "--table", "n.md", "--metric", "none"],
+            "no metric 'none'",
+        ),
         (["compare", "mine", "--out", "o", "--metric", "rmse"], "add --table FILE.tex"),
     ):
         with untouched(tmp_path):

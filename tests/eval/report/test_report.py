@@ -20,7 +20,7 @@ from eventsweep.eval.report.ranking import (
     table,
 )
 from eventsweep.eval.report.run_data import _range_s
-from eventsweep.eval.report.run_page import run_page, write_report
+from eventsweep.eval.report.run_page import lead, run_page, write_report
 from eventsweep.eval.results.table import tidy, together
 from refusals import line_of
 from report_data import METHODS, SHAPE, WellFormed, report_data, window_data
@@ -85,10 +85,50 @@ def test_the_winner_and_its_depth_come_before_all_numbers(one_case):
     assert places == sorted(places)
     top = one_case[one_case.index("<main>") : one_case.index('id="ranking"')]
     assert re.search(
-        r'class="lead">One seed says nothing about others.* Alg1/H is placed first', top
-    )
+        r'class="lead">Alg1/H is best: mean error [\d.]+ cm, then \S+ with [\d.]+ cm\. One seed '
+        "does not show whether that holds for others", top,
+    )  # fmt: skip
     assert top.index("Depth [m], Alg1/H") < top.index("Frame, camera 0")
     assert "<button" not in top
+
+
+def test_a_map_without_scores_begins_with_how_much_it_found():
+    data = report_data("desk", windows=2, truth=False)
+    first = data.cases[0].windows[0].methods[0]
+    points = np.mean([window.methods[0].mask.sum() for window in data.cases[0].windows])
+    said = re.search(r'class="lead">([^<]*)', words_of(data))[1]
+    assert said.startswith(f"{first.name} found depth at {points:,.0f} px (")
+    assert said.endswith("% of the image), on average over 2 windows; not scored.")
+    assert f"({100 * points / first.mask.size:.1f} % of" in said
+
+
+def test_what_orders_the_table_is_among_its_first_columns(one_case):
+    heads = re.findall(r"<th[^>]*>(.*?)</th>", one_case, re.S)
+    assert [re.sub(r"<.*?>", " ", head).split()[0] for head in heads[:3]] == [
+        "method", "points", "mean",
+    ]  # fmt: skip
+
+
+def verdict(*values):
+    """Of methods a, b, c with these values per case, one seed each."""
+    rows = tidy([
+        score_row(f"case{k}", "all", method, "mean_error", value, "m", "lower")
+        for method, found in zip("abc", values, strict=False) for k, value in enumerate(found)
+    ])  # fmt: skip
+    return lead(standings_of(rows, "mean_error"), rows, "mean_error")
+
+
+def test_the_verdict_of_one_seed_says_who_is_best_by_how_much_and_of_what():
+    assert verdict([0.3], [0.1], [0.2]).startswith("b is best: mean error 10.00 cm, then c with 20")
+    assert verdict([0.1], [0.1], [0.2]).startswith(
+        "a, b are best: mean error 10.00 cm, then c with"
+    )
+    assert verdict([0.1], [0.1]).startswith("a, b are best: mean error 10.00 cm. One seed does not")
+    assert verdict([0.3, 0.2], [0.1, 0.1]).startswith(
+        "b is placed first by mean error over 2 cases"
+    )
+    assert verdict([0.1]) == "a: mean error 10.00 cm, from one seed."
+    assert verdict([math.nan], [math.nan]).startswith("No method has a mean error")
 
 
 def test_many_windows_are_a_film_of_short_times_and_all_their_lengths_are_meant():

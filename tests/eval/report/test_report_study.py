@@ -85,12 +85,15 @@ def test_growth_is_the_median_of_each_sample_over_its_own_first_value():
 
 def test_the_first_line_says_where_methods_break_the_first_to_break_first(tmp_path):
     study = _stored({(case, seed): (1, 3, 4) for case in "ab" for seed in (0, 1)})
-    assert _lead(study) == "event-share: the mean error reaches 2 times its first at 55 % (Alg1/H)."
+    assert (
+        _lead(study)
+        == "event-share: the mean error reaches 2 times the unperturbed one at 55 % (Alg1/H)."
+    )
     text = _page(tmp_path)
-    said = "2 times its first at 5 mm (Alg1/H), at no amount tried (EMVS/cam0)."
+    said = "2 times the unperturbed one at 5 mm (Alg1/H), at no amount tried (EMVS/cam0)."
     assert re.search(rf'<p class="lead">pose-noise: .*{re.escape(said)}</p>', text)
     two = _stored({(case, seed): (1, 1, 1) for case in "ab" for seed in (0, 1)})
-    assert _lead(two).endswith("2 times its first at no amount tried (Alg1/H).")
+    assert _lead(two).endswith("2 times the unperturbed one at no amount tried (Alg1/H).")
 
 
 def test_a_figure_says_what_its_bands_are_and_names_its_axes(tmp_path):
