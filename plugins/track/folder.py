@@ -60,11 +60,12 @@ class Written(NamedTuple):
 def track_recording(
     recording: Recording, path: Path, out: Path, config: TrackConfig, progress: Display, *,
     first_map: DepthMap | None = None, T_world_body: NDArray[np.float64] | None = None,
-    truth: Source | str = "", force: bool = False, view: View | None = None,
+    truth: Source | str = "", force: bool = False, view: View | None = None, command: str = "",
 ) -> Written:  # fmt: skip
     """Writes poses, covariances, `track.json`, `cloud.ply` and `report.html`, and scores if asked.
 
-    Scores need true poses; a text says why there are none, an empty one that nobody asked.
+    Scores need true poses; a text says why there are none, an empty one that nobody asked. The page
+    says which `command` made it.
 
     While it works, its state is kept in a hidden folder beside `out`: after a kill the same call
     goes on from there, and ends with the same bytes.
@@ -107,7 +108,7 @@ def track_recording(
         }
         text = json.dumps(facts, indent=2, ensure_ascii=False) + "\n"
         (folder / "track.json").write_text(text, encoding="utf-8")
-        page = track_page(recording.name, tracked, cloud, score)
+        page = track_page(recording.name, tracked, cloud, score, command)
         (folder / REPORT_NAME).write_text(page, encoding="utf-8")
     return Written(tracked, found, score)
 

@@ -51,7 +51,9 @@ _COLOURS = {
 }
 
 
-def track_page(name: str, tracked: Tracked, cloud: PointCloud, score: Judged | None = None) -> str:
+def track_page(
+    name: str, tracked: Tracked, cloud: PointCloud, score: Judged | None = None, command: str = ""
+) -> str:
     """The page as HTML."""
     has_scores = score is not None and score.found is not None
     figure = _overview(tracked, cloud)
@@ -73,7 +75,7 @@ def track_page(name: str, tracked: Tracked, cloud: PointCloud, score: Judged | N
             Section("path", "Path", (plot, text)),
             Section("status", "Status", (_changes(tracked), _counts(tracked))),
             *(() if score is None else (score.section(),)),
-            made_here(),
+            made_here(command),
         ),
         files=(
             "trajectory.txt",

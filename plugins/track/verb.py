@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Group, Parameter
 
-from eventsweep.eval.cli.app import COMMON, Common, Force
+from eventsweep.eval.cli.app import COMMON, Common, Force, command_line
 from eventsweep.eval.cli.view_flags import VIEW_FLAGS, ViewFlags
 from eventsweep.plugins.track.odometry.config import TrackConfig
 
@@ -68,6 +68,7 @@ def track(
         tracked, facts, score = track_recording(
             opened, recording, out, config, console.progress, first_map=_depth_map(first_map),
             T_world_body=_first_pose(start), truth=true, force=force, view=view,
+            command=command_line(),
         )  # fmt: skip
     doubts = Status.LOST, Status.UNCERTAIN
     doubted = [change for change in tracked.changes if change.status in doubts]

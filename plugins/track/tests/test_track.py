@@ -32,6 +32,7 @@ def test_the_folder_holds_poses_facts_cloud_and_page(recording, tmp_path, monkey
     out = tmp_path / "out"
     command = ["track", str(tmp_path / "recording"), "--out", str(out), "--planes", "40"]
     command += ["--map-s", "0.2", "--map-rate-hz", "8"]
+    monkeypatch.setattr("sys.argv", ["eventsweep", "track", "recording", "--out", "out"])
     assert main([*command, "--start", str(tmp_path / "start.txt"), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     poses = read_poses(out / "trajectory.txt")
@@ -49,6 +50,7 @@ def test_the_folder_holds_poses_facts_cloud_and_page(recording, tmp_path, monkey
     assert (out / "cloud.ply").read_bytes().startswith(b"ply")
     page = (out / "report.html").read_text()
     assert "from above" in page or "path and map" in page
+    assert "eventsweep track recording --out out" in page
     assert "exists" in command_refused(capsys, *command)
 
 
