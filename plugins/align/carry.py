@@ -91,7 +91,7 @@ def aligned_events(
     at_target = View(setup.target.camera, np.eye(4))
     for t0_us, t1_us, depths in setup.slices(first_us, last_us):
         events = setup.recording.events(setup.events, t0_us, t1_us)
-        rho, unsure = event_rho(events, depths)
+        rho, unsure, _ = event_rho(events, depths)
         middle_us = (t0_us + t1_us) / 2
         hides = setup.carried(setup.view(setup.target, middle_us), middle_us)
         bearing = bearings(source.camera)[events.y, events.x]
@@ -101,20 +101,25 @@ def aligned_events(
         yield t1_us, _seen(events, uv_px, seen_rho, unsure, hides)
 
 
-def event_rho(events: Events, depths: Depths) -> tuple[Array, NDArray[np.bool_]]:
+def event_rho(events: Events, depths: Depths) -> tuple[Array, NDArray[np.bool_], Array]:
     """Inverse depth of each event: the nearest surface of its pixel and those around it.
 
     An edge that passes belongs to the nearer of its two surfaces. On one slanted surface neighbours
     are nearer as well, but those opposite are as much farther.
 
     Returns:
-        (N,) inverse depth, 1/m, below 0 where unknown; and (N,) whether its own pixel sees a
-        farther surface, whose texture may have made the event instead.
+        (N,) inverse depth, 1/m, below 0 where unknown; (N,) whether its own pixel sees a farther
+        surface, whose texture may have made the event instead; and (N,) inverse depth of the
+        farther surface, on either side of a silhouette, the same as the first elsewhere.
     """
     rho, around = depths[0][0], np.ones((3, 3), np.uint8)
     near, far = cv2.dilate(rho, around), cv2.erode(np.where(rho < 0, rho.max(), rho), around)
-    is_other = near - rho > SAME_SURFACE * rho + 2 * (rho - far)
-    return np.where(is_other, near, rho)[events.y, events.x], is_other[events.y, events.x]
+    above, below = near - rho, rho - far
+    is_other = above > SAME_SURFACE * rho + 2 * below
+    is_rim = (below > SAME_SURFACE * far + 2 * above) & (rho >= 0)
+    mine = np.where(is_other, near, rho)
+    farther = np.where(is_rim, far, np.where(rho >= 0, rho, mine))
+    return mine[events.y, events.x], is_other[events.y, events.x], farther[events.y, events.x]
 
 
 def _seen(

@@ -15,7 +15,7 @@ from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.plugins.align.carry import event_rho
 from eventsweep.plugins.align.edges import Edges, find_edges, match
 from eventsweep.plugins.align.rig import Setup
-from eventsweep.plugins.align.views import Array, as_large, bearings
+from eventsweep.plugins.align.views import Array, View, as_large, bearings
 
 SPAN_US = 10_000
 """Events so long before and after a frame are compared with it, µs."""
@@ -24,6 +24,8 @@ _MOST_EVENTS = 60_000
 _LEAST_EVENTS = 3
 _RANGES = 4
 _FLOW_US = 500.0
+_AMBIGUOUS_PX = 0.25
+"""How far apart in a frame an event of two surfaces may lie: as much as pixels round its place."""
 
 
 class Sample(NamedTuple):
@@ -100,9 +102,11 @@ def _sample(setup: Setup, index: int) -> Sample | None:
     parts = []
     for a_us, b_us, depths in setup.slices(t0_us, t1_us):
         events = setup.recording.events(setup.events, a_us, b_us)
-        rho, _ = event_rho(events, depths)
-        known = rho >= 0
-        parts.append((_points(setup, events, rho)[known], rho[known], events.p[known] == 1))
+        rho, _, farther = event_rho(events, depths)
+        points = _points(setup, events, rho)
+        instead = _points(setup, events, farther), farther
+        good = (rho >= 0) & ~_ambiguous(setup.frame_view(index), (points, rho), instead)
+        parts.append((points[good], rho[good], events.p[good] == 1))
     points, rho, brighter = (np.concatenate(column) for column in zip(*parts, strict=True))
     if not len(rho):
         return None
@@ -110,6 +114,19 @@ def _sample(setup: Setup, index: int) -> Sample | None:
     image = setup.frames.photo(index).image.astype(np.float32)
     edges = find_edges(as_large(image, setup.frames.camera, setup.event_camera.camera))
     return Sample(index, edges, points[some], rho[some], brighter[some])
+
+
+def _ambiguous(
+    view: View, one: tuple[Array, Array], other: tuple[Array, Array]
+) -> NDArray[np.bool_]:
+    """(N,) whether a view has points (N, 3) and (N,) of one surface far from those of another.
+
+    Beside a silhouette texture of the background makes events too. Where the frame camera sees more
+    of the background, on one side of an object, its edges would pull them along the baseline.
+    Events on both sides of a silhouette count: the outer half of a rim's alone would shift it.
+    """
+    one_px, other_px = (view.seen(points, np.maximum(rho, 0.0))[0] for points, rho in (one, other))
+    return np.asarray(np.linalg.norm(one_px - other_px, axis=-1) > _AMBIGUOUS_PX)
 
 
 def _points(setup: Setup, events: Events, rho: Array) -> Array:

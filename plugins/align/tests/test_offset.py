@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import panel_world as world
-from eventsweep.plugins.align import offset
+from eventsweep.plugins.align import offset, residual
 from eventsweep.plugins.align.carry import aligned_events, event_rho
 from eventsweep.plugins.align.depths import depth_source
 from eventsweep.plugins.align.edges import find_edges, match
@@ -16,6 +16,7 @@ from eventsweep.plugins.align.folder import align
 from eventsweep.plugins.align.offset import covariance, find_offset
 from eventsweep.plugins.align.residual import apart, samples
 from eventsweep.plugins.align.rig import set_up
+from eventsweep.plugins.align.views import View
 from refusals import refused
 
 
@@ -72,6 +73,55 @@ def test_intervals_of_the_clock_allow_for_a_photoreceptors_delay(monkeypatch):
     assert abs(slow.estimates[0].value - 3) <= slow.estimates[0].half
     for one, other in zip(slow.estimates[1:], random.estimates[1:], strict=True):
         assert one.half == pytest.approx(other.half, rel=0.3)  # of a rotation it is little
+
+
+def shift_by_baseline_px(monkeypatch, events):
+    """How much further edges are along the baseline than with the frame camera opposite.
+
+    Whatever else shifts the picture, lags or where edges are, is the same on both sides.
+    """
+    T_body_grey, shifts_px = world.T_BODY_GREY, []
+    for side in (1, -1):
+        placed = T_body_grey.copy()
+        placed[:3, 3] *= side
+        with monkeypatch.context() as only:
+            only.setattr(world, "T_BODY_GREY", placed)
+            recording = world.PanelRecording(1)
+            recording._events = events
+            _, _, found = found_for(recording)
+        shifts_px.append([each.value for each in found.estimates[6:]])
+    along = T_body_grey[:2, 3] / np.linalg.norm(T_body_grey[:2, 3])
+    return np.subtract(*shifts_px) / 2 @ along
+
+
+def test_what_the_frame_camera_sees_beside_silhouettes_does_not_shift_edges(monkeypatch):
+    """It does where events of unsure depth count."""
+    trajectory = world.motion(1)
+    events = world.crossings(trajectory, 0.2, np.inf)
+    assert abs(shift_by_baseline_px(monkeypatch, events)) < 0.004
+    monkeypatch.setattr(residual, "_AMBIGUOUS_PX", np.inf)
+    assert shift_by_baseline_px(monkeypatch, events) > 0.01
+
+
+def test_events_on_both_sides_of_a_silhouette_are_left_out_and_no_others(monkeypatch):
+    """Those of which the formula's two surfaces lie apart in the frame, within a pixel."""
+    recording = world.PanelRecording(4)
+    setup = setup_of(recording)
+    (kept,) = samples(setup, [2])
+    monkeypatch.setattr(residual, "_AMBIGUOUS_PX", np.inf)
+    (every,) = samples(setup, [2])
+    remain = {tuple(point) for point in kept.points}
+    left_out = np.array([tuple(point) not in remain for point in every.points])
+    T_world_eye = recording.trajectory.at(setup.frame_time_us(2))
+    seen_px, _ = View(world.EYE, T_world_eye).seen(every.points, every.rho)
+    around_px = seen_px[:, None] + np.array([(x, y) for x in (-2, 0, 2) for y in (-2, 0, 2)])
+    on = world.hits(world.EYE, T_world_eye, around_px)[2]
+    near_rim = on.any(-1) & ~on.all(-1)
+    assert near_rim[left_out].mean() > 0.9
+    assert left_out[near_rim].mean() > 0.4
+    assert left_out[~near_rim].mean() < 0.02
+    on_panel = on[:, 4]
+    assert 0.25 < on_panel[left_out].mean() < 0.75
 
 
 @pytest.mark.parametrize("mirrored", [(-1, 1), (1, -1)])
@@ -202,7 +252,7 @@ def test_beside_a_silhouette_events_are_unsure_and_a_third_are_the_walls():
     rim, wall, panel, count = 0, 0, 0, 0
     for t0_us, t1_us, depths in setup_of(recording).slices(100_000, 120_000):
         events = recording.events(0, t0_us, t1_us)
-        _, unsure = event_rho(events, depths)
+        _, unsure, _ = event_rho(events, depths)
         count += len(events)
         for k in np.flatnonzero(unsure)[::3]:
             uv_px = np.array([events.x[k], events.y[k]], float)
