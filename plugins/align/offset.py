@@ -43,7 +43,7 @@ DELAY_US = 1e6 / (2 * np.pi * 300)
 
 A cut-off of 300 Hz is that of v2e's DAVIS346 in full light, as of the simulator's.
 """
-_FEWEST_TILES = 4
+_FEWEST_TILES, _MANY = 4, 100  # the latter events, of which a search finds none by chance
 _NAMES = (
     "clock", "rotation about x", "rotation about y", "rotation about z",
     "principal point right", "principal point down", "edges right", "edges down",
@@ -163,9 +163,11 @@ def _stepped(setup: Setup, values: Array, near: Rows, first: int) -> Array:
     step[free] = -_inverse(normal[np.ix_(free, free)]) @ side[free]
     stepped = np.append(values[:VALUES] + step[:VALUES], step[VALUES:])
     if abs(stepped[0]) > MARGIN_US:
+        used = int((near.weight > 0).sum())
+        cure = "check that both use one clock" if used >= _MANY else "take frames with more edges"
         raise InputError(
-            f"{setup.recording.name}: no clock within {MARGIN_US / 1000:g} ms brings frames "
-            "and events together: check that both use one clock"
+            f"{setup.recording.name}: no clock within {MARGIN_US / 1000:g} ms brings the "
+            f"{used:,} events that lie beside edges of frames to these: {cure}"
         )
     return stepped
 

@@ -81,7 +81,7 @@ def samples(setup: Setup, indices: Sequence[int], progress: Progress = silent) -
     """Edges and events of some frames.
 
     Raises:
-        InputError: no event with depth around any of them.
+        InputError: no event around any of them that has depth and lies beside no silhouette.
     """
     found = []
     for done, index in enumerate(indices):
@@ -90,7 +90,8 @@ def samples(setup: Setup, indices: Sequence[int], progress: Progress = silent) -
         progress("compare", done + 1, len(indices))
     if not found:
         raise InputError(
-            f"{setup.recording.name}: no event with depth within {SPAN_US / 1000:g} ms of a frame"
+            f"{setup.recording.name}: no event that is surely of one depth within "
+            f"{SPAN_US / 1000:g} ms of a frame"
         )
     return found
 

@@ -221,7 +221,18 @@ def test_without_motion_nothing_is_determined_or_compared():
                     * still.quats_xyzw)  # fmt: skip
     recording = world.PanelRecording(trajectory=still)
     setup = setup_of(recording)
-    refused("no event with depth within 10 ms of a frame", samples, setup, setup.covered())
+    line = "no event that is surely of one depth within 10 ms of a frame"
+    refused(line, samples, setup, setup.covered())
+
+
+@pytest.mark.parametrize(("many", "cure"), [
+    (100, "check that both use one clock"), (10**6, "take frames with more edges"),
+])  # fmt: skip
+def test_a_clock_beyond_reach_is_not_blamed_on_clocks_where_edges_are_few(monkeypatch, many, cure):
+    monkeypatch.setattr(offset, "MARGIN_US", 1)
+    monkeypatch.setattr(offset, "_MANY", many)
+    words = r"brings the [\d,]+ events that lie beside edges of frames to these: "
+    refused(words + cure, found_for, world.PanelRecording(0, 3000))
 
 
 def test_events_land_where_the_frame_camera_sees_their_points():
