@@ -126,6 +126,17 @@ def test_a_method_that_lacks_a_sequence_is_not_ranked_and_other_truths_are_refus
     assert "other sequences" in why
 
 
+def test_a_track_in_which_no_method_has_every_case_says_so(tmp_path, capsys):
+    for case, method in (("wall", BEST), ("hall", WORST)):
+        place = tmp_path / "scored" / "dense" / case / "seed0"
+        place.mkdir(parents=True)
+        write_results(place, results("dense", case, 0, methods=(method,)))
+    suite = data(tmp_path / "suite", entry("v1", {"Alg1/H": 0.1, "Focus/H": 0.05}))
+    words = ("ranking", suite, str(tmp_path / "scored" / "dense"), "--out", str(tmp_path / "page"))
+    assert main([*words]) == 0
+    assert "dense: no method was run on every case, so none is ranked" in capsys.readouterr().out
+
+
 def test_what_enters_no_track_is_refused(tmp_path, capsys):
     place = tmp_path / "scored" / "wall" / "seed0"
     place.mkdir(parents=True)

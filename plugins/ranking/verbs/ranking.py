@@ -57,7 +57,10 @@ def _summary(ranked: Ranked, track: str = "") -> Iterator[Part]:
     from eventsweep.eval.report.ranking import heading
 
     rows = ((row.method, str(row.rank), f"{row.place:.2f}") for row in ranked.standings)
-    title = f"{track}ranks by {heading(ranked.metric)}"
-    yield table(title, ("method", ">rank", ">mean place"), rows)
+    if ranked.standings:
+        title = f"{track}ranks by {heading(ranked.metric)}"
+        yield table(title, ("method", ">rank", ">mean place"), rows)
+    else:
+        yield f"{track}no method was run on every case, so none is ranked"
     for label, why in ranked.joined.refused:
         yield f"{label}: {why}"
