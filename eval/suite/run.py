@@ -55,13 +55,22 @@ def run_suite(
 
 def collected(jobs: Sequence[Job], outcomes: Mapping[str, Outcome], **about: Any) -> Results:
     """What scoring jobs say as one table, in the order of the jobs; each case and seed together."""
-    texts = [done.text for job in jobs if isinstance(done := outcomes[job.name], Done)]
-    parts = [results_from(json.loads(text)) for text in texts if text]
+    texts = [(job, done.text) for job in jobs if isinstance(done := outcomes[job.name], Done)]
+    parts = [_asked(results_from(json.loads(text)), job) for job, text in texts if text]
     notes = tuple(map(_note, outcomes.values()))
     found = joined(parts, jobs=notes, **about)
     # Beside predictions, the maps are compared on other pixels than among themselves.
     rows = found.rows.drop_duplicates(_ABOUT, keep="last", ignore_index=True)
     return replace(found, rows=rows, configuration={})
+
+
+def _asked(part: Results, job: Job) -> Results:
+    """A part under the seed that was asked for: of a hidden one its number, not the seed itself."""
+    seed = job.parameters.get("seed")
+    if seed is None or part.seed in (None, seed):
+        return part
+    samples = tuple(replace(sample, seed=seed) for sample in part.samples)
+    return replace(part, rows=part.rows.assign(seed=seed), samples=samples)
 
 
 def _note(outcome: Outcome) -> JobNote:
