@@ -255,13 +255,22 @@ def settings_of(method: str, mappers: Mapping[str, Mapping[str, Any]]) -> dict[s
     return {name: value for name, value in own.items() if name != "methods"}
 
 
+def is_ranked(definition: Mapping[str, Any], case: str) -> bool:
+    """Whether methods are placed by a case of a suite: not by one that few of them map.
+
+    Cases of scores that no suite made always count.
+    """
+    spec = definition.get("cases", {}).get(case)
+    return spec is None or DEFAULT_MAPPER in spec["mappers"]
+
+
 def _case(result: Results, case: str) -> RankedCase:
     spec = result.definition["cases"][case]
     facts = {s.seed: s for s in result.samples if s.case == case}
     return RankedCase(
         scene=Path(spec["scene"]).name,  # of a model or a given sequence, not where it lies
         conditions=tuple(spec.get("conditions", ())),
-        ranked=DEFAULT_MAPPER in spec["mappers"],
+        ranked=is_ranked(result.definition, case),
         sequences=tuple(facts[s].sequence if s in facts else "" for s in result.seeds),
         rendered_from=tuple(_rendered_from(facts[s]) if s in facts else "" for s in result.seeds),
     )

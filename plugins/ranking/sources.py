@@ -23,6 +23,7 @@ from eventsweep.plugins.ranking.entries import (
     RankingEntry,
     by_method,
     entry_of,
+    is_ranked,
     read_data,
 )
 from eventsweep.plugins.ranking.tracks import OTHERS, found_in
@@ -109,7 +110,7 @@ def _rows(one: Scored) -> pd.DataFrame:
 
 
 def _entry(track: str, found: Sequence[Scored], rows: pd.DataFrame, label: str) -> RankingEntry:
-    rows = rows.dropna(subset=["seed"])
+    rows, last = rows.dropna(subset=["seed"]), found[-1].results
     sequences = {
         (sample.case, sample.seed if one.seed is None else one.seed): sample.sequence
         for one in found
@@ -117,10 +118,13 @@ def _entry(track: str, found: Sequence[Scored], rows: pd.DataFrame, label: str) 
     }
     seeds = tuple(sorted({int(seed) for seed in rows["seed"]}))
     cases = {
-        case: RankedCase(scene=case, sequences=tuple(sequences.get((case, s), "") for s in seeds))
+        case: RankedCase(
+            scene=case,
+            ranked=is_ranked(last.definition, case),
+            sequences=tuple(sequences.get((case, s), "") for s in seeds),
+        )
         for case in dict.fromkeys(rows["case"])
     }
-    last = found[-1].results
     known = {name: text for one in found for name, text in one.results.metrics.items()}
     return RankingEntry(
         label=f"{label}, {track}",

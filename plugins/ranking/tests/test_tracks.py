@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -124,6 +125,19 @@ def test_a_method_that_lacks_a_sequence_is_not_ranked_and_other_truths_are_refus
     (moved,) = read_source(str(other / "geometry")).entries
     (_, why), = summary.of_tracks([moved, found[1]])["geometry"].joined.refused  # fmt: skip
     assert "other sequences" in why
+
+
+def test_cases_that_the_suite_does_not_rank_by_count_in_no_track():
+    definition = {
+        "mappers": {"default": {}, "end": {}},
+        "cases": {"wall": {"mappers": ["default"]}, "odd": {"mappers": ["end"]}},
+    }
+    found = [
+        Scored(0, replace(results("dense", case, 0, methods), definition=definition))
+        for case, methods in (("odd", ("Odd end",)), ("wall", (BEST, WORST)))
+    ]
+    ranked = summary.of_tracks(list(track_entries(found, "v1")))["dense"]
+    assert list(ranked.by_method) == [BEST, WORST]
 
 
 def test_a_track_in_which_no_method_has_every_case_says_so(tmp_path, capsys):
