@@ -15,6 +15,7 @@ from eventsweep.eval.report.html import Grid, plural
 from eventsweep.plugins.ranking import summary
 from eventsweep.plugins.ranking.entries import DATA_NAME, read_data
 from eventsweep.plugins.ranking.pages.sections import RankingPage, data, overview
+from eventsweep.plugins.ranking.tracks import SEMI_DENSE
 from markdown_blocks import refresh
 from table_code import Code, of_suite
 
@@ -24,7 +25,7 @@ _LEFT_OUT = ("mean place", "error, hidden part", "note")
 
 
 def ranking_block(folder: Path) -> str:
-    """The table and the sentence below it, as Markdown.
+    """The table of semi-dense depth and the sentence below it, as Markdown.
 
     Args:
         folder: with the ranking's data.
@@ -32,7 +33,7 @@ def ranking_block(folder: Path) -> str:
     Raises:
         InputError: there is none, or damaged data.
     """
-    entries = read_data(folder).entries
+    entries = tuple(one for one in read_data(folder).entries if one.track == SEMI_DENSE)
     public, hidden = summary.parts(entries)
     page = RankingPage(entries, summary.ranked(public), hidden and summary.ranked(hidden), {})
     return f"{_markdown(overview(page))}\n{_sentence(page)}"
