@@ -5,7 +5,7 @@ from pathlib import Path
 
 from eventsweep.eval.suite.definition import load
 from eventsweep.plugins.ranking import summary
-from eventsweep.plugins.ranking.entries import DATA_NAME, read_data
+from eventsweep.plugins.ranking.entries import read_data
 from eventsweep.plugins.ranking.tracks import SEMI_DENSE
 from places import ROOT, numbers_in, page
 from ranking_table import DATA, main, ranking_block
