@@ -40,6 +40,7 @@ from eventsweep.plugins.ranking.summary import CONDITIONS, MAIN, OTHERS, Ranked
 from eventsweep.plugins.ranking.tracks import OTHERS as TRACKS
 
 _RELATIVE = "× median method"
+_NAMED = 4  # cases of a track, before only their number is said
 
 
 @dataclass(frozen=True)
@@ -219,7 +220,9 @@ def track(name: str, found: Ranked) -> Section:
         for one in found.standings
     ]  # fmt: skip
     seeds = plural(len(joined.base.seeds), "seed")
-    where = f"{', '.join(joined.cases)}; {seeds}. Means over cases; ranks are by the first metric."
+    count = len(joined.cases)
+    cases = ", ".join(joined.cases) if count <= _NAMED else plural(count, "case")
+    where = f"{cases}; {seeds}. Means over cases; ranks are by the first metric."
     refused = tuple(f"{label}: {why}." for label, why in joined.refused)
     blocks = (
         Text(lead_words(found.standings, len(joined.base.seeds)), "lead"),
