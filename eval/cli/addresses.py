@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import fields, is_dataclass
 from functools import partial
 from inspect import BoundArguments
@@ -62,10 +62,15 @@ def _within(opened: Opened, path: Path) -> Iterator[Path]:
         place = mirror / _WITHIN / mirror.name
         yield place
         for old in set(mirror.iterdir()) - {place.parent}:  # of one that was ended before it sent
-            shutil.rmtree(old)
+            if old.is_dir() and not old.is_symlink():
+                shutil.rmtree(old)
+            else:
+                old.unlink()
         for new in place.iterdir():
             new.rename(mirror / new.name)
-        shutil.rmtree(place.parent)
+        with suppress(OSError):  # another run for this address may be at work there
+            place.rmdir()
+            place.parent.rmdir()
 
 
 _TAKEN: Mapping[str, Mapping[str, Opened]] = {

@@ -81,7 +81,7 @@ def samples(setup: Setup, indices: Sequence[int], progress: Progress = silent) -
     """Edges and events of some frames.
 
     Raises:
-        InputError: no event around any of them that has depth and lies beside no silhouette.
+        InputError: around none of them is there an event of known depth away from silhouettes.
     """
     found = []
     for done, index in enumerate(indices):

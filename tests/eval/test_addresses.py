@@ -11,6 +11,7 @@ import pytest
 
 from dataset_world import write_sequence
 from eventsweep.emvs.maps.folder import read_map
+from eventsweep.emvs.utils.address import mirror_of
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.results.results import read_results
 from range_server import serving
@@ -125,7 +126,10 @@ RUN = (
 
 
 def test_a_run_on_object_storage_is_the_run_here(lab, tmp_path, capsys):
-    here = tmp_path / "here"
+    here, mirror = tmp_path / "here", mirror_of("s3://lab/run")
+    (mirror / "left").mkdir(parents=True)  # by a run that was killed before it sent anything
+    for name in ("left/map.json", "report.html", "left.html"):
+        (mirror / name).write_text("old")
     assert main([*RUN, "s3://lab/run"]) == 0
     assert main([*RUN, str(here / "run")]) == 0
     assert keys(lab) == {f"run/{name}" for name in folder_bytes(here / "run")}

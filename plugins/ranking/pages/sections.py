@@ -40,7 +40,7 @@ from eventsweep.plugins.ranking.summary import CONDITIONS, MAIN, OTHERS, Ranked
 from eventsweep.plugins.ranking.tracks import OTHERS as TRACKS
 
 _RELATIVE = "× median method"
-_NAMED = 4  # cases of a track, before only their number is said
+_NAMED = 4  # a track with more cases gives their number instead of their names
 
 
 @dataclass(frozen=True)
