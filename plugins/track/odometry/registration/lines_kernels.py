@@ -4,12 +4,16 @@ Motions are (4, 4) float64 matrices; `intrinsics` is (4,) float64 fx, fy, cx, cy
 
 A field is a tuple of flat arrays over the cells of all images:
 
-    sums: (8 N,) float32, of each cell's points: 1, a, b, aa, ab, bb, rho, 1; a, b from its middle,
-        in cells.
+    sums: (8 N + 16,) float32, from number 8 k on those of the points of the cell that was filled
+        as the k-th: 1, a, b, aa, ab, bb, rho, 1; a, b from its middle, in cells.
     filled: (N + 1,) int32, how many cells hold points, then which.
+    slots: (N,) int32, k of each cell, 0 of one that holds none.
     made: (N,) int32, the drawing that the cell's line is of.
     lines: (N, 5) float32, weight, n_u, n_v, distance of the line from the cell's middle, px, rho.
     scratch: (48,) float32.
+
+The sums lie side by side in the order in which cells were filled: edges fill one cell in twenty, and
+theirs stay in a core's cache, where those of all cells do not.
 
 `place` is (4,) int64 of one image: its first cell, rows, columns, and the size of a cell, px. Each
 row is followed by `MARGIN` cells more, and there are `REACH` empty rows above and below: cells out
@@ -25,7 +29,7 @@ import numpy as np
 from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.emvs.utils.vectors_kernels import WIDTH, load, plus, splat, store
+from eventsweep.emvs.utils.vectors_kernels import load, plus, splat, store
 
 NEAREST_M = 0.05  # what is nearer to a camera is behind it, or too near to be sharp
 REACH = 3
@@ -33,22 +37,23 @@ REACH = 3
 LEAST = 0.15
 """Mass below which there is no line, in a Gaussian's middle: about half a point per pixel of it."""
 _SIGMA_CELLS = 1.2
-MARGIN = REACH + 1
-"""Cells behind each row of an image: as many as vectors of two cells read past its end."""
+MARGIN = REACH
+"""Cells behind each row of an image: those that a line near its end, or near the next one's
+beginning, asks for."""
 SUMS = 8
 """Numbers of a cell."""
-_ROW = SUMS * 2 * MARGIN
+_ROW = SUMS * (2 * REACH + 2)
 _ONE = np.float32(1)
 
 
 def _weights():
-    """What multiplies the sums of the cells around: three tables of 7 rows of 8 cells, flat.
+    """What multiplies the sums of the cells around: three tables of 7 rows of 7 cells and one more.
 
     Moments about the middle of the cell in question follow from those about each cell's own: with
     weights w, and the cell (a, b) cells away, of the first table come the sums of w and of w a b,
     of the others those of w a and w a², and of w b and w b².
     """
-    b, a = np.mgrid[-REACH : REACH + 1, -REACH : MARGIN + 1].astype(np.float64)
+    b, a = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 2].astype(np.float64)
     bell = np.exp(-0.5 * (np.arange(-REACH, REACH + 1) / _SIGMA_CELLS) ** 2)
     bell /= bell.sum()
     w = bell[:, None] * np.append(bell, 0)
@@ -92,17 +97,17 @@ def project(points, T_cam_world, intrinsics, size, out):
 @njit(cache=True, nogil=True)
 def empty(field):
     """Takes the points out of all cells."""
-    sums, filled = field[0], field[1]
+    sums, filled, slots = field[0], field[1], field[2]
     for k in range(1, filled[0] + 1):
-        first = SUMS * np.int64(filled[k])
-        sums[first : first + SUMS] = 0
+        slots[filled[k]] = 0
+    sums[: SUMS * (filled[0] + 1)] = 0
     filled[0] = 0
 
 
 @njit(cache=True, nogil=True)
 def add_points(points, count, place, field):
     """Adds (u, v, rho) points to their cells; the middles lie at multiples of a cell's size."""
-    sums, filled = field[0], field[1]
+    sums, filled, slots = field[0], field[1], field[2]
     first, rows, columns, cell_px = place
     stride, per_px = columns + MARGIN, 1 / cell_px
     for k in range(count):
@@ -111,10 +116,10 @@ def add_points(points, count, place, field):
         if i >= columns or j >= rows:
             continue
         cell, a, b = first + j * stride + i, np.float32(u - i), np.float32(v - j)
-        q = SUMS * cell
-        if sums[q] == 0:
+        if slots[cell] == 0:
             filled[0] += 1
-            filled[filled[0]] = cell
+            slots[cell], filled[filled[0]] = filled[0], cell
+        q = SUMS * np.int64(slots[cell])
         sums[q] += _ONE
         sums[q + 1] += a
         sums[q + 2] += b
@@ -126,33 +131,28 @@ def add_points(points, count, place, field):
 
 
 @njit(cache=True, nogil=True)
-def _add_around(sums, cell, stride, out):
-    """Fills `out` with the weighted sums of the cells around: 16 for each table, of 2 cells."""
-    for lane in range(0, 2 * SUMS, WIDTH):
-        plain = aside = down = splat(np.float32(0))
-        q, w = SUMS * (cell - REACH * stride - REACH) + lane, lane
-        for _row in range(2 * REACH + 1):
-            for k in range(0, _ROW, 2 * SUMS):
-                around = load(sums, q + k)
-                plain = plus(plain, load(_PLAIN, w + k), around)
-                aside = plus(aside, load(_ASIDE, w + k), around)
-                down = plus(down, load(_DOWN, w + k), around)
-            q += SUMS * stride
-            w += _ROW
-        store(out, lane, plain)
-        store(out, lane + 2 * SUMS, aside)
-        store(out, lane + 4 * SUMS, down)
+def _add_around(sums, slots, cell, stride, out):
+    """Fills `out` with the weighted sums of the cells around: 8 for each table, 16 apart."""
+    plain = aside = down = splat(np.float32(0))
+    q, w = cell - REACH * stride - REACH, 0
+    for _row in range(2 * REACH + 1):
+        for k in range(2 * REACH + 1):  # a cell without points adds the zeros of slot 0
+            around, at = load(sums, SUMS * np.int64(slots[q + k])), w + SUMS * k
+            plain = plus(plain, load(_PLAIN, at), around)
+            aside = plus(aside, load(_ASIDE, at), around)
+            down = plus(down, load(_DOWN, at), around)
+        q += stride
+        w += _ROW
+    store(out, 0, plain)  # of a longer vector what is behind the first 8 belongs to no cell
+    store(out, 2 * SUMS, aside)
+    store(out, 4 * SUMS, down)
 
 
 @njit(cache=True, nogil=True)
-def _fit(sums, lines, s, cell, stride, cell_px):
+def _fit(sums, slots, lines, s, cell, stride, cell_px):
     """Makes the line of a cell from the points around it, weighted by a Gaussian; `s`: scratch."""
     lines[cell, 0] = 0
-    _add_around(sums, cell, stride, s)
-    for k in range(SUMS):
-        s[k] += s[k + 8]
-        s[k + 16] += s[k + 24]
-        s[k + 32] += s[k + 40]
+    _add_around(sums, slots, cell, stride, s)
     mass = np.float64(s[0])
     if mass < LEAST * cell_px:
         return
@@ -175,7 +175,7 @@ def _fit(sums, lines, s, cell, stride, cell_px):
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def line_at(place, drawing, sums, made, lines, scratch, u, v):
+def line_at(place, drawing, sums, slots, made, lines, scratch, u, v):
     """The line near a place in the image: weight, n_u, n_v, distance of the place from it, rho.
 
     The place less the distance times the normal n lies on the line; the weight is 0 where there is
@@ -190,7 +190,7 @@ def line_at(place, drawing, sums, made, lines, scratch, u, v):
     cell = first + j * (columns + MARGIN) + i
     if made[cell] != drawing:
         made[cell] = drawing
-        _fit(sums, lines, scratch, cell, columns + MARGIN, float(cell_px))
+        _fit(sums, slots, lines, scratch, cell, columns + MARGIN, float(cell_px))
     n_u, n_v = float(lines[cell, 1]), float(lines[cell, 2])
     off = n_u * (u - i * cell_px) + n_v * (v - j * cell_px) - lines[cell, 3]
     return float(lines[cell, 0]), n_u, n_v, off, float(lines[cell, 4])
@@ -210,13 +210,13 @@ def add_inverse_depth(points, count, cell_px, total, number):
 @njit(cache=True, nogil=True)
 def point_normals(points, T_cam_world, intrinsics, place, drawing, field, out):
     """Fills rows (n_u, n_v) of `out` with the normal of the line that each point lies on, or 0."""
-    sums, _, made, lines, scratch = field
+    sums, _, slots, made, lines, scratch = field
     for k in range(len(points)):
         x, y, z = moved(T_cam_world, points[k, 0], points[k, 1], points[k, 2])
         out[k] = 0
         if z < NEAREST_M:
             continue
         u, v = intrinsics[0] * x / z + intrinsics[2], intrinsics[1] * y / z + intrinsics[3]
-        weight, n_u, n_v, _, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
+        weight, n_u, n_v, _, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
         if weight > 0:
             out[k, 0], out[k, 1] = n_u, n_v

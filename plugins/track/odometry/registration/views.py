@@ -56,7 +56,8 @@ class LineFields:
         lines = aligned(_LINE * cells).reshape(cells, _LINE)
         made = lines.view(np.int32)[:, -1]  # beside the line: one cache line for both
         self.field = (
-            aligned(SUMS * cells), np.zeros(cells + 1, np.int32), made, lines, aligned(6 * SUMS),
+            aligned(SUMS * (cells + 2)), np.zeros(cells + 1, np.int32), np.zeros(cells, np.int32),
+            made, lines, aligned(6 * SUMS),
         )  # fmt: skip
         self.drawing = 0
 
