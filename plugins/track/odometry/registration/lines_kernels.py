@@ -12,8 +12,8 @@ A field is a tuple of flat arrays over the cells of all images:
     lines: (N, 5) float32, weight, n_u, n_v, distance of the line from the cell's middle, px, rho.
     scratch: (48,) float32.
 
-The sums lie side by side in the order in which cells were filled: edges fill one cell in twenty, and
-theirs stay in a core's cache, where those of all cells do not.
+Sums lie side by side in the order in which cells were filled: edges fill one cell in twenty, and
+theirs stay in a core's cache, as those of all cells would not.
 
 `place` is (4,) int64 of one image: its first cell, rows, columns, and the size of a cell, px. Each
 row is followed by `MARGIN` cells more, and there are `REACH` empty rows above and below: cells out

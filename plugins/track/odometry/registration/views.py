@@ -186,6 +186,7 @@ class DrawnEvents:
         self._views = tuple(views)
         self.lines = LineFields([view.size_px for view in views], levels)
         self.events, self.counts = np.zeros((len(views), most, 8)), np.full(len(views), -1)
+        self._scratch = np.empty((2, 0, 3))
 
     def draw(
         self, batches: Sequence[Events], t_mid_us: int, drawn: DrawnMap, twist: Matrix, levels: int
@@ -197,7 +198,9 @@ class DrawnEvents:
             self.counts[k] = -1
             if not drawn.counts[k] or not len(batch):
                 continue
-            lines, (placed, carried) = self.lines, np.empty((2, len(batch), 3))
+            if len(batch) > self._scratch.shape[1]:  # fresh memory costs as much as filling it
+                self._scratch = np.empty((2, len(batch), 3))
+            lines, (placed, carried) = self.lines, self._scratch
             self.counts[k] = draw(
                 batch.x, batch.y, batch.t_us, t_mid_us, view.table, drawn.depth.image(k),
                 float(drawn.depth.places[k, 3]), view.adjoint @ twist, view.intrinsics, view.size,
