@@ -246,7 +246,7 @@ def earlier(
             here = here.held(batch.t_us)
             motions.append((here, Fit(), Status.STILL))
             continue
-        here, fit = registration(batch.events, here.at(batch.t_us))
+        here, fit = registration.nearby(batch.events, here.at(batch.t_us))
         if not (fit.is_good(AGREES) and shows_edges(batch)):
             break
         motions.append((here, fit, status))
