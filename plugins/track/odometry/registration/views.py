@@ -50,14 +50,15 @@ class LineFields:
         for k, (width_px, height_px) in enumerate(sizes_px):
             for level in range(levels):
                 rows, columns = -(-height_px >> level) + 1, -(-width_px >> level) + 1
+                columns += columns % 2
                 before = REACH * (columns + MARGIN + 1)
                 self.places[k, level] = cells + before, rows, columns, 1 << level
                 cells += 2 * before + rows * (columns + MARGIN)
         lines = aligned(_LINE * cells).reshape(cells, _LINE)
         made = lines.view(np.int32)[:, -1]  # beside the line: one cache line for both
         self.field = (
-            aligned(SUMS * (cells + 2)), np.zeros(cells + 1, np.int32), np.zeros(cells, np.int32),
-            made, lines, aligned(6 * SUMS),
+            aligned(SUMS * (cells + 2)), *np.zeros((2, cells // 2 + 1), np.int32), made, lines,
+            aligned(6 * SUMS),
         )  # fmt: skip
         self.drawing = 0
 
