@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator
 
 import matplotlib as mpl
@@ -63,7 +62,8 @@ def track_page(
         "Bands: two standard deviations."
     )
     about = "path and map from above and from the side; position and status over time"
-    plot = Plot(svg(lambda: figure), about, _moving(tracked, figure))
+    drawing = svg(lambda: figure)  # finds the layout, too
+    plot = Plot(drawing, about, _moving(tracked, figure))
     page = Page(
         title=f"{name}, tracked",
         subtitle=f"{len(tracked.trajectory):,} poses, {maps_words(tracked)}.",
@@ -160,7 +160,6 @@ def _overview(tracked: Tracked, cloud: PointCloud) -> Figure:
         over_time = figure.add_subplot(grid[1, :])
         _draw_over_time(over_time, tracked)
         _draw_status(figure.add_subplot(grid[2, :], sharex=over_time), tracked)
-        figure.savefig(io.BytesIO(), format="svg")  # finds the layout
     return figure
 
 

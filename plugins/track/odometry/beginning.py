@@ -166,7 +166,7 @@ class Beginning:
         self._trust.restart()
         doubt = ""
         for motion in motions[:: -(-len(motions) // _JUDGED)]:
-            found, fit = self._registration(seen[motion.t_us], motion)
+            found, fit = self._registration.nearby(seen[motion.t_us], motion)
             doubt = self._trust.judge(fit, self._registration.evidence(found))
         return Status.UNCERTAIN if doubt else Status.TRACKING
 

@@ -52,7 +52,8 @@ class Drift:
             per_depth: mean inverse depth of what is seen, 1/m.
         """
         R, place = motion.T_world_body[:3, :3], motion.T_world_body[:3, 3]
-        turned = np.kron(np.eye(2), R)
+        turned = np.zeros((6, 6))
+        turned[:3, :3] = turned[3:, 3:] = R
         self._batch = turned @ motion.covariance[:6, :6] @ turned.T
         if self._walk is None:
             self._walk = _BATCH**2 * self._batch

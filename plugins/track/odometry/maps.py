@@ -31,11 +31,13 @@ from eventsweep.emvs.utils.runtime import thread_count
 from eventsweep.emvs.windows import Window, check_poses
 from eventsweep.plugins.track.odometry.checkpoint import State
 from eventsweep.plugins.track.odometry.config import TrackConfig
+from eventsweep.plugins.track.odometry.motion import Motion, trajectory_of
 from eventsweep.plugins.track.odometry.online import OnlineMap, window_us
-from eventsweep.plugins.track.odometry.stream import Arrived
+from eventsweep.plugins.track.odometry.stream import Arrived, Stream
 
 Matrix = NDArray[np.float64]
 _DELAY_US, _DELAY_OF_WINDOW = 120_000, 0.3
+_HANDED_OVER_US = 40_000  # at the latest: whoever tracks keeps events for twice as long
 _PLANES = 40, 100
 _MOST_VIEW_COLUMNS = 640
 _FADE = 0.8  # weight of each older map among the points that are tracked
@@ -171,29 +173,38 @@ class BackgroundMaps:
         most_events: events of each camera that a window uses at most, evenly through it; None: all.
         cloud: gathers; nobody else may use it any more.
         most_points: that are tracked.
+        since_us: when the events begin that maps may show.
         alone: whether there is no thread to spare; maps are then made at once.
     """
 
     def __init__(
         self, rig: Rig, config: MapperConfig, cloud: MapCloud, *,
         depth_range_m: tuple[float, float] | None, most_events: int | None,
-        most_points: int, alone: bool,
+        most_points: int, since_us: int, alone: bool,
     ) -> None:  # fmt: skip
         longest_us, stride_us = window_us(config)
         columns = max(camera.width_px for camera in rig.cameras)
         self.pace, self.cloud = Pace(columns, longest_us, stride_us), cloud
         self._config, self._longest_us, self._most = config, longest_us, most_points
         self._arrived = Arrived(rig, depth_range_m, most_events=most_events)
-        self._due_us = 0
+        self._due_us, self._fed_us = 0, since_us
+        self._motions: list[Motion] = []
         self._thread = None if alone else ThreadPoolExecutor(1, "mapper")
         self._coming: deque[tuple[int, Future[list[Made]]]] = deque()
 
-    def push(self, events: Sequence[Events], t_us: int, poses: Trajectory) -> None:
-        """Hands over what has come up to `t_us`; a map is made if the `pace` says so.
+    def push(self, streams: Sequence[Stream], t_us: int, motions: Sequence[Motion]) -> None:
+        """Takes motions found up to `t_us`; a map is made if the `pace` says so.
 
-        It is taken 0.12 s later, or, where maps follow faster, before the next one.
+        It is taken 0.12 s later, or, where maps follow faster, before the next one. The mapper gets
+        motions, and the events of the `streams`, when a map is due, or once there are some.
         """
+        self._motions += motions
         window_us = self.pace.due()
+        if window_us is None and t_us - self._fed_us < _HANDED_OVER_US:
+            return
+        events = [stream.between(self._fed_us, t_us) for stream in streams]
+        poses = trajectory_of(self._motions)
+        self._fed_us, self._motions = t_us, []
         coming: Future[list[Made]]
         if self._thread is None:
             coming = Future()
@@ -208,11 +219,13 @@ class BackgroundMaps:
     def state(self) -> State:
         """All that decides what it does from now on, but for the cloud, while it is idle."""
         state = {"arrived": self._arrived.state(), "pace": self.pace.state()}
-        return {**state, "due_us": self._due_us}
+        motions = [vars(motion) for motion in self._motions]
+        return {**state, "due_us": self._due_us, "fed_us": self._fed_us, "motions": motions}
 
     def restore(self, state: State) -> None:
         """Goes on from a `state` of the same rig and settings, where nothing was pushed yet."""
-        self._due_us = state["due_us"]
+        self._due_us, self._fed_us = state["due_us"], state["fed_us"]
+        self._motions = [Motion(**each) for each in state["motions"]]
         self._arrived.restore(state["arrived"])
         self.pace.restore(state["pace"])
 
@@ -259,7 +272,7 @@ class BackgroundMaps:
 
 
 def background_maps(
-    config: TrackConfig, arrived: Arrived, cloud: MapCloud, most_points: int
+    config: TrackConfig, arrived: Arrived, cloud: MapCloud, most_points: int, since_us: int
 ) -> BackgroundMaps:
     """Of the rig and the depths of what has arrived; a thread is left to who tracks."""
     settings = map_config(config, arrived)
@@ -267,7 +280,7 @@ def background_maps(
     return BackgroundMaps(
         arrived.rig, settings.model_copy(update={"threads": max(1, threads - 1)}), cloud,
         depth_range_m=arrived.depth_range_m, most_events=arrived.most_events,
-        most_points=most_points, alone=threads == 1,
+        most_points=most_points, since_us=since_us, alone=threads == 1,
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.tables import ImuSamples
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.plugins.track.odometry.checkpoint import State
 
 Matrix = NDArray[np.float64]
@@ -60,7 +61,10 @@ class Motion:
 
     def at(self, t_us: int) -> Motion:
         """What is to be expected of another time, before or after."""
-        step, F = self._step(t_us)
+        return self._moved(t_us, *self._step(t_us))
+
+    def _moved(self, t_us: int, step: Matrix, F: Matrix) -> Motion:
+        """The same by what `_step` says."""
         dt_s = (t_us - self.t_us) * 1e-6
         length_s = abs(dt_s)
         density = _DENSITY * np.repeat([self.reach**2, 1.0], 3)
@@ -87,7 +91,8 @@ class Motion:
 
         A step of the smoother of Rauch, Tung and Striebel (1965).
         """
-        expected, (_, F) = self.at(later.t_us), self._step(later.t_us)
+        step, F = self._step(later.t_us)
+        expected = self._moved(later.t_us, step, F)
         xi = se3.log(se3.inverse(later.T_world_body) @ expected.T_world_body)
         off = np.concatenate([xi, later.twist - expected.twist])
         gain = np.linalg.solve(expected.covariance, F @ self.covariance).T
@@ -133,6 +138,12 @@ def smoothed_motions(beliefs: Sequence[Motion | None]) -> list[Motion | None]:
         later = here if here is None or later is None else here.given(later)
         done.append(later)
     return done[::-1]
+
+
+def trajectory_of(motions: Sequence[Motion]) -> Trajectory:
+    """Motions as poses."""
+    poses = np.stack([motion.T_world_body for motion in motions])
+    return Trajectory.from_matrices([motion.t_us for motion in motions], poses)
 
 
 def reach_for(near_m: float) -> float:

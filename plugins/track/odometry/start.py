@@ -38,7 +38,7 @@ from eventsweep.plugins.track.odometry.batches import (
     without_lone,
 )
 from eventsweep.plugins.track.odometry.maps import points_of
-from eventsweep.plugins.track.odometry.motion import Motion, smoothed_motions
+from eventsweep.plugins.track.odometry.motion import Motion, smoothed_motions, trajectory_of
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.registration.fit import (
     AGREES,
@@ -158,7 +158,7 @@ def _followed(
     motions: list[Motion] = []
     fits: list[Fit] = []
     for batch in batches:
-        motion, fit = registration(batch.events, here.at(batch.t_us))
+        motion, fit = registration.nearby(batch.events, here.at(batch.t_us))
         if fit.inliers >= LEAST_INLIERS:
             here = motion
             motions, fits = [*motions, motion], [*fits, fit]
@@ -199,12 +199,6 @@ def _mapped(arrived: Arrived, motions: Sequence[Motion], config: MapperConfig) -
     first_us, last_us = arrived.poses.span_us
     window = Window(first_us, last_us, (first_us + last_us) // 2, (0,) * len(arrived.rig))
     return points_of(map_window(arrived, config, window=window).depth_maps[config.methods[0]])
-
-
-def trajectory_of(motions: Sequence[Motion]) -> Trajectory:
-    """Motions as poses."""
-    poses = np.stack([motion.T_world_body for motion in motions])
-    return Trajectory.from_matrices([motion.t_us for motion in motions], poses)
 
 
 def _both_ways(
@@ -252,7 +246,7 @@ def earlier(
             here = here.held(batch.t_us)
             motions.append((here, Fit(), Status.STILL))
             continue
-        here, fit = registration(batch.events, here.at(batch.t_us))
+        here, fit = registration.nearby(batch.events, here.at(batch.t_us))
         if not (fit.is_good(AGREES) and shows_edges(batch)):
             break
         motions.append((here, fit, status))

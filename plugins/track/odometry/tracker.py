@@ -41,7 +41,7 @@ from eventsweep.plugins.track.odometry.registration.fit import (
     Registration,
 )
 from eventsweep.plugins.track.odometry.registration.views import View
-from eventsweep.plugins.track.odometry.start import LONGEST_START_US, Past, few, trajectory_of
+from eventsweep.plugins.track.odometry.start import LONGEST_START_US, Past, few
 from eventsweep.plugins.track.odometry.stream import Arrived
 from eventsweep.plugins.track.odometry.trust import WAITS, Trust, speaks_against
 
@@ -52,7 +52,7 @@ _POSE_PX, _FASTEST_US = 2.5, 2000  # that the images move from pose to pose at m
 END_US = 1 << 62
 _FOLLOWS = Status.TRACKING, Status.UNCERTAIN
 _PLAIN = (
-    "_searched", "_until_us", "_begin_us", "_next_us", "_fed_us", "reason", "since_us",
+    "_searched", "_until_us", "_begin_us", "_next_us", "reason", "since_us",
 )  # fmt: skip
 _PARTS = "arrived", "gyroscope", "cloud", "registration", "trust", "drift", "way"
 
@@ -113,7 +113,7 @@ class Tracker:
         self._begin_us: int | None = None
         self._step_us = round(1e6 / self._config.rate_hz)
         self._delay_us = round(1e6 * self._config.delay_s)
-        self._next_us = self._fed_us = self._searched = 0
+        self._next_us = self._searched = 0
         self.status, self.reason, self.since_us = Status.STARTING, "no events yet", 0
 
     def push(
@@ -192,7 +192,7 @@ class Tracker:
         self._fired_us = state["fired_us"]
         self._silence.spans = [(first_us, last_us) for first_us, last_us in state["occupied_us"]]
         if state["mapper"] is not None:
-            self._maps = self._background()
+            self._maps = self._background(0)
             self._maps.restore(state["mapper"])
         self._motion = state["motion"] and Motion(**state["motion"])
         self._seen_from.extend(state["seen_from"])
@@ -258,8 +258,7 @@ class Tracker:
             return None
         self._cloud.replace(begun.points)
         self._use_points(self._cloud.chosen(self._sizes.lines))
-        self._maps = self._background()
-        self._fed_us = begun.since_us
+        self._maps = self._background(begun.since_us)
         found = [*begun.before, *begun.stretch]
         self._change(begun.status, self._trust.reason, found[0][0].t_us)
         for motion, fit, status in found:
@@ -365,15 +364,13 @@ class Tracker:
     def _feed_mapper(
         self, t_us: int, before: Motion, motions: Sequence[Motion], *, is_mapped: bool = False
     ) -> None:
-        """Hands over what has come up to `t_us`, and the motions since the one `before`."""
+        """Hands over the motions since the one `before`, found by what has come up to `t_us`."""
         assert self._maps is not None
         for last, motion in pairwise([before, *motions]):
             self._maps.pace.add(motion.t_us, self._registration.between_px(last, motion))
         if is_mapped:
             self._maps.pace.begin()
-        packets = tuple(s.between(self._fed_us, t_us) for s in self._arrived.streams)
-        self._fed_us = t_us
-        self._maps.push(packets, t_us, trajectory_of(motions))
+        self._maps.push(self._arrived.streams, t_us, motions)
 
     def _take_maps(self, t_us: int) -> None:
         """Tracks the maps from now on that are due."""
@@ -389,8 +386,9 @@ class Tracker:
     def _use_points(self, points: Matrix) -> None:
         self._registration.use_map(points, few(points, self._sizes))
 
-    def _background(self) -> BackgroundMaps:
-        return background_maps(self._config, self._arrived, self._cloud, self._sizes.lines)
+    def _background(self, since_us: int) -> BackgroundMaps:
+        most_points = self._sizes.lines
+        return background_maps(self._config, self._arrived, self._cloud, most_points, since_us)
 
     def _pace_us(self) -> int:
         """From here to the next pose: less where the images move fast."""

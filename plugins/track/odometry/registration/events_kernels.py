@@ -92,7 +92,7 @@ def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, dra
     """
     fx, fy, cx, cy = intrinsics
     focal = rho_cell_px, 1 / fx, 1 / fy, cx, cy
-    sums, _, made, lines, scratch = field
+    sums, _, slots, made, lines, scratch = field
     for k in range(count):
         x, y, z, _ = _seen(events[k, 0], events[k, 1], rho, *focal)
         events[k, 5], events[k, 6], events[k, 7] = x, y, z
@@ -101,7 +101,7 @@ def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, dra
         if z < NEAREST_M:
             continue
         u, v = fx * x / z + cx, fy * y / z + cy
-        weight, n_u, n_v, _, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
+        weight, n_u, n_v, _, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
         if weight > 0:
             events[k, 3], events[k, 4] = n_u, n_v
 

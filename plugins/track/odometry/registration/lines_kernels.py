@@ -4,17 +4,21 @@ Motions are (4, 4) float64 matrices; `intrinsics` is (4,) float64 fx, fy, cx, cy
 
 A field is a tuple of flat arrays over the cells of all images:
 
-    sums: (8 N,) float32, of each cell's points: 1, a, b, aa, ab, bb, rho, 1; a, b from its middle,
-        in cells.
-    filled: (N + 1,) int32, how many cells hold points, then which.
+    sums: (8 N + 16,) float32, from number 16 k on those of the k-th pair of cells that holds
+        points, 8 of each cell's: 1, a, b, aa, ab, bb, rho, 1; a, b from its middle, in cells.
+    filled: (N / 2 + 1,) int32, how many pairs hold points, then which.
+    slots: (N / 2,) int32, k of each pair, 0 of one that holds none.
     made: (N,) int32, the drawing that the cell's line is of.
     lines: (N, 5) float32, weight, n_u, n_v, distance of the line from the cell's middle, px, rho.
     scratch: (48,) float32.
 
-`place` is (4,) int64 of one image: its first cell, rows, columns, and the size of a cell, px. Each
-row is followed by `MARGIN` cells more, and there are `REACH` empty rows above and below: cells out
-of the image are read like all others. `drawing` is a number that rises: lines of an earlier one
-are not there.
+Sums lie side by side in the order in which cells were filled: edges fill one cell in twenty, and
+theirs stay in a core's cache, as those of all cells would not. A pair is one line of it.
+
+`place` is (4,) int64 of one image: its first cell, rows, columns, an even number, and the size of a
+cell, px. Each row is followed by `MARGIN` cells more, and there are `REACH` empty rows above and
+below: cells out of the image are read like all others. `drawing` is a number that rises: lines of
+an earlier one are not there.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg, var-annotated"
@@ -34,28 +38,31 @@ LEAST = 0.15
 """Mass below which there is no line, in a Gaussian's middle: about half a point per pixel of it."""
 _SIGMA_CELLS = 1.2
 MARGIN = REACH + 1
-"""Cells behind each row of an image: as many as vectors of two cells read past its end."""
+"""Cells behind each row of an image: as many as whole pairs around its last one reach."""
 SUMS = 8
 """Numbers of a cell."""
-_ROW = SUMS * 2 * MARGIN
+_PAIR = 2 * SUMS
+_ROW = _PAIR * (REACH + 1)
+_TABLE = _ROW * (2 * REACH + 1)
 _ONE = np.float32(1)
 
 
 def _weights():
-    """What multiplies the sums of the cells around: three tables of 7 rows of 8 cells, flat.
+    """What multiplies the sums of the cells around: three tables of 7 rows of 4 pairs, flat.
 
     Moments about the middle of the cell in question follow from those about each cell's own: with
     weights w, and the cell (a, b) cells away, of the first table come the sums of w and of w a b,
-    of the others those of w a and w a², and of w b and w b².
+    of the others those of w a and w a², and of w b and w b². Each stands there twice: the pairs
+    begin 3 cells before the one in question, or 4.
     """
-    b, a = np.mgrid[-REACH : REACH + 1, -REACH : MARGIN + 1].astype(np.float64)
-    bell = np.exp(-0.5 * (np.arange(-REACH, REACH + 1) / _SIGMA_CELLS) ** 2)
-    bell /= bell.sum()
-    w = bell[:, None] * np.append(bell, 0)
-    tables = np.zeros((3, *w.shape, SUMS))
-    tables[0, ..., :7], tables[0, ..., 7] = w[..., None], w * a * b
-    tables[1, ..., :3], tables[1, ..., 7] = (w * a)[..., None], w * a * a
-    tables[2, ..., :3], tables[2, ..., 7] = (w * b)[..., None], w * b * b
+    tables = np.zeros((3, 2, 2 * REACH + 1, 2 * MARGIN, SUMS))
+    for before, (plain, aside, down) in enumerate(tables.swapaxes(0, 1), REACH):
+        b, a = np.mgrid[-REACH : REACH + 1, -before : 2 * MARGIN - before].astype(np.float64)
+        w = np.exp(-0.5 * (a * a + b * b) / _SIGMA_CELLS**2) * (np.abs(a) <= REACH)
+        w /= w.sum()
+        plain[..., :7], plain[..., 7] = w[..., None], w * a * b
+        aside[..., :3], aside[..., 7] = (w * a)[..., None], w * a * a
+        down[..., :3], down[..., 7] = (w * b)[..., None], w * b * b
     return tables.astype(np.float32).reshape(3, -1)
 
 
@@ -92,17 +99,17 @@ def project(points, T_cam_world, intrinsics, size, out):
 @njit(cache=True, nogil=True)
 def empty(field):
     """Takes the points out of all cells."""
-    sums, filled = field[0], field[1]
+    sums, filled, slots = field[0], field[1], field[2]
     for k in range(1, filled[0] + 1):
-        first = SUMS * np.int64(filled[k])
-        sums[first : first + SUMS] = 0
+        slots[filled[k]] = 0
+    sums[: _PAIR * (filled[0] + 1)] = 0
     filled[0] = 0
 
 
 @njit(cache=True, nogil=True)
 def add_points(points, count, place, field):
     """Adds (u, v, rho) points to their cells; the middles lie at multiples of a cell's size."""
-    sums, filled = field[0], field[1]
+    sums, filled, slots = field[0], field[1], field[2]
     first, rows, columns, cell_px = place
     stride, per_px = columns + MARGIN, 1 / cell_px
     for k in range(count):
@@ -111,10 +118,11 @@ def add_points(points, count, place, field):
         if i >= columns or j >= rows:
             continue
         cell, a, b = first + j * stride + i, np.float32(u - i), np.float32(v - j)
-        q = SUMS * cell
-        if sums[q] == 0:
+        pair = cell >> 1
+        if slots[pair] == 0:
             filled[0] += 1
-            filled[filled[0]] = cell
+            slots[pair], filled[filled[0]] = filled[0], pair
+        q = _PAIR * np.int64(slots[pair]) + SUMS * (cell & 1)
         sums[q] += _ONE
         sums[q + 1] += a
         sums[q + 2] += b
@@ -126,29 +134,30 @@ def add_points(points, count, place, field):
 
 
 @njit(cache=True, nogil=True)
-def _add_around(sums, cell, stride, out):
+def _add_around(sums, slots, cell, stride, out):
     """Fills `out` with the weighted sums of the cells around: 16 for each table, of 2 cells."""
-    for lane in range(0, 2 * SUMS, WIDTH):
+    begin = cell - REACH * stride - REACH
+    for lane in range(0, _PAIR, WIDTH):
         plain = aside = down = splat(np.float32(0))
-        q, w = SUMS * (cell - REACH * stride - REACH) + lane, lane
+        pair, w = begin >> 1, _TABLE * (begin & 1) + lane
         for _row in range(2 * REACH + 1):
-            for k in range(0, _ROW, 2 * SUMS):
-                around = load(sums, q + k)
-                plain = plus(plain, load(_PLAIN, w + k), around)
-                aside = plus(aside, load(_ASIDE, w + k), around)
-                down = plus(down, load(_DOWN, w + k), around)
-            q += SUMS * stride
-            w += _ROW
+            for k in range(REACH + 1):  # a pair without points adds the zeros of slot 0
+                around = load(sums, _PAIR * np.int64(slots[pair + k]) + lane)
+                plain = plus(plain, load(_PLAIN, w), around)
+                aside = plus(aside, load(_ASIDE, w), around)
+                down = plus(down, load(_DOWN, w), around)
+                w += _PAIR
+            pair += stride >> 1
         store(out, lane, plain)
-        store(out, lane + 2 * SUMS, aside)
-        store(out, lane + 4 * SUMS, down)
+        store(out, lane + _PAIR, aside)
+        store(out, lane + 2 * _PAIR, down)
 
 
 @njit(cache=True, nogil=True)
-def _fit(sums, lines, s, cell, stride, cell_px):
+def _fit(sums, slots, lines, s, cell, stride, cell_px):
     """Makes the line of a cell from the points around it, weighted by a Gaussian; `s`: scratch."""
     lines[cell, 0] = 0
-    _add_around(sums, cell, stride, s)
+    _add_around(sums, slots, cell, stride, s)
     for k in range(SUMS):
         s[k] += s[k + 8]
         s[k + 16] += s[k + 24]
@@ -175,7 +184,7 @@ def _fit(sums, lines, s, cell, stride, cell_px):
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def line_at(place, drawing, sums, made, lines, scratch, u, v):
+def line_at(place, drawing, sums, slots, made, lines, scratch, u, v):
     """The line near a place in the image: weight, n_u, n_v, distance of the place from it, rho.
 
     The place less the distance times the normal n lies on the line; the weight is 0 where there is
@@ -190,7 +199,7 @@ def line_at(place, drawing, sums, made, lines, scratch, u, v):
     cell = first + j * (columns + MARGIN) + i
     if made[cell] != drawing:
         made[cell] = drawing
-        _fit(sums, lines, scratch, cell, columns + MARGIN, float(cell_px))
+        _fit(sums, slots, lines, scratch, cell, columns + MARGIN, float(cell_px))
     n_u, n_v = float(lines[cell, 1]), float(lines[cell, 2])
     off = n_u * (u - i * cell_px) + n_v * (v - j * cell_px) - lines[cell, 3]
     return float(lines[cell, 0]), n_u, n_v, off, float(lines[cell, 4])
@@ -210,13 +219,13 @@ def add_inverse_depth(points, count, cell_px, total, number):
 @njit(cache=True, nogil=True)
 def point_normals(points, T_cam_world, intrinsics, place, drawing, field, out):
     """Fills rows (n_u, n_v) of `out` with the normal of the line that each point lies on, or 0."""
-    sums, _, made, lines, scratch = field
+    sums, _, slots, made, lines, scratch = field
     for k in range(len(points)):
         x, y, z = moved(T_cam_world, points[k, 0], points[k, 1], points[k, 2])
         out[k] = 0
         if z < NEAREST_M:
             continue
         u, v = intrinsics[0] * x / z + intrinsics[2], intrinsics[1] * y / z + intrinsics[3]
-        weight, n_u, n_v, _, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
+        weight, n_u, n_v, _, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
         if weight > 0:
             out[k, 0], out[k, 1] = n_u, n_v

@@ -62,7 +62,7 @@ def map_to_events(
     """
     part = np.zeros((6, 6))
     fx, fy, cx, cy = intrinsics
-    sums, _, made, lines, scratch = field
+    sums, _, slots, made, lines, scratch = field
     seen, near, closeness, per_width = 0, 0, 0.0, 1 / width
     for k in range(len(points)):
         x, y, z = moved(T_cam_world, points[k, 0], points[k, 1], points[k, 2])
@@ -73,7 +73,7 @@ def map_to_events(
         if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
             continue
         seen += 1
-        weight, n_u, n_v, r, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
+        weight, n_u, n_v, r, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
         if weight < LEAST_WEIGHT or abs(r) > gate:
             continue
         near += 1
@@ -105,7 +105,7 @@ def depth_to_events(
     """
     fx, fy, cx, cy = intrinsics
     rows, columns = regions.shape[0] / size[1], regions.shape[1] / size[0]
-    sums, _, made, lines, scratch = field
+    sums, _, slots, made, lines, scratch = field
     J, per_width = np.empty(7), 1 / width
     for k in range(len(points)):
         X, Y, Z = moved(T_body_world, points[k, 0], points[k, 1], points[k, 2])
@@ -116,7 +116,7 @@ def depth_to_events(
         u, v = fx * x * inverse + cx, fy * y * inverse + cy
         if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
             continue
-        weight, n_u, n_v, r, _ = line_at(place, drawing, sums, made, lines, scratch, u, v)
+        weight, n_u, n_v, r, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
         if weight < LEAST_WEIGHT or abs(r) > gate:
             continue
         close = 1 / (1 + (r * per_width) ** 2)
@@ -153,7 +153,7 @@ def events_to_map(
     """
     fx, fy, cx, cy = intrinsics
     per_fx, per_fy, per_width = 1 / fx, 1 / fy, 1 / width
-    sums, _, made, lines, scratch = field
+    sums, _, slots, made, lines, scratch = field
     parts = np.zeros((6, 6, 4))
     seen, near, closeness = 0, 0, 0.0
     for k in range(count):
@@ -165,7 +165,7 @@ def events_to_map(
         inverse = 1 / z
         at_u, at_v = u - (fx * x * inverse + cx - u), v - (fy * y * inverse + cy - v)
         weight, n_u, n_v, off, inverse = line_at(
-            place, drawing, sums, made, lines, scratch, at_u, at_v
+            place, drawing, sums, slots, made, lines, scratch, at_u, at_v
         )
         seen += 1
         if weight < LEAST_WEIGHT or abs(off) > gate:

@@ -50,13 +50,15 @@ class LineFields:
         for k, (width_px, height_px) in enumerate(sizes_px):
             for level in range(levels):
                 rows, columns = -(-height_px >> level) + 1, -(-width_px >> level) + 1
+                columns += columns % 2
                 before = REACH * (columns + MARGIN + 1)
                 self.places[k, level] = cells + before, rows, columns, 1 << level
                 cells += 2 * before + rows * (columns + MARGIN)
         lines = aligned(_LINE * cells).reshape(cells, _LINE)
         made = lines.view(np.int32)[:, -1]  # beside the line: one cache line for both
         self.field = (
-            aligned(SUMS * cells), np.zeros(cells + 1, np.int32), made, lines, aligned(6 * SUMS),
+            aligned(SUMS * (cells + 2)), *np.zeros((2, cells // 2 + 1), np.int32), made, lines,
+            aligned(6 * SUMS),
         )  # fmt: skip
         self.drawing = 0
 
@@ -185,6 +187,7 @@ class DrawnEvents:
         self._views = tuple(views)
         self.lines = LineFields([view.size_px for view in views], levels)
         self.events, self.counts = np.zeros((len(views), most, 8)), np.full(len(views), -1)
+        self._scratch = np.empty((2, 0, 3))
 
     def draw(
         self, batches: Sequence[Events], t_mid_us: int, drawn: DrawnMap, twist: Matrix, levels: int
@@ -196,7 +199,9 @@ class DrawnEvents:
             self.counts[k] = -1
             if not drawn.counts[k] or not len(batch):
                 continue
-            lines, (placed, carried) = self.lines, np.empty((2, len(batch), 3))
+            if len(batch) > self._scratch.shape[1]:  # fresh memory costs as much as filling it
+                self._scratch = np.empty((2, len(batch), 3))
+            lines, (placed, carried) = self.lines, self._scratch
             self.counts[k] = draw(
                 batch.x, batch.y, batch.t_us, t_mid_us, view.table, drawn.depth.image(k),
                 float(drawn.depth.places[k, 3]), view.adjoint @ twist, view.intrinsics, view.size,
