@@ -106,7 +106,11 @@ PARTS = (
     ),
     Part(
         ("plugins/track/odometry.md#track-scores",),
-        f"{_TOOL} track_scores --out OUT --page plugins/track/odometry.md",
+        f"{_TOOL} track_scores --out OUT --seeds 521-523 --page plugins/track/odometry.md",
+    ),
+    Part(
+        ("plugins/track/odometry.md#track-latency",),
+        f"{_TOOL} track_latency --out OUT --page plugins/track/odometry.md",
     ),
     Part(
         ("plugins/learned/learned.md#confidence",),

@@ -19,6 +19,7 @@ COPIED = ("emvs", "sim", "scenes", "eval", "plugins", "eventsweep", "tests", "do
 LEARNED = {"plugins/learned/learned.md#confidence", "plugins/learned/learned.md#left-out"}
 REAL = {"README.md#real", "plugins/learned/learned.md#real"}
 COMMITTED = {"README.md#results", "plugins/ranking/ranking.md#ranking"}
+TRACKED = {"plugins/track/odometry.md#track-scores", "plugins/track/odometry.md#track-latency"}
 SUITES = COMMITTED | {"docs/gate.md#first-runs"}
 SCORED = SUITES | {
     "docs/paper.md#paper", "docs/paper.md#reproduction", "docs/studies.md#studies",
@@ -26,7 +27,7 @@ SCORED = SUITES | {
     "plugins/diagnose/check.md#check-faults", "plugins/track/odometry.md#track-scores",
     "plugins/geometry/geometry.md#geometry-scores",
 }  # fmt: skip
-MAPPED = SCORED | LEARNED | {"plugins/cuda/cuda.md#gpu"}
+MAPPED = SCORED | LEARNED | TRACKED | {"plugins/cuda/cuda.md#gpu"}
 SIMULATED = MAPPED | {
     "docs/simulator.md#simulate-stages", "docs/scenes.md#figures",
     "docs/simulator.md#fidelity", "docs/simulator.md#fidelity-rays",
@@ -47,9 +48,7 @@ EDITS = {
     "plugins/learned/networks/weights/learned.npz": SUITES | LEARNED | REAL | {
         "docs/studies.md#studies"
     },
-    "plugins/track/odometry/tracker.py": {
-        "docs/paper.md#paper", "plugins/track/odometry.md#track-scores",
-    },
+    "plugins/track/odometry/tracker.py": TRACKED | {"docs/paper.md#paper"},
     "plugins/cuda/voting_kernels.py": {"plugins/cuda/cuda.md#gpu"},
     "plugins/raster/shading_kernels.py": SIMULATED,
     "plugins/geometry/nearest_kernels.py": {

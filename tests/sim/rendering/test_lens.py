@@ -24,6 +24,7 @@ from ray_world import Panel, RayCamera, RayCaster, RayWorld
 from refusals import refused
 
 RANGE_M = (0.5, 8.0)
+CORNERS = 1e-4  # of a depth: a GPU rounds corners to 1/256 px
 POSE = look_at((0, 0, 1), (2, 0.1, 0.95))
 KB4 = RIGS["mvsec"].cameras[0]
 BARREL = Camera(160, 120, 110.0, 112.0, 71.4, 66.2, "radtan", (-0.30, 0.09, 0.002, -0.003))
@@ -249,7 +250,7 @@ def test_depth_equals_the_ray_cast_at_pixel_centres(camera):
             )
             expected_m = distance_m / length if distance_m >= 0 else np.inf
             # Beside an edge, ray and nearest sample may meet different surfaces, or faces.
-            same = expected_m == depth_m[v, u] or abs(depth_m[v, u] / expected_m - 1) < 2e-5
+            same = expected_m == depth_m[v, u] or abs(depth_m[v, u] / expected_m - 1) < CORNERS
             hits += bool(met[0] == geom[v, u] and same)
     assert hits > 588
 
@@ -283,7 +284,7 @@ def test_a_pinhole_view_is_what_a_pinhole_camera_sees():
     with StereoRenderer(made.spec(made.BOXES), rig_of(straight), 1, RANGE_M) as renderer:
         np.testing.assert_allclose(seen, renderer.depth(0, POSE), rtol=1e-6)
     with StereoRenderer(made.spec(made.BOXES), rig_of(large), 1, RANGE_M) as renderer:
-        np.testing.assert_allclose(tiled, renderer.depth(0, POSE), rtol=1e-5)
+        np.testing.assert_allclose(tiled, renderer.depth(0, POSE), rtol=CORNERS)
 
 
 @pytest.mark.parametrize("floats", [False, True])
@@ -296,7 +297,7 @@ def test_a_lens_without_distortion_is_a_pinhole(floats):
         depths_m = renderer.depth(0, POSE), renderer.depth(1, there)
     assert np.abs(bent - straight).mean() < 0.004
     # An edge lies wrong by up to half a sample, and one runs nearly along the last rows.
-    assert np.isclose(*depths_m, rtol=1e-5).mean() > 0.985
+    assert np.isclose(*depths_m, rtol=CORNERS).mean() > 0.985
 
 
 @by_lens

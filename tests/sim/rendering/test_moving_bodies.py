@@ -92,7 +92,8 @@ def test_flow_follows_points_of_a_moving_body(tmp_path, mocap):
             there = se3.transform(se3.inverse(T_world_later) @ T_world_die(later_s), on_die)
             expected = camera.project(there) - np.stack([columns, rows], -1)
             flow = sequence.truth_flow_px(k, now_us)
-            assert np.abs(flow[shown] - expected).max() < 2e-3
+            # A GPU rounds the body's corners to 1/256 px at both times.
+            assert np.abs(flow[shown] - expected).max() < 4e-3
             assert np.linalg.norm(expected, axis=1).max() > 0.5
             assert np.isfinite(flow).all()
 
