@@ -21,6 +21,7 @@ from scipy import stats
 from eventsweep.emvs.errors import InputError, offer
 from eventsweep.eval.results.direction import change_of
 from eventsweep.eval.results.series import (
+    ON,
     SIGNED_ERRORS,
     SPEED_METRIC,
     Key,
@@ -242,7 +243,9 @@ def _judge(base: Series, measured: Measured, tolerances: Tolerances, tests: int)
     if current is None:
         return _absent(base, measured)
     if current.identity != base.identity:
-        return Judgement(base.key, "not comparable", base.unit, why=_unlike(base, current))
+        return _timed_elsewhere(base, current) or Judgement(
+            base.key, "not comparable", base.unit, why=_unlike(base, current)
+        )
     undefined = sorted(seed for seed, value in current.values.items() if not math.isfinite(value))
     if undefined:
         why = f"undefined (NaN) for seed {', '.join(map(str, undefined))}"
@@ -257,6 +260,15 @@ def _judge(base: Series, measured: Measured, tolerances: Tolerances, tests: int)
     before, now, tolerance = _compared(base, current, alike, tolerances, tests)
     status = _status(base, now - before, tolerance)
     return Judgement(base.key, status, base.unit, before, now, tolerance, alike=alike)
+
+
+def _timed_elsewhere(base: Series, current: Series) -> Judgement | None:
+    """Speed on another processor than the baseline's has no counterpart: it is new."""
+    (of, _, before), (same, _, now) = (one.identity.partition(ON) for one in (base, current))
+    if base.metric != SPEED_METRIC or of != same:
+        return None
+    why = f"timed on {now}, the baseline on {before or 'an unnamed processor'}"
+    return replace(_new(current), value=min(current.values.values()), why=why)
 
 
 def _unlike(base: Series, current: Series) -> str:

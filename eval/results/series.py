@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 SIGNED_ERRORS = ("bias", "bias_px", "bias_cells")
 """What a gate looks at whatever a suite's definition names: a shift makes some depths better."""
 SPEED_METHOD, SPEED_METRIC = "mapper", "cpu_time_ratio"
+PROCESSOR, ON = "processor", " on "  # among versions: what the speed was measured on
 
 
 class Key(NamedTuple):
@@ -198,10 +199,13 @@ def _identity(results: Results, sample: Sample, row: Any) -> str:
 
 def _speed(results: Results) -> Iterable[Series]:
     scenes = {sample.case: sample.scene for sample in reversed(results.samples)}
+    where = results.versions.get(PROCESSOR, "an unnamed processor")
     for case, ratios in results.speed.items():
         yield Series(
             case=case, method=SPEED_METHOD, metric=SPEED_METRIC, unit="x", direction="lower",
-            identity=_hash([results.cases[case], scenes.get(case, ""), SPEED_METRIC]),
+            identity=ON.join(
+                [_hash([results.cases[case], scenes.get(case, ""), SPEED_METRIC]), where]
+            ),
             values=dict(enumerate(ratios)),
         )  # fmt: skip
 

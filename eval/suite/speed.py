@@ -3,13 +3,16 @@
 Seconds say as much about the machine, and who else uses it, as about the mapper. So a fixed loop is
 timed beside it, which does what a mapper does: arithmetic and scattered additions into an image
 that fits no first-level cache. Both are counted in CPU time of one thread, one right after the
-other, and the ratio is kept.
+other, and the ratio is kept, with the processor's name: another one may be half as fast again at
+one of the two.
 """
 
 from __future__ import annotations
 
+import platform
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,6 +26,7 @@ from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.utils.cache import Cache
 from eventsweep.eval.jobs.job import SEQUENCE, Job, entry
 from eventsweep.eval.results.results import Results
+from eventsweep.eval.results.series import PROCESSOR
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.plan import suite_jobs
 from eventsweep.eval.suite.source import SequenceSource
@@ -41,7 +45,10 @@ def with_speed(
         return result
     score, path = timed
     config = MapperConfig.model_validate(score.needs[1].parameters["map"])
-    return replace(result, speed={score.parameters["case"]: map_ratios(path, config)})
+    return replace(
+        result, speed={score.parameters["case"]: map_ratios(path, config)},
+        versions={**result.versions, PROCESSOR: processor()},
+    )  # fmt: skip
 
 
 def speed_job(
@@ -54,6 +61,15 @@ def speed_job(
         return None
     (score,) = suite_jobs(suite, [case], seeds[:1], archive)
     return score, entry(score.needs[0], Cache(cache)).path / SEQUENCE
+
+
+def processor() -> str:
+    """This machine's, as the system names it."""
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
 
 
 def map_ratios(sequence: Path, config: MapperConfig) -> tuple[float, ...]:

@@ -321,6 +321,27 @@ def test_speed_counts_by_its_best_and_one_seed_has_a_tolerance_of_its_own():
     assert verdict(base, series([0.103]), seeds=(0,)).status == "worse"
 
 
+def test_speed_on_another_processor_is_new_and_of_another_case_not_comparable():
+    speed = {"method": SPEED_METHOD, "metric": SPEED_METRIC, "unit": "x"}
+    base, slow = (series([value]).model_copy(update=speed) for value in (2.0, 9.0))
+
+    def judged(before, now):
+        return verdict(
+            *(
+                one.model_copy(update={"identity": identity})
+                for one, identity in ((base, before), (slow, now))
+            )
+        )
+
+    assert judged("i on A", "i on A").status == "worse"
+    for before, told in (("i on B", "the baseline on B"), ("i", "on an unnamed processor")):
+        other = judged(before, "i on A")
+        assert (other.status, other.value, other.is_red) == ("new", 9.0, False)
+        assert other.why.startswith("timed on A, ")
+        assert told in other.why
+    assert judged("i on A", "j on B").status == "not comparable"
+
+
 values = st.floats(0.01, 10)
 
 
