@@ -35,7 +35,7 @@ _COMMON_SETTINGS = frozenset({
     "--score.ranking-metric", "--align", "--associate", "--max-difference-s", "--offset-s",
 })  # fmt: skip
 # And of the few without a table's prefix, those that hardly anybody needs.
-_RARE_SETTINGS = frozenset({"--delay-s", "--map-events"})
+_RARE_SETTINGS = frozenset({"--delay-s", "--map-events", "--maps"})
 _CLOSE = 0.7
 _OURS = "eventsweep."
 

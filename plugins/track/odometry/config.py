@@ -35,6 +35,10 @@ class TrackConfig(ParameterGroup):
         description="how much later than the edge that it shows an event comes, s: poses belong to "
         "so much earlier times; 0 where time stamps are corrected already",
     )  # fmt: skip
+    half_resolution: bool = Field(
+        default=False,
+        description="track images of half as many columns and rows: for sensors of a megapixel",
+    )
     gyroscope: bool = Field(
         default=False, description="use the rates of turn in the recording's imu.csv"
     )

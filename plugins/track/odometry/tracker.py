@@ -30,6 +30,7 @@ from eventsweep.plugins.track.odometry.beginning import SHORTEST_START_US, Begin
 from eventsweep.plugins.track.odometry.checkpoint import State
 from eventsweep.plugins.track.odometry.config import TrackConfig
 from eventsweep.plugins.track.odometry.drift import Drift, Way
+from eventsweep.plugins.track.odometry.images import Images
 from eventsweep.plugins.track.odometry.maps import BackgroundMaps, MapCloud, background_maps
 from eventsweep.plugins.track.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion
 from eventsweep.plugins.track.odometry.online import OnlineMap, check_packet
@@ -51,10 +52,8 @@ _COAST_US = 100_000
 _POSE_PX, _FASTEST_US = 2.5, 2000  # that the images move from pose to pose at most; least time
 END_US = 1 << 62
 _FOLLOWS = Status.TRACKING, Status.UNCERTAIN
-_PLAIN = (
-    "_searched", "_until_us", "_begin_us", "_next_us", "reason", "since_us",
-)  # fmt: skip
-_PARTS = "arrived", "gyroscope", "cloud", "registration", "trust", "drift", "way"
+_PLAIN = "_searched", "_until_us", "_begin_us", "_next_us", "reason", "since_us"
+_PARTS = "images", "arrived", "gyroscope", "cloud", "registration", "trust", "drift", "way"
 
 
 class Tracker:
@@ -89,7 +88,9 @@ class Tracker:
             raise InputError(
                 "rig of 1 camera: one camera cannot determine scale; give a first_map of the scene"
             )
-        self._rig, self._config = rig, TrackConfig.or_default(config)
+        self._given, self._config = rig, TrackConfig.or_default(config)
+        self._images = Images(rig, half=self._config.half_resolution)
+        rig, past = self._images.rig, self._images.past(past)
         self._sizes, self._on_pose, self._on_map = Sizes(rig), on_pose, on_map
         views = [View(c, T) for c, T in zip(rig.cameras, rig.T_body_cam, strict=True)]
         self._registration = Registration(views, self._sizes.levels, self._sizes.own_time)
@@ -133,8 +134,8 @@ class Tracker:
         Raises:
             InputError: events out of order, or not one packet per camera.
         """
-        check_packet(events, self._rig, self._until_us, t_us)
-        self._until_us = t_us
+        check_packet(events, self._given, self._until_us, t_us)
+        self._until_us, events = t_us, self._images(events)
         self._silence.push(packet.t_us for packet in events)
         for stream, packet, fired_us in zip(
             self._arrived.streams, events, self._fired_us, strict=True

@@ -14,7 +14,7 @@ BEGINS, SLOW_S, PACKETS = 3, 0.03, 12
 class Slow:
     """Begins with the third packet; a map of the last 20 ms comes with every later one."""
 
-    def __init__(self, _rig, *, on_pose, on_map, **_more):
+    def __init__(self, _rig, _config, *, on_pose, on_map, **_more):
         self.on_pose, self.on_map, self.pushed = on_pose, on_map, 0
 
     def push(self, _events, t_us):
@@ -32,7 +32,7 @@ def test_who_is_slower_than_the_recording_falls_behind(monkeypatch, packet_us):
     monkeypatch.setattr(track_latency, "Tracker", Slow)
     recording = SimpleNamespace(rig=None, depth_range_m=None)
     packets = [(packet_us * (k + 1), []) for k in range(PACKETS)]
-    fast, live = (fed(recording, packets, paced=paced) for paced in (False, True))
+    fast, live = (fed(recording, packets, None, paced=paced) for paced in (False, True))
     later, packet_s = PACKETS - BEGINS, 1e-6 * packet_us
     assert len(live.poses_s) == len(live.maps_s) == later
     assert min(fast.begin_s, live.begin_s) >= SLOW_S

@@ -21,13 +21,13 @@ REAL = {"README.md#real", "plugins/learned/learned.md#real"}
 COMMITTED = {"README.md#results", "plugins/ranking/ranking.md#ranking"}
 TRACKED = {"plugins/track/odometry.md#track-scores", "plugins/track/odometry.md#track-latency"}
 SUITES = COMMITTED | {"docs/gate.md#first-runs"}
-SCORED = SUITES | {
+SCORED = SUITES | TRACKED | {
     "docs/paper.md#paper", "docs/paper.md#reproduction", "docs/studies.md#studies",
     "docs/baselines.md#baselines", "docs/gate.md#recipe", "docs/suite.md#scale",
-    "plugins/diagnose/check.md#check-faults", "plugins/track/odometry.md#track-scores",
+    "plugins/diagnose/check.md#check-faults",
     "plugins/geometry/geometry.md#geometry-scores",
 }  # fmt: skip
-MAPPED = SCORED | LEARNED | TRACKED | {"plugins/cuda/cuda.md#gpu"}
+MAPPED = SCORED | LEARNED | {"plugins/cuda/cuda.md#gpu"}
 SIMULATED = MAPPED | {
     "docs/simulator.md#simulate-stages", "docs/scenes.md#figures",
     "docs/simulator.md#fidelity", "docs/simulator.md#fidelity-rays",

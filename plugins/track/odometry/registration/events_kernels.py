@@ -38,6 +38,28 @@ def in_company(x, y, t_us, within_us, last_us, out):
 
 
 @njit(cache=True, nogil=True)
+def halve(x, y, p, sums, chosen):
+    """Numbers the events with which pixels of twice the size pass their threshold; says how many.
+
+    `sums`, (H // 2, W // 2) int8, holds brighter less darker events of each larger pixel since it
+    passed it last, between -3 and 3, and is kept up to date.
+    """
+    height, width = sums.shape
+    n = 0
+    for k in range(len(x)):
+        i, j = np.int64(x[k]) >> 1, np.int64(y[k]) >> 1
+        if i >= width or j >= height:
+            continue
+        total = sums[j, i] + (1 if p[k] else -1)
+        if total == 4 or total == -4:
+            total = 0
+            chosen[n] = k
+            n += 1
+        sums[j, i] = total
+    return n
+
+
+@njit(cache=True, nogil=True)
 def place(x, y, t_us, t_mid_us, table, out):
     """Fills rows (u, v, dt_s) of `out` with the events that have a place; returns how many.
 
