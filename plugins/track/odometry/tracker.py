@@ -43,14 +43,16 @@ from eventsweep.plugins.track.odometry.registration.fit import (
 from eventsweep.plugins.track.odometry.registration.views import View
 from eventsweep.plugins.track.odometry.start import LONGEST_START_US, Past, few
 from eventsweep.plugins.track.odometry.stream import Arrived
-from eventsweep.plugins.track.odometry.trust import WAITS, Trust, speaks_against
+from eventsweep.plugins.track.odometry.trust import ASTRAY, WAITS, Trust, disagrees, speaks_against
 
 Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
 _COAST_US = 100_000
 _POSE_PX, _FASTEST_US = 2.5, 2000  # that the images move from pose to pose at most; least time
 END_US = 1 << 62
+_SURPRISE, _MUST_GAIN = 10.0, 1.02  # chi-squared of 12, mostly 1; of what agrees
 _FOLLOWS = Status.TRACKING, Status.UNCERTAIN
+_NOTED = frozenset((*WAITS, ASTRAY))
 _PLAIN = (
     "_searched", "_until_us", "_begin_us", "_next_us", "reason", "since_us",
 )  # fmt: skip
@@ -288,17 +290,30 @@ class Tracker:
         spread_m = float(np.trace(covariance[:3, :3]) ** 0.5)
         evidence, px = self._registration.evidence(motion), self._registration.in_px(spread_m)
         is_short = not self._way.is_known
-        doubt = self._trust.judge(fit, evidence, spread_m / way_m, px, is_short=is_short)
+        doubt = self._trust.judge(
+            fit, evidence, spread_m / way_m, px, is_short=is_short, is_astray=self._drift.is_astray
+        )
         return Status.UNCERTAIN if doubt else Status.TRACKING
 
     def _registered(self, batch: Batch, t_us: int) -> tuple[Motion, Fit]:
-        """The motion that fits a batch, near that which the last one and the gyroscope say."""
+        """The motion that fits a batch, near that which the last one and the gyroscope say.
+
+        Where it fits badly, or is another than was to be expected, the body may have been stopped
+        or turned back at once: then one that starts from any motion is tried, too.
+        """
         assert self._motion is not None
         expected = self._motion.at(batch.t_us)
         rate_rad_s = self._gyroscope.rate_at(batch.t_us, t_us)
         if rate_rad_s is not None:
             expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
-        return self._registration.nearby(batch.events, expected)
+        motion, fit = self._registration.nearby(batch.events, expected)
+        if fit.is_good(AGREES) and motion.surprise(expected) <= _SURPRISE:
+            return motion, fit
+        unsettled = self._motion.unsettled().at(batch.t_us)
+        other, other_fit = self._registration(batch.events, unsettled, wide=True)
+        if other_fit.agreement > _MUST_GAIN * fit.agreement:
+            return other, other_fit
+        return self._registration.nearby(batch.events, expected)  # what was seen, for the evidence
 
     def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
         """Goes on as it moved, for a moment; then it is lost."""
@@ -324,7 +339,9 @@ class Tracker:
         if not fit.is_good(FOUND_AGAIN):
             return None
         self._trust.restart()
-        return self._go_on(motion, fit, self._judged(motion, fit), t_us)
+        pose = self._go_on(motion, fit, self._judged(motion, fit), t_us)
+        self._drift.found_again()
+        return pose
 
     def _go_on(
         self, motion: Motion, fit: Fit, status: Status, t_us: int, *, filtered: bool = False
@@ -346,9 +363,11 @@ class Tracker:
         covariance = self._drift.at(motion, self._registration.rho)
         pose = Pose(t_us, motion.T_world_body, motion.twist, status, fit, covariance, belief)
         self._poses.append(pose)
-        if status in _FOLLOWS and self._trust.is_sound:
+        is_followed = status in _FOLLOWS
+        self._drift.note(motion.t_us, is_doubted=not is_followed or disagrees(self._trust.reason))
+        if is_followed and self._trust.is_sound:
             self._way.add(motion)
-        elif status not in _FOLLOWS or speaks_against(self._trust.reason):
+        elif not is_followed or speaks_against(self._trust.reason):
             self._way.interrupt()
         self._motion = motion
         if self._on_pose is not None:
@@ -356,8 +375,8 @@ class Tracker:
         return pose
 
     def _change(self, status: Status, reason: str, t_us: int) -> None:
-        waits = reason != self.reason and (reason in WAITS or self.reason in WAITS)
-        if status is not self.status or waits:
+        is_other = reason != self.reason and not _NOTED.isdisjoint((reason, self.reason))
+        if status is not self.status or is_other:
             self.status, self.reason, self.since_us = status, reason, t_us
             self.changes.append((t_us, status, reason))
 
@@ -376,7 +395,8 @@ class Tracker:
         """Tracks the maps from now on that are due."""
         for made in () if self._maps is None else self._maps.due(t_us):
             if made.points is not None:
-                self._drift.next_map(self._trust.scale_sigma)
+                window = made.online.window
+                self._drift.next_map(self._trust.scale_sigma, (window.t0_us, window.t1_us))
                 self._trust.next_map()
                 self._use_points(made.points)
                 self._seen_from.append(self._poses[-1].T_world_body)

@@ -68,6 +68,11 @@ class Fit:
         """Residuals that decided."""
         return self.events_near + self.points_near
 
+    @property
+    def agreement(self) -> float:
+        """Residuals near zero."""
+        return self.closeness * self.inliers
+
     def is_good(self, closeness: float) -> bool:
         """Whether enough residuals decided, and their closeness is at least this."""
         return self.inliers >= LEAST_INLIERS and self.closeness >= closeness
