@@ -50,7 +50,6 @@ _KEPT_POSES = 1024
 _COAST_US = 100_000
 _POSE_PX, _FASTEST_US = 2.5, 2000  # that the images move from pose to pose at most; least time
 END_US = 1 << 62
-_SURPRISE, _MUST_GAIN = 10.0, 1.02  # chi-squared of 12, mostly 1; of what agrees
 _FOLLOWS = Status.TRACKING, Status.UNCERTAIN
 _NOTED = frozenset((*WAITS, ASTRAY))
 _PLAIN = (
@@ -296,24 +295,14 @@ class Tracker:
         return Status.UNCERTAIN if doubt else Status.TRACKING
 
     def _registered(self, batch: Batch, t_us: int) -> tuple[Motion, Fit]:
-        """The motion that fits a batch, near that which the last one and the gyroscope say.
-
-        Where it fits badly, or is another than was to be expected, the body may have been stopped
-        or turned back at once: then one that starts from any motion is tried, too.
-        """
+        """The motion that fits a batch, near that which the last one and the gyroscope say."""
         assert self._motion is not None
         expected = self._motion.at(batch.t_us)
         rate_rad_s = self._gyroscope.rate_at(batch.t_us, t_us)
         if rate_rad_s is not None:
             expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
-        motion, fit = self._registration.nearby(batch.events, expected)
-        if fit.is_good(AGREES) and motion.surprise(expected) <= _SURPRISE:
-            return motion, fit
         unsettled = self._motion.unsettled().at(batch.t_us)
-        other, other_fit = self._registration(batch.events, unsettled, wide=True)
-        if other_fit.agreement > _MUST_GAIN * fit.agreement:
-            return other, other_fit
-        return self._registration.nearby(batch.events, expected)  # what was seen, for the evidence
+        return self._registration.nearby_or_turned(batch.events, expected, unsettled)
 
     def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
         """Goes on as it moved, for a moment; then it is lost."""
