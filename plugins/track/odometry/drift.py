@@ -4,7 +4,9 @@ A pose is found on a map, so it errs by what its batch leaves open, as the filte
 the map errs. Each map is made on poses, and errs as they do, independently of the last one: a
 random walk, whose steps a turn of the world swings about the place where they were taken. Within a
 map the way errs by the scale that stereo leaves open, too. And a calibration is never exact: what
-it errs turns the path the same way all along, by so much per length of the way over depth.
+it errs turns the path the same way all along, by so much per length of the way over depth. Where
+events and map disagree the motion may be another; a map made there agrees with it, but has lost how
+far the path has come.
 
 So errors are drift: within a track they hardly change from pose to pose, and all its poses lie in
 their regions or few do. Regions are right over many tracks.
@@ -18,6 +20,8 @@ p_true = p + dp, R_true = exp(d_theta) R_world_body, as robots' messages have th
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,10 +29,13 @@ from eventsweep.plugins.track.odometry.checkpoint import State
 from eventsweep.plugins.track.odometry.motion import Motion
 
 Matrix = NDArray[np.float64]
-_BATCH, _MAP = 1.0, 0.6
-"""Standard deviations over those that the filter says: batches that follow each other err alike."""
+_BATCH = 1.0  # standard deviations over those that the filter says
+_ALIKE_S = 0.144
+"""For so long batches that follow each other err alike; a map errs as the mean over its window."""
 _TURN = 0.006  # rad, by calibration, once the way is as long as what is seen is deep
 _SCALE = 0.03, 0.1  # of one camera, that sees none; at most
+_DOUBTED = 0.5  # of a way on which events and map disagree: it may be as wrong
+_KEPT = 1024  # poses since the last map
 _CLEAR = 2.0  # standard deviations of a pose, that a step is longer than: noise is no way
 MOST_SHARE = 0.02
 """Of a way, by which the poses of a path may be off that is believed."""
@@ -41,6 +48,8 @@ class Drift:
         self.way_m, self._scale_sigma = 0.0, _SCALE[0]
         self._ways = 0.0  # over depth
         self._walk: Matrix | None = None
+        self._noted_m, self._astray_m = 0.0, 0.0
+        self._doubted: deque[tuple[int, float]] = deque(maxlen=_KEPT)  # times, steps up to them, m
         self._batch = np.zeros((6, 6))
         self._place = self._map_place = np.zeros(3)
 
@@ -66,10 +75,34 @@ class Drift:
         covariance: Matrix = self._walk + _BATCH**2 * self._batch + self._by_scale()
         return covariance + self._by_calibration()
 
-    def next_map(self, scale_sigma: float) -> None:
-        """Says that a map is tracked from here on, whose scale stereo measures so well."""
+    @property
+    def is_astray(self) -> bool:
+        """Whether maps on doubted poses may have led the path off by over `MOST_SHARE` of it."""
+        return _DOUBTED * self._astray_m > MOST_SHARE * self.way_m
+
+    def note(self, t_us: int, *, is_doubted: bool) -> None:
+        """Says whether events and map disagreed at the last pose: a map on it errs as it does."""
+        if is_doubted:
+            self._doubted.append((t_us, self.way_m - self._noted_m))
+        self._noted_m = self.way_m
+
+    def found_again(self) -> None:
+        """Says that the last pose was found on maps from before it was doubted."""
+        self._doubted.clear()
+        self._noted_m = self.way_m
+
+    def next_map(self, scale_sigma: float, window_us: tuple[int, int]) -> None:
+        """Says that a map is tracked from here on.
+
+        Args:
+            scale_sigma: how well stereo measures its scale.
+            window_us: the times of the first and the last pose that it was made on.
+        """
+        since_us, until_us = window_us
         if self._walk is not None:
-            self._walk = self._walk + _MAP**2 * self._batch + self._by_scale()
+            share = 1e6 * _ALIKE_S / max(until_us - since_us, 1)
+            self._walk = self._walk + share * self._batch + self._by_scale()
+            self._walk = self._walk + self._by_doubt(until_us)
         self._map_place = self._place
         self._scale_sigma = min(scale_sigma, _SCALE[1])
 
@@ -78,17 +111,25 @@ class Drift:
         off[:3] = self._scale_sigma * (self._place - self._map_place)
         return np.outer(off, off)
 
+    def _by_doubt(self, until_us: int) -> Matrix:
+        doubted_m = 0.0
+        while self._doubted and self._doubted[0][0] <= until_us:
+            doubted_m += self._doubted.popleft()[1]
+        self._astray_m += doubted_m
+        return np.diag(np.repeat([(_DOUBTED * doubted_m) ** 2 / 3, 0.0], 3))
+
     def _by_calibration(self) -> Matrix:
         turn = _TURN * self._ways
         return np.diag(np.repeat([turn * self.way_m / 2, turn], 3) ** 2)
 
     def state(self) -> State:
         """All that decides what it says from now on."""
-        return dict(vars(self))
+        return {**vars(self), "_doubted": [list(each) for each in self._doubted]}
 
     def restore(self, state: State) -> None:
         """Takes what `state` gave."""
-        vars(self).update(state)
+        steps = ((t_us, step_m) for t_us, step_m in state["_doubted"])
+        vars(self).update({**state, "_doubted": deque(steps, _KEPT)})
 
 
 class Way:

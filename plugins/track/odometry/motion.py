@@ -118,6 +118,18 @@ class Motion:
             self, T_world_body=T_world_body, twist=self.twist + change[6:], covariance=covariance
         )
 
+    def surprise(self, expected: Motion) -> float:
+        """How far it is from what was expected: the square of it in standard deviations."""
+        xi = se3.log(se3.inverse(expected.T_world_body) @ self.T_world_body)
+        off = np.concatenate([xi, self.twist - expected.twist])
+        return float(off @ np.linalg.solve(expected.covariance, off))
+
+    def unsettled(self) -> Motion:
+        """The same place, and nothing known of how the body moves from there."""
+        unknown = Motion.unknown(self.t_us, self.T_world_body, self.reach)
+        unknown.covariance[:6, :6] = self.covariance[:6, :6]
+        return unknown
+
     def held(self, t_us: int) -> Motion:
         """The body standing where it is, at another time."""
         covariance = np.zeros((12, 12))

@@ -44,7 +44,7 @@ from eventsweep.plugins.track.odometry.registration.fit import (
 from eventsweep.plugins.track.odometry.registration.views import View
 from eventsweep.plugins.track.odometry.start import LONGEST_START_US, Past, few
 from eventsweep.plugins.track.odometry.stream import Arrived
-from eventsweep.plugins.track.odometry.trust import WAITS, Trust, speaks_against
+from eventsweep.plugins.track.odometry.trust import ASTRAY, WAITS, Trust, disagrees, speaks_against
 
 Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
@@ -52,6 +52,7 @@ _COAST_US = 100_000
 _POSE_PX, _FASTEST_US = 2.5, 2000  # that the images move from pose to pose at most; least time
 END_US = 1 << 62
 _FOLLOWS = Status.TRACKING, Status.UNCERTAIN
+_NOTED = frozenset((*WAITS, ASTRAY))
 _PLAIN = "_searched", "_until_us", "_begin_us", "_next_us", "reason", "since_us"
 _PARTS = "images", "arrived", "gyroscope", "cloud", "registration", "trust", "drift", "way"
 
@@ -289,7 +290,9 @@ class Tracker:
         spread_m = float(np.trace(covariance[:3, :3]) ** 0.5)
         evidence, px = self._registration.evidence(motion), self._registration.in_px(spread_m)
         is_short = not self._way.is_known
-        doubt = self._trust.judge(fit, evidence, spread_m / way_m, px, is_short=is_short)
+        doubt = self._trust.judge(
+            fit, evidence, spread_m / way_m, px, is_short=is_short, is_astray=self._drift.is_astray
+        )
         return Status.UNCERTAIN if doubt else Status.TRACKING
 
     def _registered(self, batch: Batch, t_us: int) -> tuple[Motion, Fit]:
@@ -299,7 +302,8 @@ class Tracker:
         rate_rad_s = self._gyroscope.rate_at(batch.t_us, t_us)
         if rate_rad_s is not None:
             expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
-        return self._registration.nearby(batch.events, expected)
+        unsettled = self._motion.unsettled().at(batch.t_us)
+        return self._registration.nearby_or_turned(batch.events, expected, unsettled)
 
     def _doubt(self, batch: Batch, fit: Fit, t_us: int) -> Pose | None:
         """Goes on as it moved, for a moment; then it is lost."""
@@ -325,7 +329,9 @@ class Tracker:
         if not fit.is_good(FOUND_AGAIN):
             return None
         self._trust.restart()
-        return self._go_on(motion, fit, self._judged(motion, fit), t_us)
+        pose = self._go_on(motion, fit, self._judged(motion, fit), t_us)
+        self._drift.found_again()
+        return pose
 
     def _go_on(
         self, motion: Motion, fit: Fit, status: Status, t_us: int, *, filtered: bool = False
@@ -347,9 +353,11 @@ class Tracker:
         covariance = self._drift.at(motion, self._registration.rho)
         pose = Pose(t_us, motion.T_world_body, motion.twist, status, fit, covariance, belief)
         self._poses.append(pose)
-        if status in _FOLLOWS and self._trust.is_sound:
+        is_followed = status in _FOLLOWS
+        self._drift.note(motion.t_us, is_doubted=not is_followed or disagrees(self._trust.reason))
+        if is_followed and self._trust.is_sound:
             self._way.add(motion)
-        elif status not in _FOLLOWS or speaks_against(self._trust.reason):
+        elif not is_followed or speaks_against(self._trust.reason):
             self._way.interrupt()
         self._motion = motion
         if self._on_pose is not None:
@@ -357,8 +365,8 @@ class Tracker:
         return pose
 
     def _change(self, status: Status, reason: str, t_us: int) -> None:
-        waits = reason != self.reason and (reason in WAITS or self.reason in WAITS)
-        if status is not self.status or waits:
+        is_other = reason != self.reason and not _NOTED.isdisjoint((reason, self.reason))
+        if status is not self.status or is_other:
             self.status, self.reason, self.since_us = status, reason, t_us
             self.changes.append((t_us, status, reason))
 
@@ -377,7 +385,8 @@ class Tracker:
         """Tracks the maps from now on that are due."""
         for made in () if self._maps is None else self._maps.due(t_us):
             if made.points is not None:
-                self._drift.next_map(self._trust.scale_sigma)
+                window = made.online.window
+                self._drift.next_map(self._trust.scale_sigma, (window.t0_us, window.t1_us))
                 self._trust.next_map()
                 self._use_points(made.points)
                 self._seen_from.append(self._poses[-1].T_world_body)

@@ -34,11 +34,20 @@ SHORT = f"the way is too short yet to know its poses to {100 * MOST_SHARE:.0f} %
 WAITS = UNCONFIRMED, SHORT
 """Reasons to wait: once there is none, poses since were right all the time."""
 _UNMEASURED = "the cameras measure the scale to"
+_INTERRUPTED, _SPREADS = "the track was interrupted", "the position is known to"
+ASTRAY = f"maps were made of doubted poses: over {100 * MOST_SHARE:.0f} % of the way may be wrong"
+"""Poses agree with such maps, which are as far off as the poses that they were made on."""
 
 
 def speaks_against(reason: str) -> bool:
     """Whether a reason says that poses are wrong, and not only that they are not known yet."""
     return reason not in ("", *WAITS) and not reason.startswith(_UNMEASURED)
+
+
+def disagrees(reason: str) -> bool:
+    """Whether a reason is that what is seen contradicts the map."""
+    is_other = reason == ASTRAY or reason.startswith((_INTERRUPTED, _SPREADS))
+    return speaks_against(reason) and not is_other
 
 
 class Trust:
@@ -56,7 +65,7 @@ class Trust:
     @property
     def is_sound(self) -> bool:
         """Whether the last pose is as good as it can be: at most, more is to be waited for."""
-        return self.reason in ("", *WAITS)
+        return self.reason in ("", *WAITS, ASTRAY)
 
     @property
     def scale_sigma(self) -> float:
@@ -67,11 +76,11 @@ class Trust:
     def restart(self) -> None:
         """Says that the track was interrupted: what was seen before says nothing any more."""
         self._signals.clear()
-        self.reason = "the track was interrupted"
+        self.reason = _INTERRUPTED
 
     def judge(
         self, fit: Fit, evidence: Evidence, spread: float = 0.0, px: float = 0.0, *,
-        is_short: bool = False,
+        is_short: bool = False, is_astray: bool = False,
     ) -> str:  # fmt: skip
         """Takes a pose's signals; returns why it is not to be believed, or nothing.
 
@@ -81,12 +90,13 @@ class Trust:
             spread: standard deviation of the position, as a share of the way.
             px: the same in the images.
             is_short: whether the way is too short for what poses leave open.
+            is_astray: whether maps on doubted poses may have led the path astray.
         """
         information = evidence.scale_sigma**-2
         self._signals.append(
             (fit.closeness, evidence.regions_off, information, information * evidence.scale_off)
         )
-        self.reason = self._doubt(spread if px > _LEAST_SPREAD_PX else 0.0)
+        self.reason = self._doubt(spread if px > _LEAST_SPREAD_PX else 0.0) or ASTRAY * is_astray
         if self._confirming:
             self._confirming -= self._has_next and not self.reason
             self.reason = self.reason or UNCONFIRMED * bool(self._confirming)
@@ -121,11 +131,11 @@ class Trust:
             return f"the scale is off by {100 * abs(off):.1f} %, the cameras say"
         if spread > _MOST_SPREAD:
             return (
-                f"the position is known to {100 * spread:.0f} % of the way only "
+                f"{_SPREADS} {100 * spread:.0f} % of the way only "
                 f"({100 * _MOST_SPREAD:.0f} % needed)"
             )
         if doubted and len(self._signals) < _LEAST:
-            return f"the track was interrupted: {_LEAST} poses in turn must agree"
+            return f"{_INTERRUPTED}: {_LEAST} poses in turn must agree"
         return ""
 
     def state(self) -> State:

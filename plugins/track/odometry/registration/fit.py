@@ -33,6 +33,7 @@ _ONE_CAMERA = 1e-9  # share of the information about scale that rounding leaves
 _REGIONS = 6, 8  # rows and columns of them in an image
 _LEAST_POINTS, _REGION_AGREES = 10, 0.55  # of a region; its closeness
 _NEAR_PX = 1.0  # so little beside what was expected needs no coarser level
+_SURPRISE, _MUST_GAIN = 10.0, 1.02  # chi-squared of 12, mostly 1; of what agrees
 _REDRAW_PX = 6.0  # the map is drawn anew once it has moved by so much
 
 
@@ -67,6 +68,11 @@ class Fit:
     def inliers(self) -> int:
         """Residuals that decided."""
         return self.events_near + self.points_near
+
+    @property
+    def agreement(self) -> float:
+        """Residuals near zero."""
+        return self.closeness * self.inliers
 
     def is_good(self, closeness: float) -> bool:
         """Whether enough residuals decided, and their closeness is at least this."""
@@ -145,6 +151,22 @@ class Registration:
         if fit.is_good(AGREES) and self._moved_px(*poses) < _NEAR_PX:
             return motion, fit
         return self(batches, expected)
+
+    def nearby_or_turned(
+        self, batches: Sequence[Events], expected: Motion, unsettled: Motion
+    ) -> tuple[Motion, Fit]:
+        """The same, or one near `unsettled`, which knows no motion, where that agrees better.
+
+        It is tried where the first fits badly, or is another than was to be expected: then the body
+        may have been stopped or turned back at once.
+        """
+        motion, fit = self.nearby(batches, expected)
+        if fit.is_good(AGREES) and motion.surprise(expected) <= _SURPRISE:
+            return motion, fit
+        other, other_fit = self(batches, unsettled, wide=True)
+        if other_fit.agreement > _MUST_GAIN * fit.agreement:
+            return other, other_fit
+        return self.nearby(batches, expected)  # what was drawn last is what `evidence` sees
 
     def _from_level(
         self, levels: int, batches: Sequence[Events], expected: Motion

@@ -8,6 +8,7 @@ from eventsweep.plugins.track.odometry import drift as module
 from eventsweep.plugins.track.odometry.drift import MOST_SHARE, Drift, Way
 from eventsweep.plugins.track.odometry.motion import Motion
 
+WINDOW_US = 100_000, 400_000
 BATCH = np.diag(np.repeat([1e-3, 2e-3], 3) ** 2)
 
 
@@ -54,12 +55,57 @@ def test_every_map_adds_a_step_and_the_state_goes_on_alike():
     drift, traces = Drift(), []
     for k in range(6):
         traces.append(np.trace(drift.at(at([0.1 * k, 0, 0], [0, 0.1 * k, 0]), 1)))
-        drift.next_map(0.01)
+        drift.next_map(0.01, WINDOW_US)
     assert (np.diff(traces) > 0).all()
     again = Drift()
     again.restore(drift.state())
     later = at([1, 0, 0])
     np.testing.assert_array_equal(again.at(later, 1), drift.at(later, 1))
+
+
+def test_a_map_of_twice_the_time_adds_half_of_what_batches_leave_open():
+    added = []
+    for length_us in (50_000, 100_000):
+        drift = Drift()
+        before = drift.at(at([0, 0, 0]), 0)
+        drift.next_map(0.0, (0, length_us))
+        added.append(drift.at(at([0, 0, 0]), 0) - before)
+    np.testing.assert_allclose(added[0], 2 * added[1])
+
+
+def test_a_way_on_which_events_and_map_disagreed_counts_once_a_map_was_made_on_it():
+    """Law: of the poses at 0.1 to 0.9 m those from 0.4 on are doubted, the map ends at 0.6 m."""
+    drift, plain = Drift(), Drift()
+    for k in range(10):
+        for each in (drift, plain):
+            each.at(at([0.1 * k, 0, 0]), 0)
+        drift.note(1000 * k, is_doubted=k >= 4)
+    assert not drift.is_astray
+    for each in (drift, plain):
+        each.next_map(0.0, (0, 6000))
+    added = drift.at(at([0.9, 0, 0]), 0) - plain.at(at([0.9, 0, 0]), 0)
+    assert np.isclose(np.trace(added), (module._DOUBTED * 0.3) ** 2)
+    assert drift.is_astray
+    again = Drift()
+    again.restore(drift.state())
+    again.next_map(0.0, (0, 9000))
+    drift.found_again()
+    drift.next_map(0.0, (0, 9000))
+    later = [np.trace(each.at(at([0.9, 0, 0]), 0)[:3, :3]) for each in (drift, again)]
+    assert later[0] < later[1]
+
+
+def test_a_path_that_went_astray_is_known_again_once_that_is_a_small_share_of_it():
+    drift = Drift()
+    drift.at(at([0, 0, 0]), 0)
+    drift.at(at([0.1, 0, 0]), 0)
+    drift.note(1000, is_doubted=True)
+    drift.next_map(0.0, (0, 1000))
+    known_m = module._DOUBTED * 0.1 / MOST_SHARE
+    drift.at(at([0.99 * known_m, 0, 0]), 0)
+    assert drift.is_astray
+    drift.at(at([1.01 * known_m, 0, 0]), 0)
+    assert not drift.is_astray
 
 
 def test_errors_of_a_random_walk_lie_within_it_as_often_as_it_says():
@@ -69,8 +115,8 @@ def test_errors_of_a_random_walk_lie_within_it_as_often_as_it_says():
         drift, off = Drift(), rng.normal(size=6) * np.sqrt(np.diag(BATCH)) * module._BATCH
         for k in range(5):
             covariance = drift.at(at([0.3 * k, 0, 0]), 0)
-            drift.next_map(0.0)
-            step = rng.normal(size=6) * np.sqrt(np.diag(BATCH)) * module._MAP
+            drift.next_map(0.0, WINDOW_US)
+            step = rng.normal(size=6) * np.sqrt(np.diag(BATCH) * module._ALIKE_S / 0.3)
             own = rng.normal(size=6) * np.sqrt(np.diag(BATCH)) * module._BATCH
             if k:
                 off[:3] += np.cross(off[3:], [0.3, 0, 0])

@@ -51,6 +51,30 @@ def test_what_a_later_motion_says_is_what_least_squares_over_both_say():
     np.testing.assert_allclose(smoothed.covariance, inverse(H)[:12, :12], rtol=1e-3, atol=1e-9)
 
 
+def test_a_motion_surprises_by_chi_squared_of_its_twelve_unknowns():
+    rng = np.random.default_rng(0)
+    expected = replace(Motion.near(0, se3.exp([0.1, 0, 0.2, 0, 0.3, 0])), twist=np.full(6, 0.2))
+    expected = replace(expected, covariance=1e-4 * expected.covariance)
+    assert expected.surprise(expected) == pytest.approx(0)
+    drawn = []
+    for off in rng.multivariate_normal(np.zeros(12), expected.covariance, 2000):
+        T_world_body = se3.inverse(se3.exp(off[:6]) @ se3.inverse(expected.T_world_body))
+        found = replace(expected, T_world_body=T_world_body, twist=expected.twist + off[6:])
+        drawn.append(found.surprise(expected))
+    assert np.mean(drawn) == pytest.approx(12, abs=0.4)
+    assert np.var(drawn) == pytest.approx(24, abs=3)
+
+
+def test_a_motion_that_is_unsettled_keeps_its_place_and_surprises_by_no_turning_back():
+    moving = replace(Motion.near(0, np.eye(4)), twist=np.array([1.0, 0, 0, 0, 0, 0]))
+    moving = replace(moving, covariance=1e-4 * moving.covariance)
+    back = replace(moving, twist=-moving.twist)
+    assert back.surprise(moving) > 1000
+    assert back.surprise(moving.unsettled()) < 12
+    away = replace(moving, T_world_body=se3.exp([0.1, 0, 0, 0, 0, 0]))
+    assert away.surprise(moving.unsettled()) > 1000
+
+
 def test_heads_reach_as_far_as_they_do_and_cars_farther():
     assert reach_for(0.2) == reach_for(0.5) == 1
     assert reach_for(4.0) == 8

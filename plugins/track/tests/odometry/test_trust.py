@@ -6,7 +6,14 @@ import pytest
 import line_world
 from eventsweep.emvs.geometry import se3
 from eventsweep.plugins.track.odometry.registration.fit import Evidence, Fit
-from eventsweep.plugins.track.odometry.trust import SHORT, UNCONFIRMED, Trust, speaks_against
+from eventsweep.plugins.track.odometry.trust import (
+    ASTRAY,
+    SHORT,
+    UNCONFIRMED,
+    Trust,
+    disagrees,
+    speaks_against,
+)
 from line_world import tracker_of
 
 GOOD, SEEN = Fit(1000, 500, 1000, 600, 0.72), Evidence(0.0, 0.01, 0.0)
@@ -94,6 +101,18 @@ def test_a_short_way_is_waited_for_last_and_speaks_against_nothing():
     assert "agree to" in trust.judge(Fit(1000, 500, 1000, 600, 0.0), SEEN, is_short=True)
     assert not trust.is_sound
     assert speaks_against(trust.reason)
+
+
+def test_a_path_that_maps_of_doubted_poses_led_astray_is_doubted_and_disagrees_with_nothing():
+    trust = confirmed()
+    assert trust.judge(GOOD, SEEN, is_short=True, is_astray=True) == ASTRAY
+    assert trust.is_sound
+    assert speaks_against(ASTRAY)
+    assert not disagrees(ASTRAY)
+    assert disagrees(trust.judge(Fit(1000, 500, 1000, 600, 0.0), SEEN, is_astray=True))
+    assert not disagrees(confirmed().judge(GOOD, SEEN, spread=0.2, px=5.0))
+    trust.restart()
+    assert not disagrees(trust.judge(GOOD, SEEN))
 
 
 def test_a_scale_that_is_not_measured_is_not_known_and_one_that_is_off_is_wrong():
