@@ -1,6 +1,7 @@
 """The table of track's scores counts failures, keeps finished rows, and names held-out seeds."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -32,10 +33,15 @@ def test_failures_count_and_opened_seeds_do_not():
     )
     assert "| 1.5 | 0 (seen) | 9.00 | 9.00 | 97 | 0 | 90.0 | 99.0 | 0 | 1.05 | 6.0 |" in text
     assert "depth errors 1.05 times those on true poses in the median, inf at worst" in text
-    assert "inf at worst; 90.5 % of true poses in the 95 % regions of those found." in text
+    assert "on 1; 90.5 % of true poses in the 95 % regions of those found." in text
+    assert "are said to be tracking" not in text  # as all are
     assert "ATE 0.40 % of the way in the median, no poses at worst" in text
     assert "on 1 of 3 sequences, wrong without a word on 1" in text
     assert "Held-out seeds" not in table([row(0, 1.0)])
+    doubted = replace(row(1003, 30.0), claimed_percent=49.0)
+    text = table([row(1000, 0.2), doubted])
+    assert "30.00 % at worst, depth errors 1.05" in text
+    assert "Where most poses are said to be tracking, on 1: ATE 0.20 % of the way" in text
 
 
 @pytest.mark.parametrize(("factor", "least", "most"), [(1.0, 91, 98), (0.5, 5, 60)])
