@@ -6,7 +6,7 @@ state of the code, or in the cache of jobs. `--plan` prints what would run. What
 runs alone, first; `--at-once N` runs N of the others side by side.
 
 Not among them are what needs a decision, a recording or a GPU: `eventsweep gate --update`, the
-ranking's data, `make pictures SLIDER=FOLDER`, `bench_gpu`.
+ranking's data, `make pictures SLIDER=FOLDER`, `track_slider`, `bench_gpu`.
 """
 
 from __future__ import annotations
@@ -111,6 +111,7 @@ PARTS = (
     Part(
         ("plugins/track/odometry.md#track-latency",),
         f"{_TOOL} track_latency --out OUT --page plugins/track/odometry.md",
+        timed=True,
     ),
     Part(
         ("plugins/learned/learned.md#confidence",),

@@ -19,7 +19,10 @@ COPIED = ("emvs", "sim", "scenes", "eval", "plugins", "eventsweep", "tests", "do
 LEARNED = {"plugins/learned/learned.md#confidence", "plugins/learned/learned.md#left-out"}
 REAL = {"README.md#real", "plugins/learned/learned.md#real"}
 COMMITTED = {"README.md#results", "plugins/ranking/ranking.md#ranking"}
-TRACKED = {"plugins/track/odometry.md#track-scores", "plugins/track/odometry.md#track-latency"}
+TRACKED = {
+    "plugins/track/odometry.md#track-scores", "plugins/track/odometry.md#track-latency",
+    "plugins/track/odometry.md#track-slider",
+}  # fmt: skip
 SUITES = COMMITTED | {"docs/gate.md#first-runs"}
 SCORED = SUITES | TRACKED | {
     "docs/paper.md#paper", "docs/paper.md#reproduction", "docs/studies.md#studies",
