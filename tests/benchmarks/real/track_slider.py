@@ -24,7 +24,7 @@ from eventsweep.plugins.track.odometry.recorded import track
 from markdown_blocks import show
 from slid_laws import Law, Restamped, SlidTriple
 from slid_pair import SlidPair
-from table_code import Code
+from table_code import FOREIGN, Code
 from track_faults import judged
 
 MARK = "track-slider"
@@ -107,7 +107,7 @@ def table(
 def code() -> dict[str, Code]:
     """What the numbers depend on."""
     own = "track_slider:table", "track_slider:rows", "track_slider:LAWS"
-    return {f"plugins/track/odometry.md#{MARK}": Code(own)}
+    return {f"plugins/track/odometry.md#{MARK}": Code(own, without=FOREIGN)}
 
 
 def law_of(text: str) -> Law:
