@@ -194,7 +194,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, help="another length of all sequences, s")
     asked = parser.parse_args(arguments)
     with exit_code() as ended:
-        twins = list(twins_of(asked.scene or SCENES, "0", asked.seconds))
+        twins = list(twins_of(asked.scene or SCENES, "521", asked.seconds))
         paths = [simulated(twin, asked.out) for twin in twins]
         found = [row for each in zip(twins, paths, strict=True) for row in lines(*each)]
         show(table(found), asked.page, MARK, code)
