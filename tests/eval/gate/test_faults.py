@@ -14,6 +14,7 @@ from fault_runs import gate, red
 from planted_faults import FAULTS, ROOT, Fault, broken_copy
 
 RUNS = 10
+MORE = ("plugins",)  # `quick` has methods of theirs, and one draws
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +46,7 @@ def test_a_copy_is_broken_in_one_line(tmp_path):
 @pytest.mark.parametrize("first_seed", [None, *range(100, 100 + 3 * RUNS, 3)])
 def test_unbroken_code_is_green_with_other_seeds_too(tmp_path, cache, first_seed):
     seeds = () if first_seed is None else ("--seeds", f"{first_seed}-{first_seed + 2}")
-    code, verdicts = gate(broken_copy(tmp_path / "copy"), cache, *seeds)
+    code, verdicts = gate(broken_copy(tmp_path / "copy", more=MORE), cache, *seeds)
     assert red(verdicts) == []
     assert code == 0
     assert seeds or {one["status"] for one in verdicts} == {"same"}
@@ -54,6 +55,6 @@ def test_unbroken_code_is_green_with_other_seeds_too(tmp_path, cache, first_seed
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_the_gate_sees_the_fault(tmp_path, cache, fault):
-    code, verdicts = gate(broken_copy(tmp_path / "copy", fault), cache)
+    code, verdicts = gate(broken_copy(tmp_path / "copy", fault, more=MORE), cache)
     assert code == 1
     assert [one for one in red(verdicts) if one["status"] == "worse"]
