@@ -35,6 +35,7 @@ from eventsweep.emvs.utils.outputs import check_output
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.suite.speed import processor
 from eventsweep.sim.graphics import choice
 from markdown_blocks import into_page
 from table_code import Code, of_scenes
@@ -221,14 +222,12 @@ def measured(plan: Plan, device: str) -> Iterator[Part]:
 
 def machine(device: str) -> str:
     """Processors, libraries, and the GPU as its driver names it."""
-    text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-    cpu = next((s.partition(":")[2].strip() for s in text.splitlines() if "model name" in s), "?")
     gpu = "No GPU"
     if device == "cuda":
         said = subprocess.run(_SMI, capture_output=True, text=True, check=False).stdout
         gpu = ", driver ".join(word.strip() for word in said.split(",")) or "unknown GPU"
     cores, known = len(os.sched_getaffinity(0)), versions()
-    load = f"{cores} cores of {cpu}, load average {os.getloadavg()[0]:.1f}"
+    load = f"{cores} cores of {processor()}, load average {os.getloadavg()[0]:.1f}"
     return f"{gpu}; {load}; Python {known['python']}, numba {known['numba']}"
 
 

@@ -1,5 +1,7 @@
 """Restamped events are seen from where their pixels saw them, at the law's times."""
 
+import argparse
+
 import numpy as np
 import pytest
 
@@ -54,6 +56,12 @@ def test_a_law_is_read_from_its_words():
     assert law_of("2.5") == Law(faster=2.5)
     assert law_of("2,waves3,back") == Law(faster=2, waves=3, back=True)
     assert str(law_of("stops4")) == "×1, 4 stops"
+
+
+@pytest.mark.parametrize("text", ["nonsense", "0", "-2", "nan", "wavesx", "waves-1", ""])
+def test_another_word_is_refused_with_what_is_needed(text):
+    with pytest.raises(argparse.ArgumentTypeError, match="needs a factor of speed above 0"):
+        law_of(text)
 
 
 def test_a_table_counts_what_is_wrong():

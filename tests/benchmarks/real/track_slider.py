@@ -111,16 +111,28 @@ def code() -> dict[str, Code]:
 
 
 def law_of(text: str) -> Law:
-    """`FASTER`, then `wavesN`, `stopsN` and `back`, with commas: `2,waves3`."""
+    """`FASTER`, then `wavesN`, `stopsN` and `back`, with commas: `2,waves3`.
+
+    Raises:
+        ArgumentTypeError: another word, or a factor that is not above 0.
+    """
     values: dict[str, float | int | bool] = {}
-    for word in text.split(","):
-        if word == "back":
-            values["back"] = True
-        elif word.startswith(("waves", "stops")):
-            values[word[:5]] = int(word[5:])
-        else:
-            values["faster"] = float(word)
-    return Law(**values)  # type: ignore[arg-type]
+    try:
+        for word in text.split(","):
+            if word == "back":
+                values["back"] = True
+            elif word.startswith(("waves", "stops")):
+                values[word[:5]] = int(word[5:])
+            else:
+                values["faster"] = float(word)
+        law = Law(**values)  # type: ignore[arg-type]
+        if not (0 < law.faster < np.inf and law.waves >= 0 and law.stops >= 0):
+            raise ValueError(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: needs a factor of speed above 0, wavesN, stopsN or back, such as 2,waves3"
+        ) from error
+    return law
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
