@@ -192,11 +192,14 @@ class BackgroundMaps:
         self._thread = None if alone else ThreadPoolExecutor(1, "mapper")
         self._coming: deque[tuple[int, Future[list[Made]]]] = deque()
 
-    def push(self, streams: Sequence[Stream], t_us: int, motions: Sequence[Motion]) -> None:
+    def push(
+        self, streams: Sequence[Stream], t_us: int, motions: Sequence[Motion], *, at_once: bool
+    ) -> None:
         """Takes motions found up to `t_us`; a map is made if the `pace` says so.
 
-        It is taken 0.12 s later, or, where maps follow faster, before the next one. The mapper gets
-        motions, and the events of the `streams`, when a map is due, or once there are some.
+        It is taken 0.12 s later, or, where maps follow faster, before the next one; if `at_once`,
+        it is waited for. The mapper gets motions, and the events of the `streams`, when a map is
+        due, or once there are some.
         """
         self._motions += motions
         window_us = self.pace.due()
@@ -212,8 +215,8 @@ class BackgroundMaps:
         else:
             coming = self._thread.submit(self._made, events, t_us, poses, window_us)
         if window_us is not None:
-            delay_us = round(_DELAY_OF_WINDOW * (window_us[1] - window_us[0]))
-            self._due_us = max(self._due_us, t_us + min(_DELAY_US, delay_us))
+            delay_us = min(_DELAY_US, round(_DELAY_OF_WINDOW * (window_us[1] - window_us[0])))
+            self._due_us = max(self._due_us, t_us + delay_us * (not at_once))
         self._coming.append((self._due_us, coming))
 
     def state(self) -> State:

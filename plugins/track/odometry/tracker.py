@@ -44,7 +44,14 @@ from eventsweep.plugins.track.odometry.registration.fit import (
 from eventsweep.plugins.track.odometry.registration.views import View
 from eventsweep.plugins.track.odometry.start import LONGEST_START_US, Past, few
 from eventsweep.plugins.track.odometry.stream import Arrived
-from eventsweep.plugins.track.odometry.trust import ASTRAY, WAITS, Trust, disagrees, speaks_against
+from eventsweep.plugins.track.odometry.trust import (
+    ASTRAY,
+    LEAST,
+    WAITS,
+    Trust,
+    disagrees,
+    speaks_against,
+)
 
 Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
@@ -110,6 +117,7 @@ class Tracker:
         self._poses: deque[Pose] = deque(maxlen=_KEPT_POSES)
         self._motion: Motion | None = None
         self._seen_from: deque[Matrix] = deque(maxlen=self._config.maps)
+        self._lately: deque[tuple[int, Motion]] = deque(maxlen=LEAST)
         self.changes: deque[tuple[int, Status, str]] = deque(maxlen=_KEPT_POSES)
         self._until_us: int | None = None
         self._begin_us: int | None = None
@@ -177,6 +185,7 @@ class Tracker:
             "mapper": None if maps is None else maps.state(),
             "motion": None if self._motion is None else vars(self._motion),
             "seen_from": list(self._seen_from),
+            "lately": [[end_us, vars(motion)] for end_us, motion in self._lately],
         }
 
     def restore(self, state: State, poses: Sequence[Pose]) -> None:
@@ -198,6 +207,7 @@ class Tracker:
             self._maps.restore(state["mapper"])
         self._motion = state["motion"] and Motion(**state["motion"])
         self._seen_from.extend(state["seen_from"])
+        self._lately.extend((end_us, Motion(**motion)) for end_us, motion in state["lately"])
         self._poses.extend(poses)
 
     def known(self) -> Trajectory:
@@ -244,7 +254,7 @@ class Tracker:
         self._take_maps(t_us)
         steps = {Status.STARTING: self._start, Status.LOST: self._search}
         pose = steps.get(self.status, self._track)(t_us)
-        horizon_us = LONGEST_START_US if self.status is Status.STARTING else 2 * LONGEST_US
+        horizon_us = 2 * LONGEST_US if self._trust.is_confirmed else LONGEST_START_US
         for stream in self._arrived.streams:
             stream.drop_before(t_us - horizon_us)
         self._gyroscope.drop_before(t_us - horizon_us)
@@ -280,6 +290,7 @@ class Tracker:
             return self._go_on(self._motion.held(batch.t_us), Fit(), Status.STILL, t_us)
         motion, fit = self._registered(batch, t_us)
         if fit.is_good(AGREES) and shows_edges(batch):
+            self._lately.append((t_us, motion))
             return self._go_on(motion, fit, self._judged(motion, fit), t_us, filtered=True)
         return self._doubt(batch, fit, t_us)
 
@@ -381,7 +392,8 @@ class Tracker:
             self._maps.pace.add(motion.t_us, self._registration.between_px(last, motion))
         if is_mapped:
             self._maps.pace.begin()
-        self._maps.push(self._arrived.streams, t_us, motions)
+        at_once = not self._trust.is_confirmed
+        self._maps.push(self._arrived.streams, t_us, motions, at_once=at_once)
 
     def _take_maps(self, t_us: int) -> None:
         """Tracks the maps from now on that are due."""
@@ -391,9 +403,21 @@ class Tracker:
                 self._drift.next_map(self._trust.scale_sigma, (window.t0_us, window.t1_us))
                 self._trust.next_map()
                 self._use_points(made.points)
+                self._confirm()
                 self._seen_from.append(self._poses[-1].T_world_body)
             if self._on_map is not None:
                 self._on_map(made.online)
+
+    def _confirm(self) -> None:
+        """Judges the last poses again on a map of what came after the beginning, if it waits."""
+        if self._trust.is_confirmed or self.status not in _FOLLOWS:
+            return
+        for end_us, motion in self._lately:
+            batch = batch_before(self._arrived.streams, end_us, self._sizes.events, 0)
+            found, fit = self._registration.nearby(batch.events, motion)
+            evidence, is_short = self._registration.evidence(found), not self._way.is_known
+            doubt = self._trust.judge(fit, evidence, is_short=is_short)
+            self._change(Status.UNCERTAIN if doubt else Status.TRACKING, doubt, motion.t_us)
 
     def _use_points(self, points: Matrix) -> None:
         self._registration.use_map(points, few(points, self._sizes))

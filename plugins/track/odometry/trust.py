@@ -21,7 +21,7 @@ from eventsweep.plugins.track.odometry.checkpoint import State
 from eventsweep.plugins.track.odometry.drift import MOST_SHARE
 from eventsweep.plugins.track.odometry.registration.fit import Evidence, Fit
 
-_OVER, _LEAST = 10, 5  # poses: one alone says little
+_OVER, LEAST = 10, 5  # poses: one alone says little
 _DOUBTFUL, _SURE = 0.65, 0.67  # closeness, on average
 _MOST_OFF = 0.03
 """Of the scale, and of its standard deviation."""
@@ -59,13 +59,18 @@ class Trust:
 
     def __init__(self, *, stereo: bool) -> None:
         self._stereo, self.reason = stereo, ""
-        self._has_next, self._confirming = False, _LEAST  # poses that must agree yet
+        self._has_next, self._confirming = False, LEAST  # poses that must agree yet
         self._signals: deque[tuple[float, float, float, float]] = deque(maxlen=_OVER)
 
     @property
     def is_sound(self) -> bool:
         """Whether the last pose is as good as it can be: at most, more is to be waited for."""
         return self.reason in ("", *WAITS, ASTRAY)
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether poses have agreed with a map of what came after the beginning."""
+        return not self._confirming
 
     @property
     def scale_sigma(self) -> float:
@@ -134,8 +139,8 @@ class Trust:
                 f"{_SPREADS} {100 * spread:.0f} % of the way only "
                 f"({100 * _MOST_SPREAD:.0f} % needed)"
             )
-        if doubted and len(self._signals) < _LEAST:
-            return f"{_INTERRUPTED}: {_LEAST} poses in turn must agree"
+        if doubted and len(self._signals) < LEAST:
+            return f"{_INTERRUPTED}: {LEAST} poses in turn must agree"
         return ""
 
     def state(self) -> State:

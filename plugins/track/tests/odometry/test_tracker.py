@@ -159,6 +159,29 @@ def test_without_events_it_stands_still_and_says_so(recording):
     assert len(tracker.known()) <= 1024
 
 
+class DarkFrom(Wrapped):
+    """A recording without events from some time on."""
+
+    def __init__(self, recording, t_us):
+        super().__init__(recording)
+        self._t_us = t_us
+
+    def events(self, camera, t0_us, t1_us):
+        return self._recording.events(camera, t0_us, min(t1_us, self._t_us))
+
+
+def test_the_beginning_is_confirmed_as_soon_as_a_second_map_is_due(recording):
+    """Law: what goes wrong right after its events says nothing against the poses before."""
+    windows_us = []
+    track(recording, CONFIG, on_map=lambda online: windows_us.append(online.window.t1_us))
+    dark = track(DarkFrom(recording, windows_us[0] + 15_000), CONFIG)
+    before = dark.trajectory.t_us < windows_us[0] - 20_000
+    assert before.sum() > 10
+    assert {s for s, is_before in zip(dark.statuses, before, strict=True) if is_before} == {
+        Status.TRACKING
+    }
+
+
 def test_what_was_seen_before_the_first_map_is_tracked_too(recording, monkeypatch):
     """The first stretch shows too little, as of a rig that hardly moves: it grows."""
     tries = []
