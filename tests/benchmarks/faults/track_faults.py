@@ -31,11 +31,10 @@ from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.scoring.trajectories.score import score_poses
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Tracked, track
-from track_scores import Twin, simulated
+from track_scores import FEWEST_POSES, MOST_OFF, MOST_SCALE, Twin, simulated
 
 TWINS = Twin("mvsec-flying", "davis346", 0, 1.2), Twin("desk", "davis346", 0, 1.2)
-_MOST_OFF, _MOST_SCALE, _MUST_CLAIM = 2.0, 3.0, 0.8  # %, %, share
-_FEWEST_POSES, _LEAST_WAY_M = 10, 0.01
+_MUST_CLAIM, _LEAST_WAY_M = 0.8, 0.01  # share
 _SETTLES_US = 60_000  # before a fault: a batch may reach into it
 _HZ = 0.3, 8.0  # of noise, per pixel
 _GAP_US, _GAPS = 5_000, 0.3
@@ -207,9 +206,14 @@ class Verdict:
     untouched: float
 
     @property
+    def is_wrong(self) -> bool:
+        """Whether what it claims is far off."""
+        return self.off_percent > MOST_OFF or self.scale_percent > MOST_SCALE
+
+    @property
     def in_words(self) -> str:
         """One of `_VERDICTS`."""
-        if self.off_percent > _MOST_OFF or self.scale_percent > _MOST_SCALE:
+        if self.is_wrong:
             return _VERDICTS[2]
         if self.untouched < _MUST_CLAIM:
             return _VERDICTS[3]
@@ -222,7 +226,7 @@ def judged(tracked: Tracked, truth: Trajectory, untouched_us: Span) -> Verdict:
     inside = (path.t_us >= untouched_us[0]) & (path.t_us < untouched_us[1])
     untouched = float(claims[inside].mean()) if inside.any() else 1.0
     off = scale = np.nan
-    if claims.sum() >= _FEWEST_POSES:
+    if claims.sum() >= FEWEST_POSES:
         claimed = Trajectory(path.t_us[claims], path.positions_m[claims], path.quats_xyzw[claims])
         values = score_poses(truth, claimed).values
         if values["way"] > _LEAST_WAY_M:

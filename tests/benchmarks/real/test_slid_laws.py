@@ -69,4 +69,4 @@ def test_a_table_counts_what_is_wrong():
     text = table([(Law(), cells)], [0.05], [0.1])
     assert "| Speed | 5 cm | three, 10 cm |" in text
     assert "| ×1 | 0.20 | 9.00 (doubted) **wrong** |" in text
-    assert "In the median 4.60 %, 9.00 % at worst; wrong without a word: 1 of 2." in text
+    assert "In the median 4.60 %, 9.00 % at worst; silently wrong: 1 of 2." in text

@@ -36,7 +36,7 @@ def test_failures_count_and_opened_seeds_do_not():
     assert "on 1; 90.5 % of true poses in the 95 % regions of those found." in text
     assert "are said to be tracking" not in text  # as all are
     assert "ATE 0.40 % of the way in the median, no poses at worst" in text
-    assert "on 1 of 3 sequences, wrong without a word on 1" in text
+    assert "on 1 of 3 sequences, silently wrong on 1" in text
     assert "Held-out seeds" not in table([row(0, 1.0)])
     doubted = replace(row(1003, 30.0), claimed_percent=49.0)
     text = table([row(1000, 0.2), doubted])

@@ -172,9 +172,9 @@ class DarkFrom(Wrapped):
 
 def test_the_beginning_is_confirmed_as_soon_as_a_second_map_is_due(recording):
     """Law: what goes wrong right after its events says nothing against the poses before."""
-    windows_us = []
-    track(recording, CONFIG, on_map=lambda online: windows_us.append(online.window.t1_us))
-    dark = track(DarkFrom(recording, windows_us[0] + 15_000), CONFIG)
+    windows_us, config = [], CONFIG.model_copy(update={"rate_hz": 100})
+    track(recording, config, on_map=lambda online: windows_us.append(online.window.t1_us))
+    dark = track(DarkFrom(recording, windows_us[0] + 15_000), config)
     before = dark.trajectory.t_us < windows_us[0] - 20_000
     assert before.sum() > 10
     assert {s for s, is_before in zip(dark.statuses, before, strict=True) if is_before} == {
