@@ -2,11 +2,13 @@
 
 A pose is found on a map, so it errs by what its batch leaves open, as the filter says, and by what
 the map errs. Each map is made on poses, and errs as they do, independently of the last one: a
-random walk, whose steps a turn of the world swings about the place where they were taken. Within a
-map the way errs by the scale that stereo leaves open, too. And a calibration is never exact: what
-it errs turns the path the same way all along, by so much per length of the way over depth. Where
-events and map disagree the motion may be another; a map made there agrees with it, but has lost how
-far the path has come.
+random walk, whose steps a turn of the world swings about the place where they were taken. The way
+errs by the scale that stereo leaves open, too, which hardly changes from map to map. And neither a
+calibration nor where edges match is exact: an angle between the cameras that is off by eps shifts
+all disparities by f eps, and so all inverse depths by eps / b, whatever the depth. On such a map a
+camera that moves by v across sees what it would by turning by eps v / b, too: the path turns the
+same way all along. Where events and map disagree the motion may be another; a map made there agrees
+with it, but has lost how far the path has come.
 
 So errors are drift: within a track they hardly change from pose to pose, and all its poses lie in
 their regions or few do. Regions are right over many tracks.
@@ -32,8 +34,9 @@ Matrix = NDArray[np.float64]
 _BATCH = 1.0  # standard deviations over those that the filter says
 _ALIKE_S = 0.144
 """For so long batches that follow each other err alike; a map errs as the mean over its window."""
-_TURN = 0.006  # rad, by calibration, once the way is as long as what is seen is deep
-_SCALE = 0.03, 0.1  # of one camera, that sees none; at most
+_TURN = 0.0008  # rad, between the cameras: about 0.2 px on sensors of 240 and 346 columns
+_NO_BASELINE = 0.13  # of the depth: one camera sees it by the way that a map is made on
+_SCALE = 0.03, 0.1  # standard deviations: of one camera, that sees none; at most
 _DOUBTED = 0.5  # of a way on which events and map disagree: it may be as wrong
 _KEPT = 1024  # poses since the last map
 _CLEAR = 2.0  # standard deviations of a pose, that a step is longer than: noise is no way
@@ -42,16 +45,20 @@ MOST_SHARE = 0.02
 
 
 class Drift:
-    """The covariance of poses from the first one on, which is the world's origin."""
+    """The covariance of poses from the first one on, which is the world's origin.
 
-    def __init__(self) -> None:
+    Args:
+        baseline_m: between the cameras; 0 where there is one.
+    """
+
+    def __init__(self, baseline_m: float = 0.0) -> None:
         self.way_m, self._scale_sigma = 0.0, _SCALE[0]
-        self._ways = 0.0  # over depth
+        self._baseline_m, self._ways = baseline_m, 0.0  # over the baseline
         self._walk: Matrix | None = None
         self._noted_m, self._astray_m = 0.0, 0.0
         self._doubted: deque[tuple[int, float]] = deque(maxlen=_KEPT)  # times, steps up to them, m
         self._batch = np.zeros((6, 6))
-        self._place = self._map_place = np.zeros(3)
+        self._place = self._scaled_m = np.zeros(3)  # by a scale off by its standard deviation
 
     def at(self, motion: Motion, per_depth: float) -> Matrix:
         """The (6, 6) covariance of a pose; the next ones follow from there.
@@ -66,9 +73,11 @@ class Drift:
         self._batch = turned @ motion.covariance[:6, :6] @ turned.T
         if self._walk is None:
             self._walk = _BATCH**2 * self._batch
-            self._place = self._map_place = place
+            self._place = place
         step_m = float(np.linalg.norm(place - self._place))
-        self.way_m, self._ways = self.way_m + step_m, self._ways + per_depth * step_m
+        self._scaled_m = self._scaled_m + self._scale_sigma * (place - self._place)
+        per_m = 1 / self._baseline_m if self._baseline_m else per_depth / _NO_BASELINE
+        self.way_m, self._ways = self.way_m + step_m, self._ways + per_m * step_m
         J = np.eye(6)
         J[:3, 3:] = -_cross(place - self._place)
         self._walk, self._place = J @ self._walk @ J.T, place
@@ -101,14 +110,12 @@ class Drift:
         since_us, until_us = window_us
         if self._walk is not None:
             share = 1e6 * _ALIKE_S / max(until_us - since_us, 1)
-            self._walk = self._walk + share * self._batch + self._by_scale()
-            self._walk = self._walk + self._by_doubt(until_us)
-        self._map_place = self._place
-        self._scale_sigma = min(scale_sigma, _SCALE[1])
+            self._walk = self._walk + share * self._batch + self._by_doubt(until_us)
+        if self._baseline_m:
+            self._scale_sigma = min(scale_sigma, _SCALE[1])
 
     def _by_scale(self) -> Matrix:
-        off = np.zeros(6)
-        off[:3] = self._scale_sigma * (self._place - self._map_place)
+        off = np.concatenate([self._scaled_m, np.zeros(3)])
         return np.outer(off, off)
 
     def _by_doubt(self, until_us: int) -> Matrix:

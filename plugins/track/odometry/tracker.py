@@ -108,7 +108,8 @@ class Tracker:
         self._silence, self._gyroscope = Silence(), Gyroscope()
         self._cloud = MapCloud(self._config.maps)
         self._maps: BackgroundMaps | None = None
-        self._trust, self._drift, self._way = Trust(stereo=len(rig) > 1), Drift(), Way()
+        self._trust, self._way = Trust(stereo=len(rig) > 1), Way()
+        self._drift = Drift(rig.baseline_m() if len(rig) > 1 else 0.0)
         origin = np.eye(4) if T_world_body is None else np.asarray(T_world_body, np.float64)
         self._beginning = Beginning(
             self._arrived, self._registration, self._sizes, self._trust, self._config,

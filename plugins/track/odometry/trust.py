@@ -3,12 +3,13 @@
 Agreement: the mean closeness of residuals falls where the motion does not explain the events, or
 the map is not of what is seen. Regions: where bodies move by themselves, some parts of the images
 disagree. Scale: what the cameras see at once measures the scale of the map, whatever the motion
-was. Where it is off, or hardly measured, because all is far for the baseline or few edges are seen,
-no path is sure. Spread: the covariance says how far off the path may be. After an interruption
-nothing is believed before some poses agree. The beginning is not believed before it is confirmed:
-a first map and the motion that it was made on agree with each other even if both are wrong, so
-poses must agree with a map of what came later, too. And a path is not believed before it is long
-enough for its poses to be known to a small share of it.
+was. Every map has other events, so what is known of the scale adds up over maps, but for what each
+adds of its own: a Kalman filter. Where the scale is off, or hardly known, because all is far for
+the baseline or few edges are seen, no path is sure. Spread: the covariance says how far off the
+path may be. After an interruption nothing is believed before some poses agree. The beginning is not
+believed before it is confirmed: a first map and the motion that it was made on agree with each
+other even if both are wrong, so poses must agree with a map of what came later, too. And a path is
+not believed before it is long enough for its poses to be known to a small share of it.
 """
 
 from __future__ import annotations
@@ -25,15 +26,19 @@ _OVER, LEAST = 10, 5  # poses: one alone says little
 _DOUBTFUL, _SURE = 0.65, 0.67  # closeness, on average
 _MOST_OFF = 0.03
 """Of the scale, and of its standard deviation."""
+_WALK = 0.3
+"""Standard deviation of the scale of a map beside the last one's, over what its stereo leaves open.
+Against true depth, 182 maps of twins differ by 0.09 of that and err by 0.20, but alike: their
+correlation of 0.8 is no noise that adds up."""
 _MOST_REGIONS = 0.25
 _MOST_SPREAD, _LEAST_SPREAD_PX = 0.1, 2.0  # of the way; what is less in the images is no doubt
 
-_PLAIN = "reason", "_has_next", "_confirming"
+_PLAIN = "reason", "_has_next", "_confirming", "_known"
 UNCONFIRMED = "no second map has confirmed the beginning yet"
 SHORT = f"the way is too short yet to know its poses to {100 * MOST_SHARE:.0f} % of it"
 WAITS = UNCONFIRMED, SHORT
 """Reasons to wait: once there is none, poses since were right all the time."""
-_UNMEASURED = "the cameras measure the scale to"
+_UNMEASURED = "the scale is known to"
 _INTERRUPTED, _SPREADS = "the track was interrupted", "the position is known to"
 ASTRAY = f"maps were made of doubted poses: over {100 * MOST_SHARE:.0f} % of the way may be wrong"
 """Poses agree with such maps, which are as far off as the poses that they were made on."""
@@ -60,6 +65,7 @@ class Trust:
     def __init__(self, *, stereo: bool) -> None:
         self._stereo, self.reason = stereo, ""
         self._has_next, self._confirming = False, LEAST  # poses that must agree yet
+        self._known = 0.0  # of the scale by earlier maps: information
         self._signals: deque[tuple[float, float, float, float]] = deque(maxlen=_OVER)
 
     @property
@@ -74,14 +80,18 @@ class Trust:
 
     @property
     def scale_sigma(self) -> float:
-        """How well stereo measures the scale of late, as a share; infinite where it does not."""
-        information = float(np.mean([each[2] for each in self._signals])) if self._signals else 0.0
-        return float(max(information, 1e-9) ** -0.5)
+        """How well the scale is known by this map and those before it, as a share."""
+        return float(max(self._known + self._measured, 1e-9) ** -0.5)
+
+    @property
+    def _measured(self) -> float:
+        """What stereo says of the scale of late: information, alike in poses of one map."""
+        return float(np.mean([each[2] for each in self._signals])) if self._signals else 0.0
 
     def restart(self) -> None:
         """Says that the track was interrupted: what was seen before says nothing any more."""
         self._signals.clear()
-        self.reason = _INTERRUPTED
+        self.reason, self._known = _INTERRUPTED, 0.0
 
     def judge(
         self, fit: Fit, evidence: Evidence, spread: float = 0.0, px: float = 0.0, *,
@@ -111,12 +121,14 @@ class Trust:
     def next_map(self) -> None:
         """Says that a map of what came after the beginning is tracked from here on."""
         self._has_next = True
+        added = _WALK**2 / max(self._measured, 1e-9)
+        self._known = 1 / (self.scale_sigma**2 + added)
 
     def _doubt(self, spread: float) -> str:
         closeness, regions_off, information, weighted = np.mean(self._signals, axis=0)
         doubted = not self.is_sound
         enough = _SURE if doubted else _DOUBTFUL
-        off, sigma = weighted / max(information, 1e-9), max(information, 1e-9) ** -0.5
+        off, sigma = weighted / max(information, 1e-9), self.scale_sigma
         if closeness < enough:
             return (
                 f"events and map agree to {closeness:.2f} (0.36 is chance, {enough:.2f} needed): "

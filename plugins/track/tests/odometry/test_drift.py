@@ -37,18 +37,47 @@ def test_a_turn_of_the_world_swings_what_is_far_from_where_it_was_taken():
     assert np.allclose(far[3:, 3:], near[3:, 3:])
 
 
-def test_a_calibration_turns_the_path_alike_in_a_world_of_any_size():
+@pytest.mark.parametrize("is_pair", [True, False])
+def test_a_calibration_turns_the_path_alike_in_a_world_of_any_size(is_pair):
     """Law: with lengths that grow by a factor, turns stay as sure, and places by that less."""
     turns, places = [], []
     for factor in (1.0, 10.0):
-        drift, exact = Drift(), Drift()
+        drift, exact = Drift(module._NO_BASELINE * factor * is_pair), Drift()
         for k in range(20):
             pose = at([0.05 * k * factor, 0, 0])
             added = drift.at(pose, 1 / factor) - exact.at(pose, 0)
         turns.append(np.sqrt(added[3, 3]))
         places.append(np.sqrt(added[0, 0]))
-    assert np.allclose(turns, module._TURN * 0.95)
+    assert np.allclose(turns, module._TURN * 0.95 / module._NO_BASELINE)
     assert np.allclose(places, turns[0] * 0.95 / 2 * np.array([1, 10]))
+
+
+def test_an_angle_between_cameras_looks_like_a_turn_by_as_much_per_way_over_baseline():
+    """Derived anew by projections: a pair maps points with an angle wrong by `eps`, and the flow of
+    a move across is explained best, on that map, by the move and a turn of eps times way over
+    baseline: whatever the depths are."""
+    eps, baseline_m, way_m = 1e-4, 0.07, 0.02
+    x, Z = np.random.default_rng(0).uniform([-0.2, 1.0], [0.2, 9.0], (500, 2)).T
+    Z_wrong = baseline_m / (baseline_m / Z + eps * (1 + x**2))
+    seen = x - way_m / Z
+    J = np.column_stack([-1 / Z_wrong, 1 + x**2])  # by a move, and by a turn
+    moved_m, turned = np.linalg.lstsq(J, seen - x, rcond=None)[0]
+    assert moved_m == pytest.approx(way_m, rel=1e-3)
+    assert turned == pytest.approx(eps * way_m / baseline_m, rel=1e-2)
+
+
+def test_a_scale_that_is_off_stretches_all_of_the_way_alike_and_the_way_back_undoes_it():
+    """Law: over any number of maps, 2 % of 0.6 m along it, and nothing back at the start."""
+    along, exact = Drift(1.0), Drift(1.0)
+    there = [0.1 * k for k in range(7)]
+    for each, sigma in ((along, 0.02), (exact, 0.0)):
+        each.next_map(sigma, WINDOW_US)
+    for x_m in there + there[::-1]:
+        added = along.at(at([x_m, 0, 0]), 0) - exact.at(at([x_m, 0, 0]), 0)
+        assert added[0, 0] == pytest.approx((0.02 * x_m) ** 2)
+        assert np.trace(added) == pytest.approx(added[0, 0])
+        for each, sigma in ((along, 0.02), (exact, 0.0)):
+            each.next_map(sigma, WINDOW_US)
 
 
 def test_every_map_adds_a_step_and_the_state_goes_on_alike():

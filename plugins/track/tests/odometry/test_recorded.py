@@ -15,7 +15,7 @@ STARTING, TRACKING, UNCERTAIN, STILL = (
     Status.STARTING, Status.TRACKING, Status.UNCERTAIN, Status.STILL
 )  # fmt: skip
 OFF = "the scale is off by 5.0 %, the cameras say"
-UNMEASURED = "the cameras measure the scale to 3.2 % only"
+UNMEASURED = "the scale is known to 3.2 % only"
 DELAY_US = 2
 
 

@@ -5,6 +5,7 @@ import pytest
 
 import line_world
 from eventsweep.emvs.geometry import se3
+from eventsweep.plugins.track.odometry import trust as module
 from eventsweep.plugins.track.odometry.registration.fit import Evidence, Fit
 from eventsweep.plugins.track.odometry.trust import (
     ASTRAY,
@@ -68,7 +69,6 @@ def test_a_part_of_the_map_that_moves_by_itself_is_off_in_its_regions(tracker):
     (GOOD, SEEN, ""),
     (Fit(1000, 500, 1000, 600, 0.62), SEEN, "agree to 0.62"),
     (GOOD, Evidence(0.05, 0.01, 0.0), "off by 5.0 %"),
-    (GOOD, Evidence(0.0, np.inf, 0.0), "measure the scale"),
     (GOOD, Evidence(0.0, 0.01, 0.3), "30 % of the image's regions"),
 ])  # fmt: skip
 def test_what_cannot_be_believed_is_said_with_its_reason(fit, evidence, said):
@@ -115,8 +115,46 @@ def test_a_path_that_maps_of_doubted_poses_led_astray_is_doubted_and_disagrees_w
     assert not disagrees(trust.judge(GOOD, SEEN))
 
 
+def mapped(sigma, maps, trust):
+    """What it says at the end of each of so many maps whose stereo leaves the scale so open."""
+    reasons = []
+    for _ in range(maps):
+        trust.next_map()
+        reasons += [trust.judge(GOOD, Evidence(0.0, sigma, 0.0)) for _ in range(20)][-1:]
+    return reasons
+
+
+def test_what_maps_say_of_the_scale_adds_up_as_a_kalman_filter_has_it():
+    """An independent twin: the filter by its textbook steps, predict and update."""
+    trust, variance = Trust(stereo=True), np.inf
+    for sigma in (0.05, 0.05, 0.04, 0.2, 0.06):
+        mapped(sigma, 1, trust)
+        gain = 1.0 if np.isinf(variance) else variance / (variance + sigma**2)
+        variance = sigma**2 if np.isinf(variance) else (1 - gain) * variance
+        assert trust.scale_sigma == pytest.approx(variance**0.5)
+        variance += (module._WALK * sigma) ** 2
+
+
+def test_a_scale_that_each_map_measures_badly_is_known_by_many_and_by_none_forever():
+    """5 % per map is 3 % over four; 20 % never; what was near is forgotten in the far."""
+    said = [bool(reason) for reason in mapped(0.05, 8, Trust(stereo=True))]
+    assert said == [True] * 3 + [False] * 5
+    assert all(mapped(0.2, 100, Trust(stereo=True)))
+    far = mapped(0.1, 10, confirmed())
+    assert not far[0]
+    assert far[-1].startswith("the scale is known to")
+
+
+def test_what_was_known_of_the_scale_before_an_interruption_counts_no_more():
+    trust = Trust(stereo=True)
+    mapped(0.05, 8, trust)
+    trust.restart()
+    trust.judge(GOOD, Evidence(0.0, 0.05, 0.0))
+    assert trust.scale_sigma == pytest.approx(0.05)
+
+
 def test_a_scale_that_is_not_measured_is_not_known_and_one_that_is_off_is_wrong():
-    unmeasured, off = confirmed(), confirmed()
+    unmeasured, off = Trust(stereo=True), confirmed()
     for _ in range(12):
         unmeasured.judge(GOOD, Evidence(0.0, 0.05, 0.0))
         off.judge(GOOD, Evidence(0.05, 0.01, 0.0))
