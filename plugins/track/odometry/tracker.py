@@ -29,7 +29,6 @@ from eventsweep.plugins.track.odometry.batches import (
 from eventsweep.plugins.track.odometry.beginning import SHORTEST_START_US, Beginning, Wait
 from eventsweep.plugins.track.odometry.checkpoint import State
 from eventsweep.plugins.track.odometry.config import TrackConfig
-from eventsweep.plugins.track.odometry.drift import Drift, Way
 from eventsweep.plugins.track.odometry.images import Images
 from eventsweep.plugins.track.odometry.maps import BackgroundMaps, MapCloud, background_maps
 from eventsweep.plugins.track.odometry.motion import SIGMA_RAD_S, Gyroscope, Motion
@@ -44,24 +43,16 @@ from eventsweep.plugins.track.odometry.registration.fit import (
 from eventsweep.plugins.track.odometry.registration.views import View
 from eventsweep.plugins.track.odometry.start import LONGEST_START_US, Past, few
 from eventsweep.plugins.track.odometry.stream import Arrived
-from eventsweep.plugins.track.odometry.trust import (
-    ASTRAY,
-    LEAST,
-    WAITS,
-    Trust,
-    disagrees,
-    speaks_against,
-)
+from eventsweep.plugins.track.odometry.trust import ASTRAY, FOLLOWS, LEAST, WAITS, Confidence
 
 Matrix = NDArray[np.float64]
 _KEPT_POSES = 1024
 _COAST_US = 100_000
 _POSE_PX, _FASTEST_US = 2.5, 2000  # that the images move from pose to pose at most; least time
 END_US = 1 << 62
-_FOLLOWS = Status.TRACKING, Status.UNCERTAIN
 _NOTED = frozenset((*WAITS, ASTRAY))
 _PLAIN = "_searched", "_until_us", "_begin_us", "_next_us", "reason", "since_us"
-_PARTS = "images", "arrived", "gyroscope", "cloud", "registration", "trust", "drift", "way"
+_PARTS = "images", "arrived", "gyroscope", "cloud", "registration", "confidence"
 
 
 class Tracker:
@@ -108,8 +99,8 @@ class Tracker:
         self._silence, self._gyroscope = Silence(), Gyroscope()
         self._cloud = MapCloud(self._config.maps)
         self._maps: BackgroundMaps | None = None
-        self._trust, self._way = Trust(stereo=len(rig) > 1), Way()
-        self._drift = Drift(rig.baseline_m() if len(rig) > 1 else 0.0)
+        self._confidence = Confidence(rig, self._registration)
+        self._trust = self._confidence.trust
         origin = np.eye(4) if T_world_body is None else np.asarray(T_world_body, np.float64)
         self._beginning = Beginning(
             self._arrived, self._registration, self._sizes, self._trust, self._config,
@@ -229,7 +220,7 @@ class Tracker:
         """
         end_us = self._until_us or 0
         for since_us in range(end_us - LONGEST_US, end_us, self._step_us):
-            if self.status in _FOLLOWS:
+            if self.status in FOLLOWS:
                 self._track_last(since_us, end_us)
         self._take_maps(END_US)
 
@@ -285,27 +276,15 @@ class Tracker:
         assert self._motion is not None
         if batch.t_us <= self._motion.t_us:
             return None
-        if self.status not in _FOLLOWS:
+        if self.status not in FOLLOWS:
             self._trust.restart()
         if len(batch) < self._sizes.still:
             return self._go_on(self._motion.held(batch.t_us), Fit(), Status.STILL, t_us)
         motion, fit = self._registered(batch, t_us)
         if fit.is_good(AGREES) and shows_edges(batch):
             self._lately.append((t_us, motion))
-            return self._go_on(motion, fit, self._judged(motion, fit), t_us, filtered=True)
+            return self._go_on(motion, fit, self._confidence.of(motion, fit), t_us, filtered=True)
         return self._doubt(batch, fit, t_us)
-
-    def _judged(self, motion: Motion, fit: Fit) -> Status:
-        """Whether the motion that was just registered can be believed."""
-        covariance = self._drift.at(motion, self._registration.rho)
-        way_m = max(self._drift.way_m, 1e-9)
-        spread_m = float(np.trace(covariance[:3, :3]) ** 0.5)
-        evidence, px = self._registration.evidence(motion), self._registration.in_px(spread_m)
-        is_short = not self._way.is_known
-        doubt = self._trust.judge(
-            fit, evidence, spread_m / way_m, px, is_short=is_short, is_astray=self._drift.is_astray
-        )
-        return Status.UNCERTAIN if doubt else Status.TRACKING
 
     def _registered(self, batch: Batch, t_us: int) -> tuple[Motion, Fit]:
         """The motion that fits a batch, near that which the last one and the gyroscope say."""
@@ -314,7 +293,7 @@ class Tracker:
         rate_rad_s = self._gyroscope.rate_at(batch.t_us, t_us)
         if rate_rad_s is not None:
             expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
-        if self.status not in _FOLLOWS or not self._trust.is_sound:  # it may be anywhere near
+        if self.status not in FOLLOWS or not self._trust.is_sound:  # it may be anywhere near
             return self._registration.nearby(batch.events, expected)
         unsettled = self._motion.unsettled().at(batch.t_us)
         return self._registration.nearby_or_turned(batch.events, expected, unsettled)
@@ -343,8 +322,8 @@ class Tracker:
         if not fit.is_good(FOUND_AGAIN):
             return None
         self._trust.restart()
-        pose = self._go_on(motion, fit, self._judged(motion, fit), t_us)
-        self._drift.found_again()
+        pose = self._go_on(motion, fit, self._confidence.of(motion, fit), t_us)
+        self._confidence.found_again()
         return pose
 
     def _go_on(
@@ -364,15 +343,10 @@ class Tracker:
     def _found(self, motion: Motion, fit: Fit, status: Status, *, filtered: bool = False) -> Pose:
         belief = motion if filtered else None
         t_us = motion.t_us - self._delay_us
-        covariance = self._drift.at(motion, self._registration.rho)
+        covariance = self._confidence.covariance(motion)
         pose = Pose(t_us, motion.T_world_body, motion.twist, status, fit, covariance, belief)
         self._poses.append(pose)
-        is_followed = status in _FOLLOWS
-        self._drift.note(motion.t_us, is_doubted=not is_followed or disagrees(self._trust.reason))
-        if is_followed and self._trust.is_sound:
-            self._way.add(motion)
-        elif not is_followed or speaks_against(self._trust.reason):
-            self._way.interrupt()
+        self._confidence.found(motion, status)
         self._motion = motion
         if self._on_pose is not None:
             self._on_pose(pose)
@@ -400,9 +374,7 @@ class Tracker:
         """Tracks the maps from now on that are due."""
         for made in () if self._maps is None else self._maps.due(t_us):
             if made.points is not None:
-                window = made.online.window
-                self._drift.next_map(self._trust.scale_sigma, (window.t0_us, window.t1_us))
-                self._trust.next_map()
+                self._confidence.next_map(made.online.window)
                 self._use_points(made.points)
                 self._confirm()
                 self._seen_from.append(self._poses[-1].T_world_body)
@@ -411,14 +383,13 @@ class Tracker:
 
     def _confirm(self) -> None:
         """Judges the last poses again on a map of what came after the beginning, if it waits."""
-        if self._trust.is_confirmed or self.status not in _FOLLOWS:
+        if self._trust.is_confirmed or self.status not in FOLLOWS:
             return
         for end_us, motion in self._lately:
             batch = batch_before(self._arrived.streams, end_us, self._sizes.events, 0)
             found, fit = self._registration.nearby(batch.events, motion)
-            evidence, is_short = self._registration.evidence(found), not self._way.is_known
-            doubt = self._trust.judge(fit, evidence, is_short=is_short)
-            self._change(Status.UNCERTAIN if doubt else Status.TRACKING, doubt, motion.t_us)
+            status = self._confidence.again(found, fit)
+            self._change(status, self._trust.reason, motion.t_us)
 
     def _use_points(self, points: Matrix) -> None:
         self._registration.use_map(points, few(points, self._sizes))
@@ -429,7 +400,7 @@ class Tracker:
 
     def _pace_us(self) -> int:
         """From here to the next pose: less where the images move fast."""
-        if self._motion is None or self.status not in _FOLLOWS:
+        if self._motion is None or self.status not in FOLLOWS:
             return self._step_us
         wanted_us = 1e6 * _POSE_PX / max(self._registration.speed_px_s(self._motion), 1e-3)
         return round(min(self._step_us, max(wanted_us, _FASTEST_US)))

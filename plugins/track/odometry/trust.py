@@ -17,11 +17,18 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
+from numpy.typing import NDArray
 
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.windows import Window
 from eventsweep.plugins.track.odometry.checkpoint import State
-from eventsweep.plugins.track.odometry.drift import MOST_SHARE
-from eventsweep.plugins.track.odometry.registration.fit import Evidence, Fit
+from eventsweep.plugins.track.odometry.drift import MOST_SHARE, Drift, Way
+from eventsweep.plugins.track.odometry.motion import Motion
+from eventsweep.plugins.track.odometry.pose import Status
+from eventsweep.plugins.track.odometry.registration.fit import Evidence, Fit, Registration
 
+FOLLOWS = Status.TRACKING, Status.UNCERTAIN
+"""What a tracker says while events and map lead from pose to pose."""
 _OVER, LEAST = 10, 5  # poses: one alone says little
 _DOUBTFUL, _SURE = 0.65, 0.67  # closeness, on average
 _MOST_OFF = 0.03
@@ -165,3 +172,68 @@ class Trust:
         for name in _PLAIN:
             setattr(self, name, state[name])
         self._signals.extend((a, b, c, d) for a, b, c, d in state["signals"])
+
+
+class Confidence:
+    """How far the poses that were found so far can be believed.
+
+    Args:
+        rig: the cameras.
+        registration: what registers; it shows the last batch on the map.
+    """
+
+    def __init__(self, rig: Rig, registration: Registration) -> None:
+        stereo = len(rig) > 1
+        self._registration = registration
+        self.trust, self._way = Trust(stereo=stereo), Way()
+        self._drift = Drift(rig.baseline_m() if stereo else 0.0)
+
+    def of(self, motion: Motion, fit: Fit) -> Status:
+        """Whether the motion that was just registered can be believed."""
+        spread_m = float(np.trace(self.covariance(motion)[:3, :3]) ** 0.5)
+        doubt = self.trust.judge(
+            fit, self._registration.evidence(motion), spread_m / max(self._drift.way_m, 1e-9),
+            self._registration.in_px(spread_m), is_short=not self._way.is_known,
+            is_astray=self._drift.is_astray,
+        )  # fmt: skip
+        return Status.UNCERTAIN if doubt else Status.TRACKING
+
+    def again(self, motion: Motion, fit: Fit) -> Status:
+        """The same of an earlier motion, on a new map; nothing is known better by it."""
+        evidence, is_short = self._registration.evidence(motion), not self._way.is_known
+        doubt = self.trust.judge(fit, evidence, is_short=is_short)
+        return Status.UNCERTAIN if doubt else Status.TRACKING
+
+    def covariance(self, motion: Motion) -> NDArray[np.float64]:
+        """The (6, 6) covariance of a pose, see `drift`; the next ones follow from there."""
+        return self._drift.at(motion, self._registration.rho)
+
+    def found(self, motion: Motion, status: Status) -> None:
+        """Says what was found next."""
+        is_followed, reason = status in FOLLOWS, self.trust.reason
+        self._drift.note(motion.t_us, is_doubted=not is_followed or disagrees(reason))
+        if is_followed and self.trust.is_sound:
+            self._way.add(motion)
+        elif not is_followed or speaks_against(reason):
+            self._way.interrupt()
+
+    def found_again(self) -> None:
+        """Says that the last pose was found on maps from before track was lost."""
+        self._drift.found_again()
+
+    def next_map(self, window: Window) -> None:
+        """Says that the map of a window is tracked from here on."""
+        self._drift.next_map(self.trust.scale_sigma, (window.t0_us, window.t1_us))
+        self.trust.next_map()
+
+    def state(self) -> State:
+        """All that decides what it says from now on."""
+        return {name: part.state() for name, part in self._parts().items()}
+
+    def restore(self, state: State) -> None:
+        """Takes what `state` gave."""
+        for name, part in self._parts().items():
+            part.restore(state[name])
+
+    def _parts(self) -> dict[str, Trust | Drift | Way]:
+        return {"trust": self.trust, "drift": self._drift, "way": self._way}
