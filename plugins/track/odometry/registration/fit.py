@@ -33,7 +33,7 @@ _ONE_CAMERA = 1e-9  # share of the information about scale that rounding leaves
 _REGIONS = 6, 8  # rows and columns of them in an image
 _LEAST_POINTS, _REGION_AGREES = 10, 0.55  # of a region; its closeness
 _NEAR_PX = 1.0  # so little beside what was expected needs no coarser level
-_SURPRISE, _MUST_GAIN = 10.0, 1.02  # chi-squared of 12, mostly 1; of what agrees
+_SURPRISE, _MUST_GAIN = 4.0, 1.02  # chi-squared of 12, mostly 1; of what agrees
 _REDRAW_PX = 6.0  # the map is drawn anew once it has moved by so much
 
 
