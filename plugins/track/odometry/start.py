@@ -155,14 +155,15 @@ def _followed(
 
     A map on poses that err shows the same error, and the next poses are found on it. A batch hardly
     sees some of them, as a turn about one axis with a shift along another: unless its neighbours in
-    time decide those, they grow whenever the stretch is mapped again.
+    time decide those, they grow whenever the stretch is mapped again. So would a moving body that is
+    followed: what drifts takes no part.
     """
     registration.use_map(points, few(points, sizes))
     here = replace(Motion.near(first.t_us, first.T_world_body, reach), twist=first.twist)
     motions: list[Motion] = []
     fits: list[Fit] = []
     for batch in batches:
-        motion, fit = registration.nearby(batch.events, here.at(batch.t_us))
+        motion, fit = registration.nearby(batch.events, here.at(batch.t_us), judged=True)
         if fit.inliers >= LEAST_INLIERS:
             here = motion
             motions, fits = [*motions, motion], [*fits, fit]

@@ -128,10 +128,10 @@ def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, dra
         weight, n_u, n_v, _, _, drift = line_at(
             place, drawing, sums, slots, made, lines, scratch, u, v
         )
-        if weight > 0:
+        if weight > 0:  # or nothing was written of a line
             events[k, 3], events[k, 4] = n_u, n_v
-        if abs(drift) > DRIFTS:
-            events[k, 7] = 0  # as behind the camera: it takes no part
+            if abs(drift) > DRIFTS:
+                events[k, 7] = 0  # as behind the camera: it takes no part
 
 
 @njit(cache=True, nogil=True)

@@ -144,16 +144,19 @@ class Registration:
         """The motion that fits a batch of every camera best, near what is expected, or wider."""
         return self._from_level(self._levels + wide, batches, expected)
 
-    def nearby(self, batches: Sequence[Events], expected: Motion) -> tuple[Motion, Fit]:
+    def nearby(
+        self, batches: Sequence[Events], expected: Motion, *, judged: bool = False
+    ) -> tuple[Motion, Fit]:
         """The same by the finest level alone, where that agrees and is near what is expected.
 
-        The twist is known: what drifts although it is taken out moves by itself, and takes no part.
+        If `judged`, what drifts although the expected twist is taken out moves by itself, and takes
+        no part. If the twist is another than expected, that leaves out what would say so.
         """
-        motion, fit = self._from_level(1, batches, expected, judged=True)
+        motion, fit = self._from_level(1, batches, expected, judged=judged)
         poses = se3.inverse(motion.T_world_body), se3.inverse(expected.T_world_body)
         if fit.is_good(AGREES) and self._moved_px(*poses) < _NEAR_PX:
             return motion, fit
-        return self._from_level(self._levels, batches, expected, judged=True)
+        return self._from_level(self._levels, batches, expected, judged=judged)
 
     def nearby_or_turned(
         self, batches: Sequence[Events], expected: Motion, unsettled: Motion

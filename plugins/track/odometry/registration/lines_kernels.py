@@ -14,9 +14,10 @@ A field is a tuple of flat arrays over the cells of all images:
     scratch: (48,) float32.
 
 What a point carries besides its place, q, is its inverse depth in a map. Of an event it is its time
-over the standard deviation of all: then the last number is the correlation of time with the
-distance across the line. The rig's own motion is taken out of events before, so edges at rest stay
-where they are, at any depth, and it is about 0; the edges of a body that moves by itself drift.
+over the standard deviation of all, or 0: then the last number is the correlation of time with the
+distance across the line. The expected motion of the rig is taken out of events before, so edges at
+rest stay where they are, at any depth, and it is about 0; of a body that moves by itself they
+drift.
 
 Sums lie side by side in the order in which cells were filled: edges fill one cell in twenty, and
 theirs stay in a core's cache, as those of all cells would not. A pair is one line of it.

@@ -123,10 +123,8 @@ def depth_to_events(
         u, v = fx * x * inverse + cx, fy * y * inverse + cy
         if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
             continue
-        weight, n_u, n_v, r, _, drift = line_at(
-            place, drawing, sums, slots, made, lines, scratch, u, v
-        )
-        if weight < LEAST_WEIGHT or abs(r) > gate or abs(drift) > DRIFTS:
+        weight, n_u, n_v, r, _, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
+        if weight < LEAST_WEIGHT or abs(r) > gate:
             continue
         close = 1 / (1 + (r * per_width) ** 2)
         region = regions[int(v * rows), int(u * columns)]

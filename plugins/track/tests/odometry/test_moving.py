@@ -60,6 +60,23 @@ def test_events_of_what_moves_by_itself_take_no_part(points, velocity_m_s, least
     assert least <= np.mean(taken[:, 7] == 0) <= most
 
 
+def drawn_events(drawn, fields, batch):
+    fields.draw(batch, T_US, drawn, twist_at(T_US), 1, judged=True)
+    return [rows[:n].copy() for rows, n in zip(fields.events, fields.counts, strict=True)]
+
+
+def test_what_was_drawn_before_moves_no_event():
+    """Where a line has drifted, too few events of the next batch lie to say anything."""
+    drawn, used = DrawnMap(VIEWS, 1), DrawnEvents(VIEWS, 1, 800)
+    drawn.draw(line_world.edges(), se3.inverse(WAY.at(T_US)), 1)
+    moving = batch_of(body(), BODY_M_S)
+    drawn_events(drawn, used, moving)
+    few = [events.take(np.arange(len(events)) % 40 == 0) for events in moving]
+    fresh = drawn_events(drawn, DrawnEvents(VIEWS, 1, 800), few)
+    for rows, alone in zip(drawn_events(drawn, used, few), fresh, strict=True):
+        np.testing.assert_array_equal(rows, alone)
+
+
 def found_among_moving(judged):
     """The motion found where a body of the map moves on, and its error (6,), m and rad."""
     points = np.concatenate([line_world.edges(), body()])
