@@ -77,12 +77,29 @@ def test_what_was_drawn_before_moves_no_event():
         np.testing.assert_array_equal(rows, alone)
 
 
-def found_among_moving(judged):
-    """The motion found where a body of the map moves on, and its error (6,), m and rad."""
-    points = np.concatenate([line_world.edges(), body()])
+def registration_with(points):
     sizes = Sizes(AT_REST.rig)
     registration = Registration(VIEWS, sizes.levels, sizes.own_time)
     registration.use_map(points, points[::3].copy())
+    return registration
+
+
+def test_unless_it_is_asked_what_drifts_takes_part_and_says_that_the_rig_turned_back():
+    """All of a world at rest drifts if the twist is the opposite of what was to be expected."""
+    registration = registration_with(line_world.edges())
+    covariance = np.diag(np.repeat([0.005, 0.005, 0.15, 0.5], 3) ** 2)
+    expected = Motion(T_US, WAY.at(T_US), -twist_at(T_US), covariance)
+    batch = batch_of(line_world.edges(), np.zeros(3))
+    (plain, seen), (judged, left) = (
+        registration.nearby(batch, expected, **how) for how in ({}, {"judged": True})
+    )
+    assert seen.inliers > 1.5 * left.inliers
+    assert plain.surprise(expected) > 1.5 * judged.surprise(expected)
+
+
+def found_among_moving(judged):
+    """The motion found where a body of the map moves on, and its error (6,), m and rad."""
+    registration = registration_with(np.concatenate([line_world.edges(), body()]))
     batch = both(batch_of(line_world.edges(), np.zeros(3)), batch_of(body(), BODY_M_S))
     near = Motion.near(T_US, WAY.at(T_US))
     expected = Motion(T_US, WAY.at(T_US), twist_at(T_US), near.covariance)
