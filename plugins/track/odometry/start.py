@@ -57,7 +57,8 @@ LEAST_POINTS = 500
 _STEREO = "SGM/ts"
 _ROUNDS, _EVERY = 4, 2  # of mapping the stretch, on poses of every so many batches
 _SETTLING = 3  # registrations of the first batch, whose twist nothing predicts
-_SLOW, _MUST_GAIN = 0.1, 1.02  # of the usual reach; of what agrees
+_SLOW, _MOST_LESS = 0.1, 0.97  # of the usual reach; of what agrees
+_HEAD = 1.0  # reach of a body that begins slowly
 _LEAST_SHARE = 0.6  # of the batches, around the middle one
 _STRETCH_US = 400_000
 _FEW_FIT = "only {} of {} batches fit the first map"
@@ -96,6 +97,8 @@ def begin(
     found = _slow_or_fast(batches, k_start, _EVERY, start, points, registration, sizes)
     if isinstance(found, str):
         return found
+    if found[0][0].reach < reach:  # as fast as what passed may be, it would be followed after all
+        reach = min(reach, _HEAD)
     for _ in range(_ROUNDS):
         found = _followed(batches[::_EVERY], found[0][0], reach, points, registration, sizes)
         if isinstance(found, str):
@@ -111,10 +114,11 @@ def _slow_or_fast(
     batches: Sequence[Batch], k_start: int, every: int, start: Motion, points: Matrix,
     registration: Registration, sizes: Sizes,
 ) -> tuple[list[Motion], list[Fit]] | str:  # fmt: skip
-    """Tracks as `_tracked` does, with either expectation; as a slow body where that agrees better.
+    """Tracks as `_tracked` does, with either expectation; as a slow body where that agrees as well.
 
-    Before a far wall the rig's own way hardly shows: a body that passes nearby is then followed, as
-    fast as it goes, unless less is expected.
+    Before a far wall the rig's own way hardly shows: a body that passes nearby agrees with a turn
+    and a way of its own, and would be followed as fast as it goes. Of two motions that explain
+    about as much the slower one is believed.
     """
     fast = _tracked(batches, k_start, every, start, points, registration, sizes)
     reach = _SLOW * start.reach
@@ -122,7 +126,7 @@ def _slow_or_fast(
     slow = _tracked(batches, k_start, every, slowly, points, registration, sizes)
     if isinstance(fast, str) or isinstance(slow, str):
         return slow if isinstance(fast, str) else fast
-    return slow if _agreement(slow[1]) > _MUST_GAIN * _agreement(fast[1]) else fast
+    return slow if _agreement(slow[1]) > _MOST_LESS * _agreement(fast[1]) else fast
 
 
 def _agreement(fits: Sequence[Fit]) -> float:
@@ -151,14 +155,15 @@ def _followed(
 
     A map on poses that err shows the same error, and the next poses are found on it. A batch hardly
     sees some of them, as a turn about one axis with a shift along another: unless its neighbours in
-    time decide those, they grow whenever the stretch is mapped again.
+    time decide those, they grow whenever the stretch is mapped again. So does what
+    follows a moving body: lines that drift take no part.
     """
     registration.use_map(points, few(points, sizes))
     here = replace(Motion.near(first.t_us, first.T_world_body, reach), twist=first.twist)
     motions: list[Motion] = []
     fits: list[Fit] = []
     for batch in batches:
-        motion, fit = registration.nearby(batch.events, here.at(batch.t_us))
+        motion, fit = registration.nearby(batch.events, here.at(batch.t_us), judged=True)
         if fit.inliers >= LEAST_INLIERS:
             here = motion
             motions, fits = [*motions, motion], [*fits, fit]

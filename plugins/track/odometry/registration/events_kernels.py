@@ -13,7 +13,7 @@ from eventsweep.plugins.track.odometry.registration.lines_kernels import (
     add_points,
     line_at,
 )
-from eventsweep.plugins.track.odometry.registration.residuals_kernels import later
+from eventsweep.plugins.track.odometry.registration.residuals_kernels import DRIFTS, later
 
 NEVER_US = -(1 << 62)
 
@@ -83,24 +83,26 @@ def _seen(u, v, rho, rho_cell_px, per_fx, per_fy, cx, cy):
 
 
 @njit(cache=True, nogil=True)
-def compensate(placed, count, rho, rho_cell_px, twist, intrinsics, size, out):
-    """Moves (u, v, dt) events to dt 0 at the depths of `rho`: rows (u, v, rho); returns how many.
+def compensate(
+    placed, count, rho, rho_cell_px, twist, intrinsics, size, per_spread, out
+):  # fmt: skip
+    """Moves (u, v, dt) events to dt 0 at the depths of `rho`; returns how many are inside.
 
-    `twist` is that of the camera, (v, w) in its own frame, m/s and rad/s; `size` is width and
-    height.
+    Fills rows (u, v, dt times `per_spread`) of `out`. `twist` is that of the camera, (v, w) in its
+    own frame, m/s and rad/s; `size` is width and height.
     """
     fx, fy, cx, cy = intrinsics
     focal = rho_cell_px, 1 / fx, 1 / fy, cx, cy
     n = 0
     for k in range(count):
-        x, y, z, inverse = _seen(placed[k, 0], placed[k, 1], rho, *focal)
+        x, y, z, _ = _seen(placed[k, 0], placed[k, 1], rho, *focal)
         x, y, z = later(x, y, z, twist, -placed[k, 2])
         if z < NEAREST_M:
             continue
         per_z = 1 / z
         u, v = fx * x * per_z + cx, fy * y * per_z + cy
         if u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1:
-            out[n, 0], out[n, 1], out[n, 2] = u, v, inverse
+            out[n, 0], out[n, 1], out[n, 2] = u, v, placed[k, 2] * per_spread
             n += 1
     return n
 
@@ -110,7 +112,7 @@ def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, dra
     """Fills columns 3 to 7 of `events`: n_u, n_v of the line that each lies on, or 0, and x, y, z.
 
     Rows begin with u, v, dt; the lines are those of compensated events, `compensate`; the point is
-    what the event sees at the depth of `rho`.
+    what the event sees at the depth of `rho`. Of a line that drifts z is 0.
     """
     fx, fy, cx, cy = intrinsics
     focal = rho_cell_px, 1 / fx, 1 / fy, cx, cy
@@ -123,27 +125,35 @@ def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, dra
         if z < NEAREST_M:
             continue
         u, v = fx * x / z + cx, fy * y / z + cy
-        weight, n_u, n_v, _, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
-        if weight > 0:
+        weight, n_u, n_v, _, _, drift = line_at(
+            place, drawing, sums, slots, made, lines, scratch, u, v
+        )
+        if weight > 0:  # or nothing was written of a line
             events[k, 3], events[k, 4] = n_u, n_v
+            if abs(drift) > DRIFTS:
+                events[k, 7] = 0  # as behind the camera: it takes no part
 
 
 @njit(cache=True, nogil=True)
 def draw(
-    x, y, t_us, t_mid_us, table, rho, rho_cell_px, twist, intrinsics, size, places, drawing, field,
-    placed, carried, events,
+    x, y, t_us, t_mid_us, table, rho, rho_cell_px, twist, intrinsics, size, per_spread, places,
+    drawing, field, placed, carried, events,
 ):  # fmt: skip
     """Adds a batch to line fields at the scales of `places`, (L, 4).
 
-    `placed` and `carried`, (N, 3), are scratch. At most as many events as `events` has rows, evenly
-    through the batch, fill these, see `event_normals`; returns how many.
+    `per_spread` is 1 over the standard deviation of the events' times, or 0 where lines that drift
+    are not to be told from others. `placed` and `carried`, (N, 3), are scratch. At most as many
+    events as `events` has rows, evenly through the batch, fill these, see `event_normals`; returns
+    how many.
     """
     count = place(x, y, t_us, t_mid_us, table, placed)
     taken = min(count, len(events))
     for k in range(taken):
         for column in range(3):
             events[k, column] = placed[k * count // taken, column]
-    inside = compensate(placed, count, rho, rho_cell_px, twist, intrinsics, size, carried)
+    inside = compensate(
+        placed, count, rho, rho_cell_px, twist, intrinsics, size, per_spread, carried
+    )
     for level in range(len(places)):
         add_points(carried, inside, places[level], field)
     event_normals(events, taken, rho, rho_cell_px, twist, intrinsics, places[0], drawing, field)

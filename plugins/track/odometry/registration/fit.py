@@ -144,13 +144,19 @@ class Registration:
         """The motion that fits a batch of every camera best, near what is expected, or wider."""
         return self._from_level(self._levels + wide, batches, expected)
 
-    def nearby(self, batches: Sequence[Events], expected: Motion) -> tuple[Motion, Fit]:
-        """The same by the finest level alone, where that agrees and is near what is expected."""
-        motion, fit = self._from_level(1, batches, expected)
+    def nearby(
+        self, batches: Sequence[Events], expected: Motion, *, judged: bool = False
+    ) -> tuple[Motion, Fit]:
+        """The same by the finest level alone, where that agrees and is near what is expected.
+
+        If `judged`, what drifts although the expected twist is taken out moves by itself, and takes
+        no part. If the twist is another than expected, that leaves out what would say so.
+        """
+        motion, fit = self._from_level(1, batches, expected, judged=judged)
         poses = se3.inverse(motion.T_world_body), se3.inverse(expected.T_world_body)
         if fit.is_good(AGREES) and self._moved_px(*poses) < _NEAR_PX:
             return motion, fit
-        return self(batches, expected)
+        return self._from_level(self._levels, batches, expected, judged=judged)
 
     def nearby_or_turned(
         self, batches: Sequence[Events], expected: Motion, unsettled: Motion
@@ -169,12 +175,12 @@ class Registration:
         return self.nearby(batches, expected)  # what was drawn last is what `evidence` sees
 
     def _from_level(
-        self, levels: int, batches: Sequence[Events], expected: Motion
+        self, levels: int, batches: Sequence[Events], expected: Motion, *, judged: bool = False
     ) -> tuple[Motion, Fit]:
         """The motion that the finest so many levels give, the coarsest of them first."""
         T_body_world = se3.inverse(expected.T_world_body)
         T_drawn_world = self._draw_map(T_body_world, levels)
-        self._events.draw(batches, expected.t_us, self._map, expected.twist, levels)
+        self._events.draw(batches, expected.t_us, self._map, expected.twist, levels, judged=judged)
         T_now_drawn, twist = np.empty((4, 4)), np.empty(6)
         H, counts = np.linalg.inv(expected.covariance), np.zeros(6)
         map_lines, event_lines = self._map.lines, self._events.lines

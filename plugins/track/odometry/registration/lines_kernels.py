@@ -5,12 +5,19 @@ Motions are (4, 4) float64 matrices; `intrinsics` is (4,) float64 fx, fy, cx, cy
 A field is a tuple of flat arrays over the cells of all images:
 
     sums: (8 N + 16,) float32, from number 16 k on those of the k-th pair of cells that holds
-        points, 8 of each cell's: 1, a, b, aa, ab, bb, rho, 1; a, b from its middle, in cells.
+        points, 8 of each cell's: 1, a, b, aa, ab, bb, q, 1; a, b from its middle, in cells.
     filled: (N / 2 + 1,) int32, how many pairs hold points, then which.
     slots: (N / 2,) int32, k of each pair, 0 of one that holds none.
     made: (N,) int32, the drawing that the cell's line is of.
-    lines: (N, 5) float32, weight, n_u, n_v, distance of the line from the cell's middle, px, rho.
+    lines: (N, 6) float32, weight, n_u, n_v, distance of the line from the cell's middle, px, mean
+        of q, and its covariance with the distance across the line over that one's deviation.
     scratch: (48,) float32.
+
+What a point carries besides its place, q, is its inverse depth in a map. Of an event it is its time
+over the standard deviation of all, or 0: then the last number is the correlation of time with the
+distance across the line. The expected motion of the rig is taken out of events before, so edges at
+rest stay where they are, at any depth, and it is about 0; of a body that moves by itself they
+drift.
 
 Sums lie side by side in the order in which cells were filled: edges fill one cell in twenty, and
 theirs stay in a core's cache, as those of all cells would not. A pair is one line of it.
@@ -37,6 +44,7 @@ REACH = 3
 LEAST = 0.15
 """Mass below which there is no line, in a Gaussian's middle: about half a point per pixel of it."""
 _SIGMA_CELLS = 1.2
+_PIXEL = 0.1  # px², about the variance of places that are rounded to pixels
 MARGIN = REACH + 1
 """Cells behind each row of an image: as many as whole pairs around its last one reach."""
 SUMS = 8
@@ -52,8 +60,9 @@ def _weights():
 
     Moments about the middle of the cell in question follow from those about each cell's own: with
     weights w, and the cell (a, b) cells away, of the first table come the sums of w and of w a b,
-    of the others those of w a and w a², and of w b and w b². Each stands there twice: the pairs
-    begin 3 cells before the one in question, or 4.
+    of the others those of w a and w a², and of w b and w b²; of q, those of w a and w b alone: as
+    if it lay in its cell's middle. Each stands there twice: the pairs begin 3 cells before the one
+    in question, or 4.
     """
     tables = np.zeros((3, 2, 2 * REACH + 1, 2 * MARGIN, SUMS))
     for before, (plain, aside, down) in enumerate(tables.swapaxes(0, 1), REACH):
@@ -61,8 +70,8 @@ def _weights():
         w = np.exp(-0.5 * (a * a + b * b) / _SIGMA_CELLS**2) * (np.abs(a) <= REACH)
         w /= w.sum()
         plain[..., :7], plain[..., 7] = w[..., None], w * a * b
-        aside[..., :3], aside[..., 7] = (w * a)[..., None], w * a * a
-        down[..., :3], down[..., 7] = (w * b)[..., None], w * b * b
+        aside[..., :3], aside[..., 6], aside[..., 7] = (w * a)[..., None], w * a, w * a * a
+        down[..., :3], down[..., 6], down[..., 7] = (w * b)[..., None], w * b, w * b * b
     return tables.astype(np.float32).reshape(3, -1)
 
 
@@ -108,7 +117,7 @@ def empty(field):
 
 @njit(cache=True, nogil=True)
 def add_points(points, count, place, field):
-    """Adds (u, v, rho) points to their cells; the middles lie at multiples of a cell's size."""
+    """Adds (u, v, q) points to their cells; the middles lie at multiples of a cell's size."""
     sums, filled, slots = field[0], field[1], field[2]
     first, rows, columns, cell_px = place
     stride, per_px = columns + MARGIN, 1 / cell_px
@@ -180,12 +189,15 @@ def _fit(sums, slots, lines, s, cell, stride, cell_px):
     along_v = 1.0 if along_u < 1e-6 else 0.5 * var_ab / length / along_u
     lines[cell, 0] = (length / (mean + 0.05)) ** 2
     lines[cell, 1], lines[cell, 2] = -along_v, along_u
-    lines[cell, 3], lines[cell, 4] = along_u * b - along_v * a, s[6] / mass
+    mean_q = s[6] / mass
+    lines[cell, 3], lines[cell, 4] = along_u * b - along_v * a, mean_q
+    by_a, by_b = (s[22] - s[16] * mean_q) * to_px, (s[38] - s[32] * mean_q) * to_px
+    lines[cell, 5] = (along_u * by_b - along_v * by_a) / np.sqrt(mean - length + _PIXEL)
 
 
 @njit(cache=True, nogil=True, forceinline=True)
 def line_at(place, drawing, sums, slots, made, lines, scratch, u, v):
-    """The line near a place in the image: weight, n_u, n_v, distance of the place from it, rho.
+    """The line near a place: weight, n_u, n_v, distance of the place from it, q, and its drift.
 
     The place less the distance times the normal n lies on the line; the weight is 0 where there is
     no line, and 1 where points lie on it exactly. A cell's line is made when it is first looked up.
@@ -195,14 +207,14 @@ def line_at(place, drawing, sums, slots, made, lines, scratch, u, v):
     per_px = 1 / cell_px
     i, j = int(u * per_px + 0.5), int(v * per_px + 0.5)
     if not (u >= 0 and v >= 0 and i < columns and j < rows):
-        return 0.0, 0.0, 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     cell = first + j * (columns + MARGIN) + i
     if made[cell] != drawing:
         made[cell] = drawing
         _fit(sums, slots, lines, scratch, cell, columns + MARGIN, float(cell_px))
     n_u, n_v = float(lines[cell, 1]), float(lines[cell, 2])
     off = n_u * (u - i * cell_px) + n_v * (v - j * cell_px) - lines[cell, 3]
-    return float(lines[cell, 0]), n_u, n_v, off, float(lines[cell, 4])
+    return float(lines[cell, 0]), n_u, n_v, off, float(lines[cell, 4]), float(lines[cell, 5])
 
 
 @njit(cache=True, nogil=True)
@@ -226,6 +238,6 @@ def point_normals(points, T_cam_world, intrinsics, place, drawing, field, out):
         if z < NEAREST_M:
             continue
         u, v = intrinsics[0] * x / z + intrinsics[2], intrinsics[1] * y / z + intrinsics[3]
-        weight, n_u, n_v, _, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
+        weight, n_u, n_v, _, _, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
         if weight > 0:
             out[k, 0], out[k, 1] = n_u, n_v

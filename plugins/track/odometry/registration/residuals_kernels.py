@@ -16,6 +16,11 @@ import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache bef
 from eventsweep.plugins.track.odometry.registration.lines_kernels import NEAREST_M, line_at, moved
 
 LEAST_WEIGHT = 0.1  # of a line
+DRIFTS = 0.5
+"""Correlation of time with the distance across a line of events, above which it moves by itself.
+
+At rest it is 0 by chance only; what goes across a line's whole width in a batch, or farther, comes
+to 0.5 to 0.7."""
 # What counts of a residual between lines that cross, and are seldom of one edge.
 _CROSSING = 0.25
 
@@ -73,8 +78,10 @@ def map_to_events(
         if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
             continue
         seen += 1
-        weight, n_u, n_v, r, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
-        if weight < LEAST_WEIGHT or abs(r) > gate:
+        weight, n_u, n_v, r, _, drift = line_at(
+            place, drawing, sums, slots, made, lines, scratch, u, v
+        )
+        if weight < LEAST_WEIGHT or abs(r) > gate or abs(drift) > DRIFTS:
             continue
         near += 1
         close = 1 / (1 + (r * per_width) ** 2)
@@ -116,7 +123,7 @@ def depth_to_events(
         u, v = fx * x * inverse + cx, fy * y * inverse + cy
         if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
             continue
-        weight, n_u, n_v, r, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
+        weight, n_u, n_v, r, _, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
         if weight < LEAST_WEIGHT or abs(r) > gate:
             continue
         close = 1 / (1 + (r * per_width) ** 2)
@@ -164,7 +171,7 @@ def events_to_map(
             continue
         inverse = 1 / z
         at_u, at_v = u - (fx * x * inverse + cx - u), v - (fy * y * inverse + cy - v)
-        weight, n_u, n_v, off, inverse = line_at(
+        weight, n_u, n_v, off, inverse, _ = line_at(
             place, drawing, sums, slots, made, lines, scratch, at_u, at_v
         )
         seen += 1

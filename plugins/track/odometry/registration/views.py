@@ -190,21 +190,27 @@ class DrawnEvents:
         self._scratch = np.empty((2, 0, 3))
 
     def draw(
-        self, batches: Sequence[Events], t_mid_us: int, drawn: DrawnMap, twist: Matrix, levels: int
-    ) -> None:
-        """Draws events at the depths of the map, at the finest `levels`; `twist` is the body's."""
+        self, batches: Sequence[Events], t_mid_us: int, drawn: DrawnMap, twist: Matrix, levels: int,
+        *, judged: bool = False,
+    ) -> None:  # fmt: skip
+        """Draws events at the depths of the map, at the finest `levels`; `twist` is the body's.
+
+        If `judged`, lines that drift by themselves take no part, see `lines_kernels`.
+        """
         self.lines.begin()
         for k, view in enumerate(self._views):
             batch = batches[k]
             self.counts[k] = -1
             if not drawn.counts[k] or not len(batch):
                 continue
+            spread_s = 1e-6 * max(float(batch.t_us.std()), 1.0)
+            per_spread = 1 / spread_s if judged else 0.0
             if len(batch) > self._scratch.shape[1]:  # fresh memory costs as much as filling it
                 self._scratch = np.empty((2, len(batch), 3))
             lines, (placed, carried) = self.lines, self._scratch
             self.counts[k] = draw(
                 batch.x, batch.y, batch.t_us, t_mid_us, view.table, drawn.depth.image(k),
                 float(drawn.depth.places[k, 3]), view.adjoint @ twist, view.intrinsics, view.size,
-                lines.places[k, :levels], lines.drawing, lines.field, placed, carried,
+                per_spread, lines.places[k, :levels], lines.drawing, lines.field, placed, carried,
                 self.events[k],
             )  # fmt: skip

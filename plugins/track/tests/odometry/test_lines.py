@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from eventsweep.plugins.track.odometry.registration.lines_kernels import line_at
+from eventsweep.plugins.track.odometry.registration.residuals_kernels import DRIFTS
 from eventsweep.plugins.track.odometry.registration.views import DepthFields, LineFields
 
 WIDTH, HEIGHT = 120, 90
@@ -39,7 +40,7 @@ def test_a_straight_line_of_points_returns_that_line(angle, level):
     points, normal = on_line(angle)
     fields = field_of(points)
     for u, v in ((61.3, 44.6), (61.9, 45.4)):
-        weight, n_u, n_v, off, rho = line(fields, level, u, v)
+        weight, n_u, n_v, off, rho, _ = line(fields, level, u, v)
         assert weight > 0.8
         assert abs(abs(np.dot([n_u, n_v], normal)) - 1) < 1e-4
         assert abs(off - np.dot([n_u, n_v], [u - 61.3, v - 44.6])) < 0.02
@@ -56,13 +57,16 @@ def naive(points, level, u, v):
     near = (np.abs(away) <= 3).all(axis=1)
     weight = np.prod(bell[away[near].astype(int) + 3], axis=1)
     if not weight.sum():
-        return 0.0, 0.0, np.zeros(2), 0.0, 0.0
+        return 0.0, 0.0, np.zeros(2), 0.0, 0.0, 0.0
     mean = weight @ points[near] / weight.sum()
     spread = points[near, :2] - mean[:2]
     values, vectors = np.linalg.eigh((weight * spread.T) @ spread / weight.sum())
     straight = ((values[1] - values[0]) / 2 / (values.sum() / 2 + 0.05)) ** 2
     normal = vectors[:, 0]
-    return weight.sum(), straight, normal, normal @ ([u, v] - mean[:2]), mean[2]
+    across = cells[near] * cell_px @ normal
+    goes = weight @ (across * points[near, 2]) / weight.sum()
+    goes = (goes - weight @ across / weight.sum() * mean[2]) / np.sqrt(values[0] + 0.1)
+    return weight.sum(), straight, normal, normal @ ([u, v] - mean[:2]), mean[2], goes
 
 
 @pytest.mark.parametrize("level", [0, 1, 2])
@@ -72,8 +76,8 @@ def test_a_line_is_that_of_the_points_around(level):
     points = np.r_[points, np.c_[rng.uniform(0, 89, (300, 2)), rng.uniform(0.2, 2, 300)]]
     fields, compared = field_of(points), 0
     for u, v in rng.uniform(0, 89, (300, 2)):
-        weight, n_u, n_v, off, rho = line(fields, level, u, v)
-        mass, straight, normal, distance, mean_rho = naive(points, level, u, v)
+        weight, n_u, n_v, off, rho, drift = line(fields, level, u, v)
+        mass, straight, normal, distance, mean_rho, goes = naive(points, level, u, v)
         if mass < 0.15 * (1 << level):
             assert weight == 0
             continue
@@ -84,7 +88,23 @@ def test_a_line_is_that_of_the_points_around(level):
         if straight > 0.05:
             np.testing.assert_allclose([n_u, n_v], side * normal, atol=1e-3)
             assert off == pytest.approx(side * distance, abs=2e-3 * (1 << level))
+            assert drift == pytest.approx(side * goes, rel=0.02, abs=5e-3)
     assert compared > 20
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 2.0])
+@pytest.mark.parametrize(("px", "drifts"), [(0.0, False), (0.3, False), (3.0, True), (5.0, True)])
+def test_a_line_that_goes_across_itself_while_it_is_seen_drifts(angle, px, drifts):
+    """By so many pixels in all; along itself it may go as far as it likes."""
+    rng = np.random.default_rng(5)
+    points, normal = on_line(angle, noise=0.2)
+    points = np.repeat(points, 6, axis=0)
+    points[:, 2] = rng.uniform(-0.5, 0.5, len(points)) * np.sqrt(12)
+    share = points[:, 2:] / np.sqrt(12)
+    along = np.array([normal[1], -normal[0]])
+    points[:, :2] += share * px * normal + share * 8 * along
+    found = line(field_of(points, 1), 0, 61.3, 44.6)
+    assert (abs(found[5]) > DRIFTS) == drifts
 
 
 def test_a_field_forgets_what_was_in_it_and_images_are_apart():

@@ -230,9 +230,9 @@ def test_a_planted_pose_is_recovered(step):
 def test_coarser_levels_are_asked_only_far_from_what_is_expected(share, coarse, monkeypatch):
     levels, plain = [], Registration._from_level
 
-    def counted(registration, number, *known):
+    def counted(registration, number, *known, **how):
         levels.append(number)
-        return plain(registration, number, *known)
+        return plain(registration, number, *known, **how)
 
     monkeypatch.setattr(Registration, "_from_level", counted)
     registered(share * np.array(PLANTED), Registration.nearby)

@@ -14,7 +14,7 @@ from slid_pair import SlidPair
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("baseline_m", [0.05, 0.1])
+@pytest.mark.parametrize("baseline_m", [0.05, 0.1, 0.12])
 def test_a_real_pair_that_turns_back_at_once_is_followed(shared_data, baseline_m):
     """From 0.64 m/s to as much the other way, which nothing before it announces."""
     pair = SlidPair(open_recording(shared_data / "slider_depth"), baseline_m)
