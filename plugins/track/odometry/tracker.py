@@ -293,9 +293,10 @@ class Tracker:
         rate_rad_s = self._gyroscope.rate_at(batch.t_us, t_us)
         if rate_rad_s is not None:
             expected = expected.turning(rate_rad_s, SIGMA_RAD_S)
-        is_doubted = not self._trust.is_sound and batch.t_us - self.since_us > _COAST_US
-        if self.status not in FOLLOWS or is_doubted:  # it may be anywhere near
+        if self.status not in FOLLOWS:
             return self._registration.nearby(batch.events, expected)
+        if not self._trust.is_sound and batch.t_us - self.since_us > _COAST_US:
+            return self._registration.nearby(batch.events, expected, judged=True)
         unsettled = self._motion.unsettled().at(batch.t_us)
         return self._registration.nearby_or_turned(batch.events, expected, unsettled)
 

@@ -182,6 +182,24 @@ def test_the_beginning_is_confirmed_as_soon_as_a_second_map_is_due(recording):
     }
 
 
+@pytest.mark.parametrize(("for_us", "judged"), [(50_000, [False]), (200_000, [True])])
+def test_once_doubted_for_a_while_it_leaves_out_what_drifts(recording, monkeypatch, for_us, judged):
+    """Before, all that is seen may say that the rig turned back at once."""
+    tracker, poses = tracker_of(recording)
+    run(recording, range(10_000, 300_001, 10_000), tracker)
+    asked, nearby = [], tracker._registration.nearby
+
+    def noted(batches, expected, *, judged=False):
+        asked.append(judged)
+        return nearby(batches, expected, judged=judged)
+
+    monkeypatch.setattr(tracker._registration, "nearby", noted)
+    tracker.status, tracker._trust.reason = Status.UNCERTAIN, "the scale is off by 9.0 %"
+    tracker.since_us = poses[-1].t_us - for_us
+    run(recording, [310_000], tracker, lambda _, events: events.take(events.t_us >= 300_000))
+    assert asked[:1] == judged
+
+
 def test_what_was_seen_before_the_first_map_is_tracked_too(recording, monkeypatch):
     """The first stretch shows too little, as of a rig that hardly moves: it grows."""
     tries = []
