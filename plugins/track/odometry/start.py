@@ -155,8 +155,8 @@ def _followed(
 
     A map on poses that err shows the same error, and the next poses are found on it. A batch hardly
     sees some of them, as a turn about one axis with a shift along another: unless its neighbours in
-    time decide those, they grow whenever the stretch is mapped again. So does what
-    follows a moving body: lines that drift take no part.
+    time decide those, they grow whenever the stretch is mapped again. So does a
+    motion that follows a moving body: lines that drift are left out.
     """
     registration.use_map(points, few(points, sizes))
     here = replace(Motion.near(first.t_us, first.T_world_body, reach), twist=first.twist)

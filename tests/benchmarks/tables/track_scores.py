@@ -59,7 +59,7 @@ TWINS = {
     "desk-dark": ("desk", "low-light", 1.5, ""), "desk-rpg": ("desk", "davis240", 1.5, "rpg"),
 }  # fmt: skip
 """By name: the scene, the sensor, how long a sequence is, s, and the rig if not the scene's."""
-MOST_OFF, MOST_SCALE, FEWEST_POSES = 2.0, 3.0, 5  # %, %, of poses that are said to be tracking
+MOST_OFF, MOST_SCALE, FEWEST_POSES = 2.0, 3.0, 5  # %; %; poses reported as tracking
 OPENED = frozenset({0, 1})
 """Seeds that were looked at while the tracker was built."""
 # A car taught the tracker to expect more speed, a wide image to map more events; the others were

@@ -141,10 +141,10 @@ def draw(
 ):  # fmt: skip
     """Adds a batch to line fields at the scales of `places`, (L, 4).
 
-    `per_spread` is 1 over the standard deviation of the events' times, or 0 where lines that drift
-    are not to be told from others. `placed` and `carried`, (N, 3), are scratch. At most as many
-    events as `events` has rows, evenly through the batch, fill these, see `event_normals`; returns
-    how many.
+    `per_spread` is the inverse standard deviation of the events' times, 1/s, or 0 to skip the test
+    for drift. `placed` and `carried`, (N, 3), are scratch buffers. `events` receives a subsample
+    spread evenly through the batch, at most one event per row, see `event_normals`; returns their
+    number.
     """
     count = place(x, y, t_us, t_mid_us, table, placed)
     taken = min(count, len(events))

@@ -203,8 +203,7 @@ class DrawnEvents:
             self.counts[k] = -1
             if not drawn.counts[k] or not len(batch):
                 continue
-            spread_s = 1e-6 * max(float(batch.t_us.std()), 1.0)
-            per_spread = 1 / spread_s if judged else 0.0
+            per_spread = 1 / (1e-6 * max(float(batch.t_us.std()), 1.0)) if judged else 0.0
             if len(batch) > self._scratch.shape[1]:  # fresh memory costs as much as filling it
                 self._scratch = np.empty((2, len(batch), 3))
             lines, (placed, carried) = self.lines, self._scratch

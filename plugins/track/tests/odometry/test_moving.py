@@ -1,4 +1,4 @@
-"""Bodies that move by themselves: their edges are told from those at rest, and move no pose."""
+"""Independently moving bodies: their edges are detected, and do not disturb the pose."""
 
 import numpy as np
 import pytest
