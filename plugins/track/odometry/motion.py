@@ -21,7 +21,7 @@ from eventsweep.plugins.track.odometry.checkpoint import State
 
 Matrix = NDArray[np.float64]
 # Of accelerations: about 5 m/s² and 50 rad/s² that last for a tenth of a second.
-_DENSITY = np.diag(np.repeat([2.5, 250.0], 3))
+_DENSITY = 2.5, 250.0
 _STILL_M_S, _STILL_RAD_S = 0.02, 0.05
 _NEAR_HEADS_M = 0.5
 SIGMA_RAD_S = 0.05
@@ -67,13 +67,13 @@ class Motion:
         """The same by what `_step` says."""
         dt_s = (t_us - self.t_us) * 1e-6
         length_s = abs(dt_s)
-        density = _DENSITY * np.repeat([self.reach**2, 1.0], 3)
-        mixed = -density * dt_s * length_s / 2
+        noise = density(self.reach)
+        mixed = -noise * dt_s * length_s / 2
         covariance = F @ self.covariance @ F.T
-        covariance[:6, :6] += density * length_s**3 / 3
+        covariance[:6, :6] += noise * length_s**3 / 3
         covariance[:6, 6:] += mixed
         covariance[6:, :6] += mixed
-        covariance[6:, 6:] += density * length_s
+        covariance[6:, 6:] += noise * length_s
         return replace(
             self, t_us=t_us, T_world_body=self.T_world_body @ step, covariance=covariance
         )
@@ -156,6 +156,12 @@ def trajectory_of(motions: Sequence[Motion]) -> Trajectory:
     """Motions as poses."""
     poses = np.stack([motion.T_world_body for motion in motions])
     return Trajectory.from_matrices([motion.t_us for motion in motions], poses)
+
+
+def density(reach: float) -> Matrix:
+    """The (6, 6) spectral density of the noise of accelerations, m²/s³ and rad²/s³."""
+    way, turn = _DENSITY
+    return np.diag(np.repeat([way * reach**2, turn], 3))
 
 
 def reach_for(near_m: float) -> float:

@@ -40,6 +40,7 @@ from eventsweep.plugins.track.odometry.batches import (
 from eventsweep.plugins.track.odometry.maps import points_of
 from eventsweep.plugins.track.odometry.motion import Motion, smoothed_motions, trajectory_of
 from eventsweep.plugins.track.odometry.pose import Status
+from eventsweep.plugins.track.odometry.registration.bundle import adjusted
 from eventsweep.plugins.track.odometry.registration.fit import (
     AGREES,
     LEAST_INLIERS,
@@ -55,10 +56,11 @@ Found = tuple[Motion, Fit, Status]
 START_US, LONGEST_START_US = 200_000, 400_000
 LEAST_POINTS = 500
 _STEREO = "SGM/ts"
-_ROUNDS, _EVERY = 4, 2  # of mapping the stretch, on poses of every so many batches
+_ROUNDS, _FAR_ROUNDS = 2, 4  # of mapping the stretch
+_EVERY = 2  # batches, one pose takes part in them
 _SETTLING = 3  # registrations of the first batch, whose twist nothing predicts
-_SLOW, _MOST_LESS = 0.1, 0.97  # of the usual reach; of what agrees
-_HEAD = 1.0  # reach of a body that begins slowly
+_SLOW, _MOST_LESS = (0.1, 0.03), 0.97  # of the usual reach; of what agrees
+_HEAD = 1.0  # reach of a body that begins slowly, and of all where something is near
 _LEAST_SHARE = 0.6  # of the batches, around the middle one
 _STRETCH_US = 400_000
 _FEW_FIT = "only {} of {} batches fit the first map"
@@ -97,12 +99,15 @@ def begin(
     found = _slow_or_fast(batches, k_start, _EVERY, start, points, registration, sizes)
     if isinstance(found, str):
         return found
+    is_far = reach > _HEAD
     if found[0][0].reach < reach:  # as fast as what passed may be, it would be followed after all
-        reach = min(reach, _HEAD)
-    for _ in range(_ROUNDS):
+        reach = _HEAD
+    for _ in range(_FAR_ROUNDS if is_far else _ROUNDS):
         found = _followed(batches[::_EVERY], found[0][0], reach, points, registration, sizes)
         if isinstance(found, str):
             return found
+        if not is_far:
+            found = _adjusted(batches, found[0], registration, arrived.rig), found[1]
         points = _mapped(arrived, found[0], config)
         if len(points) < LEAST_POINTS:
             return f"the map of the first poses has {len(points)} points: needs {LEAST_POINTS}"
@@ -114,19 +119,22 @@ def _slow_or_fast(
     batches: Sequence[Batch], k_start: int, every: int, start: Motion, points: Matrix,
     registration: Registration, sizes: Sizes,
 ) -> tuple[list[Motion], list[Fit]] | str:  # fmt: skip
-    """Tracks as `_tracked` does, with either expectation; as a slow body where that agrees as well.
+    """Tracks as `_tracked` does, by any expectation; as a slow body where that agrees as well.
 
     Before a far wall the rig's own way hardly shows: a body that passes nearby agrees with a turn
-    and a way of its own, and would be followed as fast as it goes. Of two motions that explain
-    about as much the slower one is believed.
+    and a way of its own, and would be followed as fast as it goes. Of motions that explain about as
+    much a slower one is believed. If a slow one follows such a body, too, one nearly at rest may
+    agree better.
     """
     fast = _tracked(batches, k_start, every, start, points, registration, sizes)
-    reach = _SLOW * start.reach
-    slowly = Motion.unknown(start.t_us, start.T_world_body, reach)
-    slow = _tracked(batches, k_start, every, slowly, points, registration, sizes)
-    if isinstance(fast, str) or isinstance(slow, str):
-        return slow if isinstance(fast, str) else fast
-    return slow if _agreement(slow[1]) > _MOST_LESS * _agreement(fast[1]) else fast
+    for share in _SLOW if start.reach > _HEAD else _SLOW[:1]:
+        slowly = Motion.unknown(start.t_us, start.T_world_body, share * start.reach)
+        slow = _tracked(batches, k_start, every, slowly, points, registration, sizes)
+        if isinstance(fast, str):
+            return slow
+        if not isinstance(slow, str) and _agreement(slow[1]) > _MOST_LESS * _agreement(fast[1]):
+            return slow
+    return fast
 
 
 def _agreement(fits: Sequence[Fit]) -> float:
@@ -196,6 +204,18 @@ def _stereo(
     stereo = config.model_copy(update={"methods": (_STEREO,), **of_camera})
     points = points_of(map_window(arrived, stereo, window=window).depth_maps[_STEREO])
     return Motion.unknown(middle.t_us, np.eye(4), reach), points
+
+
+def _adjusted(
+    batches: Sequence[Batch], motions: Sequence[Motion], registration: Registration, rig: Rig
+) -> list[Motion]:
+    """Motions on a map whose points may lie nearer or farther, seen from the middle motion.
+
+    Not where all is far: there depths are what stereo says, and bodies that pass would bend them.
+    """
+    at = {batch.t_us: batch for batch in batches}
+    middle = motions[len(motions) // 2].T_world_body @ rig.T_body_cam[0]
+    return adjusted([at[m.t_us] for m in motions], motions, registration, middle[:3, 3])
 
 
 def _mapped(arrived: Arrived, motions: Sequence[Motion], config: MapperConfig) -> Matrix:

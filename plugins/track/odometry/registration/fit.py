@@ -22,7 +22,10 @@ from eventsweep.plugins.track.odometry.registration.gauss_newton_kernels import 
     TRUST,
     gauss_newton,
 )
-from eventsweep.plugins.track.odometry.registration.residuals_kernels import depth_to_events
+from eventsweep.plugins.track.odometry.registration.residuals_kernels import (
+    depth_to_events,
+    depths_to_events,
+)
 from eventsweep.plugins.track.odometry.registration.views import DrawnEvents, DrawnMap, View
 
 Matrix = NDArray[np.float64]
@@ -231,6 +234,36 @@ class Registration:
             return Evidence(0.0, np.inf, regions_off)
         off = FARTHER * (gain @ g[:6] - g[6]) / information
         return Evidence(float(off), float((TRUST * information) ** -0.5), regions_off)
+
+    @property
+    def few(self) -> Matrix:
+        """The (M, 3) points in use for distances."""
+        return self._few
+
+    def add_depths(
+        self, batches: Sequence[Events], motion: Motion, points: Matrix, middle_m: Matrix,
+        parts: tuple[Matrix, ...],
+    ) -> None:  # fmt: skip
+        """Adds what a batch at a motion says of its pose, and of how deep points lie.
+
+        Args:
+            batches: events of every camera.
+            motion: near the one that fits them.
+            points: (M, 3) those of `few`, at other depths from `middle_m`, (3,).
+            middle_m: where depths are seen from, in the world.
+            parts: H, g, a, b and c of `depths_to_events`.
+        """
+        T_body_world = se3.inverse(motion.T_world_body)
+        self._draw_map(T_body_world, 1)
+        self._events.draw(batches, motion.t_us, self._map, motion.twist, 1, judged=True)
+        T_cam_body, _, _, intrinsics, sizes = self._cameras
+        lines = self._events.lines
+        for k in np.flatnonzero(self._events.counts >= 0):
+            depths_to_events(
+                points, self._normals[k], middle_m, T_cam_body[k], T_body_world, intrinsics[k],
+                sizes[k], lines.places[k, 0], lines.drawing, lines.field, CAUCHY_PX, GATE_PX,
+                *parts,
+            )  # fmt: skip
 
     @property
     def rho(self) -> float:

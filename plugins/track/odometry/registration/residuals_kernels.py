@@ -210,3 +210,48 @@ def events_to_map(
             H[6 + a, b] -= parts[i, j, 1]
             H[6 + a, 6 + b] += parts[i, j, 2]
     return seen, near, closeness
+
+
+@njit(cache=True, nogil=True)
+def depths_to_events(
+    points, normals, middle, T_cam_body, T_body_world, intrinsics, size, place, drawing, field,
+    width, gate, H, g, a, b, c,
+):  # fmt: skip
+    """`mls` by the body's pose and the logarithm of each point's depth, seen from the `middle`.
+
+    Adds to (6, 6) H and (6,) g of the pose, and to row k of (N,) a and c and of (N, 6) b those of
+    the k-th point's depth and of both.
+    """
+    fx, fy, cx, cy = intrinsics
+    sums, _, slots, made, lines, scratch = field
+    J, per_width = np.empty(6), 1 / width
+    for k in range(len(points)):
+        X, Y, Z = moved(T_body_world, points[k, 0], points[k, 1], points[k, 2])
+        x, y, z = moved(T_cam_body, X, Y, Z)
+        if z < NEAREST_M:
+            continue
+        inverse = 1 / z
+        u, v = fx * x * inverse + cx, fy * y * inverse + cy
+        if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
+            continue
+        weight, n_u, n_v, r, _, drift = line_at(
+            place, drawing, sums, slots, made, lines, scratch, u, v
+        )
+        if weight < LEAST_WEIGHT or abs(r) > gate or abs(drift) > DRIFTS:
+            continue
+        weight *= likeness(n_u, n_v, normals[k, 0], normals[k, 1]) / (1 + (r * per_width) ** 2)
+        by_x, by_y, by_z, _, _, _ = slope(n_u * fx, n_v * fy, x, y, z, inverse)
+        for i in range(3):
+            J[i] = T_cam_body[0, i] * by_x + T_cam_body[1, i] * by_y + T_cam_body[2, i] * by_z
+        J[3], J[4], J[5] = Y * J[2] - Z * J[1], Z * J[0] - X * J[2], X * J[1] - Y * J[0]
+        d = 0.0
+        for i in range(3):
+            for j in range(3):
+                d += J[i] * T_body_world[i, j] * (points[k, j] - middle[j])
+        a[k] += weight * d * d
+        c[k] += weight * d * r
+        for i in range(6):
+            g[i] += weight * J[i] * r
+            b[k, i] += weight * d * J[i]
+            for j in range(6):
+                H[i, j] += weight * J[i] * J[j]

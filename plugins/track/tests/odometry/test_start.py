@@ -40,6 +40,26 @@ def test_a_fast_body_is_believed_only_where_it_agrees_better(monkeypatch, fast, 
         assert (motions[0].covariance[6, 6] < begun.covariance[6, 6]) == (chosen == "slow")
 
 
+def test_before_a_far_wall_a_body_nearly_at_rest_is_tried_too(monkeypatch):
+    """Where a slow one follows what passes, as the fast one does, but not as well."""
+
+    def chosen(reach):
+        tried = {}
+
+        def tracked(_batches, _k_start, _every, motion, *_rest):
+            found = fits({reach: 500, 0.1 * reach: 450}.get(motion.reach, 490))
+            tried[len(tried)] = motion.reach / reach
+            return [motion] * 5, found
+
+        monkeypatch.setattr(start, "_tracked", tracked)
+        begun = Motion.unknown(0, np.eye(4), reach=reach)
+        (motion, *_), _ = start._slow_or_fast([], 0, 1, begun, np.empty((0, 3)), None, None)
+        return motion.reach / reach, len(tried)
+
+    assert chosen(3.0) == (pytest.approx(0.03), 3)
+    assert chosen(1.0) == (1.0, 2)
+
+
 def test_mapping_the_stretch_again_makes_its_poses_no_worse(monkeypatch):
     """Of edges that are nearly upright, a turn with a shift along them hardly shows.
 
