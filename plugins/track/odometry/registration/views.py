@@ -58,7 +58,7 @@ class LineFields:
         made = lines.view(np.int32)[:, -1]  # beside the line: one cache line for both
         self.field = (
             aligned(SUMS * (cells + 2)), *np.zeros((2, cells // 2 + 1), np.int32), made, lines,
-            aligned(6 * SUMS),
+            aligned(8 * SUMS),
         )  # fmt: skip
         self.drawing = 0
 
