@@ -18,7 +18,7 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.utils.vectors_kernels import aligned
-from eventsweep.plugins.track.odometry.registration.events_kernels import draw
+from eventsweep.plugins.track.odometry.registration.events_kernels import BLOCK, draw
 from eventsweep.plugins.track.odometry.registration.lines_kernels import (
     MARGIN,
     REACH,
@@ -187,7 +187,7 @@ class DrawnEvents:
         self._views = tuple(views)
         self.lines = LineFields([view.size_px for view in views], levels)
         self.events, self.counts = np.zeros((len(views), most, 8)), np.full(len(views), -1)
-        self._scratch = np.empty((2, 0, 3))
+        self._placed, self._carried = np.empty((0, 3)), np.empty((BLOCK, 3))
 
     def draw(
         self, batches: Sequence[Events], t_mid_us: int, drawn: DrawnMap, twist: Matrix, levels: int,
@@ -204,12 +204,12 @@ class DrawnEvents:
             if not drawn.counts[k] or not len(batch):
                 continue
             per_spread = 1 / (1e-6 * max(float(batch.t_us.std()), 1.0)) if judged else 0.0
-            if len(batch) > self._scratch.shape[1]:  # fresh memory costs as much as filling it
-                self._scratch = np.empty((2, len(batch), 3))
-            lines, (placed, carried) = self.lines, self._scratch
+            if len(batch) > len(self._placed):  # fresh memory costs as much as filling it
+                self._placed = np.empty((len(batch), 3))
+            lines = self.lines
             self.counts[k] = draw(
                 batch.x, batch.y, batch.t_us, t_mid_us, view.table, drawn.depth.image(k),
                 float(drawn.depth.places[k, 3]), view.adjoint @ twist, view.intrinsics, view.size,
-                per_spread, lines.places[k, :levels], lines.drawing, lines.field, placed, carried,
-                self.events[k],
+                per_spread, lines.places[k, :levels], lines.drawing, lines.field, self._placed,
+                self._carried, self.events[k],
             )  # fmt: skip
