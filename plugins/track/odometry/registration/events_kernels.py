@@ -111,7 +111,7 @@ def compensate(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, drawing, field):
+def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, field):
     """Fills columns 3 to 7 of `events`: n_u, n_v of the line that each lies on, or 0, and x, y, z.
 
     Rows begin with u, v, dt; the lines are those of compensated events, `compensate`; the point is
@@ -119,7 +119,7 @@ def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, dra
     """
     fx, fy, cx, cy = intrinsics
     per_fx, per_fy, per_cell = 1 / fx, 1 / fy, 1 / rho_cell_px
-    sums, _, slots, made, lines, scratch = field
+    sums, _, slots, made, lines, cells, scratch = field
     for k in range(count):
         u, v, dt_s = events[k, 0], events[k, 1], events[k, 2]
         inverse = rho[int(v * per_cell + 0.5), int(u * per_cell + 0.5)]
@@ -132,7 +132,7 @@ def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, dra
         per_z = 1 / z
         u, v = fx * x * per_z + cx, fy * y * per_z + cy
         weight, n_u, n_v, _, _, drift = line_at(
-            place, drawing, sums, slots, made, lines, scratch, u, v
+            place, sums, slots, made, lines, cells, scratch, u, v
         )
         if weight > 0:  # or nothing was written of a line
             events[k, 3], events[k, 4] = n_u, n_v
@@ -143,7 +143,7 @@ def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, dra
 @njit(cache=True, nogil=True)
 def draw(
     x, y, t_us, t_mid_us, table, rho, rho_cell_px, twist, intrinsics, size, per_spread, places,
-    drawing, field, placed, carried, events,
+    field, placed, carried, events,
 ):  # fmt: skip
     """Adds a batch to line fields at the scales of `places`, (L, 4).
 
@@ -167,5 +167,5 @@ def draw(
     for k in range(taken):
         for column in range(3):
             events[k, column] = placed[k * count // taken, column]
-    event_normals(events, taken, rho, rho_cell_px, twist, intrinsics, places[0], drawing, field)
+    event_normals(events, taken, rho, rho_cell_px, twist, intrinsics, places[0], field)
     return taken

@@ -8,9 +8,11 @@ A field is a tuple of flat arrays over the cells of all images:
         points, 8 of each cell's: 1, a, b, aa, ab, bb, q, 1; a, b from its middle, in cells.
     filled: (N / 2 + 1,) int32, how many pairs hold points, then which.
     slots: (N / 2,) int32, k of each pair, 0 of one that holds none.
-    made: (N,) int32, the drawing that the cell's line is of.
-    lines: (N, 6) float32, weight, n_u, n_v, distance of the line from the cell's middle, px, mean
-        of q, and its covariance with the distance across the line over that one's deviation.
+    made: (N,) int32, the row of each cell's line, at least 1, if `cells` says so, too.
+    lines: (N + 1, 6) float32, from row 1 on the lines made so far: weight, n_u, n_v, distance of
+        the line from the cell's middle, px, mean of q, and its covariance with the distance across
+        the line over that one's deviation.
+    cells: (N + 1,) int32, how many lines are made, then the cell of each.
     scratch: (64,) float32.
 
 What a point carries besides its place, q, is its inverse depth in a map. Of an event it is its time
@@ -20,12 +22,13 @@ rest stay where they are, at any depth, and it is about 0; of a body that moves 
 drift.
 
 Sums lie side by side in the order in which cells were filled: edges fill one cell in twenty, and
-theirs stay in a core's cache, as those of all cells would not. A pair is one line of it.
+theirs stay in a core's cache, as those of all cells would not. A pair is one line of it. So do
+lines, in the order in which they were made. A row that is not yet made, or of another cell, says
+that there is no line of this cell: to empty the field is to forget how many there are.
 
 `place` is (4,) int64 of one image: its first cell, rows, columns, an even number, and the size of a
 cell, px. Each row is followed by `MARGIN` cells more, and there are `REACH` empty rows above and
-below: cells out of the image are read like all others. `drawing` is a number that rises: lines of
-an earlier one are not there.
+below: cells out of the image are read like all others.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg, var-annotated"
@@ -107,7 +110,8 @@ def project(points, T_cam_world, intrinsics, size, out):
 @njit(cache=True, nogil=True)
 def empty(field):
     """Takes the points out of all cells."""
-    sums, filled, slots = field[0], field[1], field[2]
+    sums, filled, slots, cells = field[0], field[1], field[2], field[5]
+    cells[0] = 0
     for k in range(1, filled[0] + 1):
         slots[filled[k]] = 0
     sums[: _PAIR * (filled[0] + 1)] = 0
@@ -173,9 +177,9 @@ def _add_around(sums, slots, cell, stride, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fit(sums, slots, lines, s, cell, stride, size_px):
+def _fit(sums, slots, line, s, cell, stride, size_px):
     """Makes the line of a cell from the points around it, weighted by a Gaussian; `s`: scratch."""
-    lines[cell, 0] = 0
+    line[0] = 0
     _add_around(sums, slots, cell, stride, s)
     for k in range(SUMS):
         s[k] += s[k + 8]
@@ -204,17 +208,17 @@ def _fit(sums, slots, lines, s, cell, stride, size_px):
     along_u = long if half > 0 else short
     along_v = short if half > 0 else long
     straight = length / (mean + np.float32(0.05))
-    lines[cell, 0] = straight * straight
-    lines[cell, 1], lines[cell, 2] = -along_v, along_u
+    line[0] = straight * straight
+    line[1], line[2] = -along_v, along_u
     mean_q = s[6] * per_mass
-    lines[cell, 3], lines[cell, 4] = along_u * b - along_v * a, mean_q
+    line[3], line[4] = along_u * b - along_v * a, mean_q
     by_a, by_b = (s[22] - s[16] * mean_q) * to_px, (s[38] - s[32] * mean_q) * to_px
     across = max(mean - length, np.float32(0)) + np.float32(_PIXEL)
-    lines[cell, 5] = (along_u * by_b - along_v * by_a) / np.sqrt(across)
+    line[5] = (along_u * by_b - along_v * by_a) / np.sqrt(across)
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def line_at(place, drawing, sums, slots, made, lines, scratch, u, v):
+def line_at(place, sums, slots, made, lines, cells, scratch, u, v):
     """The line near a place: weight, n_u, n_v, distance of the place from it, q, and its drift.
 
     The place less the distance times the normal n lies on the line; the weight is 0 where there is
@@ -227,12 +231,15 @@ def line_at(place, drawing, sums, slots, made, lines, scratch, u, v):
     if not (u >= 0 and v >= 0 and i < columns and j < rows):
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     cell = first + j * (columns + MARGIN) + i
-    if made[cell] != drawing:
-        made[cell] = drawing
-        _fit(sums, slots, lines, scratch, cell, columns + MARGIN, float(cell_px))
-    n_u, n_v = float(lines[cell, 1]), float(lines[cell, 2])
-    off = n_u * (u - i * cell_px) + n_v * (v - j * cell_px) - lines[cell, 3]
-    return float(lines[cell, 0]), n_u, n_v, off, float(lines[cell, 4]), float(lines[cell, 5])
+    k = np.int64(made[cell])
+    if k > cells[0] or cells[k] != cell:
+        cells[0] += 1
+        k = np.int64(cells[0])
+        made[cell], cells[k] = k, cell
+        _fit(sums, slots, lines[k], scratch, cell, columns + MARGIN, float(cell_px))
+    n_u, n_v = float(lines[k, 1]), float(lines[k, 2])
+    off = n_u * (u - i * cell_px) + n_v * (v - j * cell_px) - lines[k, 3]
+    return float(lines[k, 0]), n_u, n_v, off, float(lines[k, 4]), float(lines[k, 5])
 
 
 @njit(cache=True, nogil=True)
@@ -247,15 +254,15 @@ def add_inverse_depth(points, count, cell_px, total, number):
 
 
 @njit(cache=True, nogil=True)
-def point_normals(points, T_cam_world, intrinsics, place, drawing, field, out):
+def point_normals(points, T_cam_world, intrinsics, place, field, out):
     """Fills rows (n_u, n_v) of `out` with the normal of the line that each point lies on, or 0."""
-    sums, _, slots, made, lines, scratch = field
+    sums, _, slots, made, lines, cells, scratch = field
     for k in range(len(points)):
         x, y, z = moved(T_cam_world, points[k, 0], points[k, 1], points[k, 2])
         out[k] = 0
         if z < NEAREST_M:
             continue
         u, v = intrinsics[0] * x / z + intrinsics[2], intrinsics[1] * y / z + intrinsics[3]
-        weight, n_u, n_v, _, _, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
+        weight, n_u, n_v, _, _, _ = line_at(place, sums, slots, made, lines, cells, scratch, u, v)
         if weight > 0:
             out[k, 0], out[k, 1] = n_u, n_v
