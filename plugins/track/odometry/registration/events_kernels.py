@@ -16,6 +16,8 @@ from eventsweep.plugins.track.odometry.registration.lines_kernels import (
 from eventsweep.plugins.track.odometry.registration.residuals_kernels import DRIFTS, later
 
 NEVER_US = -(1 << 62)
+BLOCK = 512
+"""Events that are carried at a time: they stay in the nearest cache until they are drawn."""
 
 
 @njit(cache=True, nogil=True)
@@ -74,15 +76,15 @@ def place(x, y, t_us, t_mid_us, table, out):
     return n
 
 
-@njit(cache=True, nogil=True, forceinline=True)
-def _seen(u, v, rho, rho_cell_px, per_fx, per_fy, cx, cy):
-    """The point that a pixel sees at the depth of `rho` there: x, y, z, and its inverse depth."""
-    inverse = rho[int(v / rho_cell_px + 0.5), int(u / rho_cell_px + 0.5)]
-    z = 1 / inverse
-    return (u - cx) * per_fx * z, (v - cy) * per_fy * z, z, inverse
+@njit(cache=True, nogil=True, forceinline=True, error_model="numpy")
+def _carried(u, v, dt_s, inverse, twist, per_fx, per_fy, cx, cy):
+    """The point that a pixel sees at an inverse depth, carried to dt 0, over its depth now."""
+    vx, vy, vz, wx, wy, wz = twist
+    slow = inverse * vx, inverse * vy, inverse * vz, wx, wy, wz
+    return later((u - cx) * per_fx, (v - cy) * per_fy, 1.0, slow, -dt_s)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def compensate(
     placed, count, rho, rho_cell_px, twist, intrinsics, size, per_spread, out
 ):  # fmt: skip
@@ -92,41 +94,45 @@ def compensate(
     own frame, m/s and rad/s; `size` is width and height.
     """
     fx, fy, cx, cy = intrinsics
-    focal = rho_cell_px, 1 / fx, 1 / fy, cx, cy
+    per_fx, per_fy, per_cell = 1 / fx, 1 / fy, 1 / rho_cell_px
+    twist = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
+    right, bottom = size[0] - 1, size[1] - 1
     n = 0
     for k in range(count):
-        x, y, z, _ = _seen(placed[k, 0], placed[k, 1], rho, *focal)
-        x, y, z = later(x, y, z, twist, -placed[k, 2])
-        if z < NEAREST_M:
-            continue
+        u, v, dt_s = float(placed[k, 0]), float(placed[k, 1]), float(placed[k, 2])
+        inverse = rho[int(v * per_cell + 0.5), int(u * per_cell + 0.5)]
+        x, y, z = _carried(u, v, dt_s, inverse, twist, per_fx, per_fy, cx, cy)
         per_z = 1 / z
         u, v = fx * x * per_z + cx, fy * y * per_z + cy
-        if u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1:
-            out[n, 0], out[n, 1], out[n, 2] = u, v, placed[k, 2] * per_spread
-            n += 1
+        out[n, 0], out[n, 1], out[n, 2] = u, v, dt_s * per_spread
+        is_inside = (u >= 0) & (v >= 0) & (u <= right) & (v <= bottom)
+        n += is_inside & (z >= NEAREST_M * inverse)
     return n
 
 
-@njit(cache=True, nogil=True)
-def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, drawing, field):
+@njit(cache=True, nogil=True, error_model="numpy")
+def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, field):
     """Fills columns 3 to 7 of `events`: n_u, n_v of the line that each lies on, or 0, and x, y, z.
 
     Rows begin with u, v, dt; the lines are those of compensated events, `compensate`; the point is
     what the event sees at the depth of `rho`. Of a line that drifts z is 0.
     """
     fx, fy, cx, cy = intrinsics
-    focal = rho_cell_px, 1 / fx, 1 / fy, cx, cy
-    sums, _, slots, made, lines, scratch = field
+    per_fx, per_fy, per_cell = 1 / fx, 1 / fy, 1 / rho_cell_px
+    sums, _, slots, made, lines, cells, scratch = field
     for k in range(count):
-        x, y, z, _ = _seen(events[k, 0], events[k, 1], rho, *focal)
-        events[k, 5], events[k, 6], events[k, 7] = x, y, z
-        x, y, z = later(x, y, z, twist, -events[k, 2])
+        u, v, dt_s = events[k, 0], events[k, 1], events[k, 2]
+        inverse = rho[int(v * per_cell + 0.5), int(u * per_cell + 0.5)]
+        z = 1 / inverse
+        events[k, 5], events[k, 6], events[k, 7] = (u - cx) * per_fx * z, (v - cy) * per_fy * z, z
+        x, y, z = _carried(u, v, dt_s, inverse, twist, per_fx, per_fy, cx, cy)
         events[k, 3] = events[k, 4] = 0
-        if z < NEAREST_M:
+        if z < NEAREST_M * inverse:
             continue
-        u, v = fx * x / z + cx, fy * y / z + cy
+        per_z = 1 / z
+        u, v = fx * x * per_z + cx, fy * y * per_z + cy
         weight, n_u, n_v, _, _, drift = line_at(
-            place, drawing, sums, slots, made, lines, scratch, u, v
+            place, sums, slots, made, lines, cells, scratch, u, v
         )
         if weight > 0:  # or nothing was written of a line
             events[k, 3], events[k, 4] = n_u, n_v
@@ -137,24 +143,29 @@ def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, dra
 @njit(cache=True, nogil=True)
 def draw(
     x, y, t_us, t_mid_us, table, rho, rho_cell_px, twist, intrinsics, size, per_spread, places,
-    drawing, field, placed, carried, events,
+    field, placed, carried, events,
 ):  # fmt: skip
     """Adds a batch to line fields at the scales of `places`, (L, 4).
 
     `per_spread` is the inverse standard deviation of the events' times, 1/s, or 0 to skip the test
-    for drift. `placed` and `carried`, (N, 3), are scratch buffers. `events` receives a subsample
-    spread evenly through the batch, at most one event per row, see `event_normals`; returns their
-    number.
+    for drift. `placed`, (N, 3), and `carried`, (`BLOCK`, 3), are scratch buffers. `events` receives
+    a subsample spread evenly through the batch, at most one event per row, see `event_normals`;
+    returns their number.
     """
-    count = place(x, y, t_us, t_mid_us, table, placed)
+    count = 0
+    for k in range(0, len(t_us), BLOCK):
+        part = slice(k, k + BLOCK)
+        here = placed[count : count + BLOCK]
+        more = place(x[part], y[part], t_us[part], t_mid_us, table, here)
+        inside = compensate(
+            here, more, rho, rho_cell_px, twist, intrinsics, size, per_spread, carried
+        )
+        for level in range(len(places)):
+            add_points(carried, inside, places[level], field)
+        count += more
     taken = min(count, len(events))
     for k in range(taken):
         for column in range(3):
             events[k, column] = placed[k * count // taken, column]
-    inside = compensate(
-        placed, count, rho, rho_cell_px, twist, intrinsics, size, per_spread, carried
-    )
-    for level in range(len(places)):
-        add_points(carried, inside, places[level], field)
-    event_normals(events, taken, rho, rho_cell_px, twist, intrinsics, places[0], drawing, field)
+    event_normals(events, taken, rho, rho_cell_px, twist, intrinsics, places[0], field)
     return taken

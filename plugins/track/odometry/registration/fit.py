@@ -189,7 +189,7 @@ class Registration:
         map_lines, event_lines = self._map.lines, self._events.lines
         gauss_newton(
             self._events.events, self._events.counts, self._few, self._normals,
-            (map_lines.drawing, map_lines.field), (event_lines.drawing, event_lines.field),
+            map_lines.field, event_lines.field,
             map_lines.places, self._cameras, levels,
             T_body_world @ se3.inverse(T_drawn_world), T_drawn_world, expected.twist, H.copy(),
             T_now_drawn, twist, H, counts,
@@ -223,7 +223,7 @@ class Registration:
         for k in np.flatnonzero(self._events.counts >= 0):
             depth_to_events(
                 self._few, self._normals[k], T_cam_body[k], T_body_world, intrinsics[k], sizes[k],
-                lines.places[k, 0], lines.drawing, lines.field, CAUCHY_PX, GATE_PX, H, g,
+                lines.places[k, 0], lines.field, CAUCHY_PX, GATE_PX, H, g,
                 regions[k],
             )  # fmt: skip
         near, close = regions[regions[..., 0] >= _LEAST_POINTS].T
@@ -261,7 +261,7 @@ class Registration:
         for k in np.flatnonzero(self._events.counts >= 0):
             depths_to_events(
                 points, self._normals[k], middle_m, T_cam_body[k], T_body_world, intrinsics[k],
-                sizes[k], lines.places[k, 0], lines.drawing, lines.field, CAUCHY_PX, GATE_PX,
+                sizes[k], lines.places[k, 0], lines.field, CAUCHY_PX, GATE_PX,
                 *parts,
             )  # fmt: skip
 

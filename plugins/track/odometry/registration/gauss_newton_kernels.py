@@ -122,18 +122,18 @@ def equations(
             twist_cam[a] += adjoint[a, b] * twist[b]
     product(T_cam_body, pose, T_half)
     product(T_half, T_body_cam, T_cam)
-    place, drawing, field = map_lines
+    place, field = map_lines
     seen, near, closeness = events_to_map(
-        events, count, place, drawing, field, T_cam, twist_cam, intrinsics, width, gate, H_cam,
+        events, count, place, field, T_cam, twist_cam, intrinsics, width, gate, H_cam,
         g_cam,
     )  # fmt: skip
     fit[0] += seen
     fit[1] += near
     fit[2] += closeness
     product(T_half, T_drawn_world, T_cam)
-    place, drawing, field = event_lines
+    place, field = event_lines
     seen, near, closeness = map_to_events(
-        points, normals, T_cam, intrinsics, size, place, drawing, field, width, gate, H_cam, g_cam
+        points, normals, T_cam, intrinsics, size, place, field, width, gate, H_cam, g_cam
     )
     fit[3] += seen
     fit[4] += near
@@ -163,7 +163,7 @@ def gauss_newton(
             int64, count; a camera of less than 0 takes no part.
         points: (P, 3) float64 map points in the world.
         normals: (C, P, 2) float64, of the lines that they lie on.
-        map_lines, event_lines: drawing and field of `lines_kernels`; `places` is (C, L, 4) int64
+        map_lines, event_lines: fields of `lines_kernels`; `places` is (C, L, 4) int64
             of both.
         cameras: `T_cam_body`, `T_body_cam`, (C, 4, 4), the adjoint of the first, (C, 6, 6),
             intrinsics, (C, 4), and sizes, (C, 2).
@@ -187,8 +187,8 @@ def gauss_newton(
                 if counts[k] >= 0:
                     camera = T_cam_body[k], T_body_cam[k], adjoint[k], intrinsics[k], sizes[k]
                     equations(
-                        (events[k], counts[k]), points, normals[k], (places[k, level], *map_lines),
-                        (places[k, level], *event_lines), level, camera,
+                        (events[k], counts[k]), points, normals[k], (places[k, level], map_lines),
+                        (places[k, level], event_lines), level, camera,
                         pose, T_drawn_world, twist, scratch, H, g, fit,
                     )  # fmt: skip
             believe(H, g, belief, off)

@@ -8,10 +8,12 @@ A field is a tuple of flat arrays over the cells of all images:
         points, 8 of each cell's: 1, a, b, aa, ab, bb, q, 1; a, b from its middle, in cells.
     filled: (N / 2 + 1,) int32, how many pairs hold points, then which.
     slots: (N / 2,) int32, k of each pair, 0 of one that holds none.
-    made: (N,) int32, the drawing that the cell's line is of.
-    lines: (N, 6) float32, weight, n_u, n_v, distance of the line from the cell's middle, px, mean
-        of q, and its covariance with the distance across the line over that one's deviation.
-    scratch: (48,) float32.
+    made: (N,) int32, the row of each cell's line, at least 1, if `cells` says so, too.
+    lines: (N + 1, 6) float32, from row 1 on the lines made so far: weight, n_u, n_v, distance of
+        the line from the cell's middle, px, mean of q, and its covariance with the distance across
+        the line over that one's deviation.
+    cells: (N + 1,) int32, how many lines are made, then the cell of each.
+    scratch: (64,) float32.
 
 What a point carries besides its place, q, is its inverse depth in a map. Of an event it is its time
 over the standard deviation of all, or 0: then the last number is the correlation of time with the
@@ -20,12 +22,13 @@ rest stay where they are, at any depth, and it is about 0; of a body that moves 
 drift.
 
 Sums lie side by side in the order in which cells were filled: edges fill one cell in twenty, and
-theirs stay in a core's cache, as those of all cells would not. A pair is one line of it.
+theirs stay in a core's cache, as those of all cells would not. A pair is one line of it. So do
+lines, in the order in which they were made. A row that is not yet made, or of another cell, says
+that there is no line of this cell: to empty the field is to forget how many there are.
 
 `place` is (4,) int64 of one image: its first cell, rows, columns, an even number, and the size of a
 cell, px. Each row is followed by `MARGIN` cells more, and there are `REACH` empty rows above and
-below: cells out of the image are read like all others. `drawing` is a number that rises: lines of
-an earlier one are not there.
+below: cells out of the image are read like all others.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg, var-annotated"
@@ -50,32 +53,31 @@ MARGIN = REACH + 1
 SUMS = 8
 """Numbers of a cell."""
 _PAIR = 2 * SUMS
-_ROW = _PAIR * (REACH + 1)
-_TABLE = _ROW * (2 * REACH + 1)
-_ONE = np.float32(1)
+_ONE, _HALF = np.float32(1), np.float32(0.5)
 
 
 def _weights():
-    """What multiplies the sums of the cells around: three tables of 7 rows of 4 pairs, flat.
+    """What multiplies the sums of the cells around, by rows, then by pairs of columns; flat.
 
     Moments about the middle of the cell in question follow from those about each cell's own: with
-    weights w, and the cell (a, b) cells away, of the first table come the sums of w and of w a b,
-    of the others those of w a and w a², and of w b and w b²; of q, those of w a and w b alone: as
-    if it lay in its cell's middle. Each stands there twice: the pairs begin 3 cells before the one
-    in question, or 4.
+    weights w, and the cell (a, b) cells away, needed are the sums of w, w a, w b and w a b, and of
+    the last number, which is as the first, w a² and w b² instead of w a and w b. q counts as if it
+    lay in its cell's middle. A weight is the row's times the column's: of rows w and w b, of
+    columns w and w a. Columns stand there twice: pairs begin 3 cells before the one in question,
+    or 4.
     """
-    tables = np.zeros((3, 2, 2 * REACH + 1, 2 * MARGIN, SUMS))
-    for before, (plain, aside, down) in enumerate(tables.swapaxes(0, 1), REACH):
-        b, a = np.mgrid[-REACH : REACH + 1, -before : 2 * MARGIN - before].astype(np.float64)
-        w = np.exp(-0.5 * (a * a + b * b) / _SIGMA_CELLS**2) * (np.abs(a) <= REACH)
-        w /= w.sum()
-        plain[..., :7], plain[..., 7] = w[..., None], w * a * b
-        aside[..., :3], aside[..., 6], aside[..., 7] = (w * a)[..., None], w * a, w * a * a
-        down[..., :3], down[..., 6], down[..., 7] = (w * b)[..., None], w * b, w * b * b
-    return tables.astype(np.float32).reshape(3, -1)
+    rows, columns = np.ones((2 * REACH + 1, 2, 2, SUMS)), np.ones((2, REACH + 1, 2, 2, SUMS))
+    b = np.arange(-REACH, REACH + 1.0)
+    a = np.arange(2.0 * MARGIN).reshape(REACH + 1, 2) - np.array([[[REACH]], [[REACH + 1]]])
+    for table, away in ((rows, b[:, None]), (columns, a)):
+        w = np.exp(-0.5 * (away / _SIGMA_CELLS) ** 2) * (abs(away) <= REACH)
+        table[..., 1, :, :] = away[..., None]
+        table[..., 1, :, -1] **= 2
+        table *= w[..., None, :, None] / np.exp(-0.5 * (b / _SIGMA_CELLS) ** 2).sum()
+    return rows.astype(np.float32).reshape(-1), columns.astype(np.float32).reshape(-1)
 
 
-_PLAIN, _ASIDE, _DOWN = _weights()
+_ROWS, _COLUMNS = _weights()
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -108,7 +110,8 @@ def project(points, T_cam_world, intrinsics, size, out):
 @njit(cache=True, nogil=True)
 def empty(field):
     """Takes the points out of all cells."""
-    sums, filled, slots = field[0], field[1], field[2]
+    sums, filled, slots, cells = field[0], field[1], field[2], field[5]
+    cells[0] = 0
     for k in range(1, filled[0] + 1):
         slots[filled[k]] = 0
     sums[: _PAIR * (filled[0] + 1)] = 0
@@ -144,59 +147,78 @@ def add_points(points, count, place, field):
 
 @njit(cache=True, nogil=True)
 def _add_around(sums, slots, cell, stride, out):
-    """Fills `out` with the weighted sums of the cells around: 16 for each table, of 2 cells."""
+    """Fills `out` with the sums of the cells around by w, w a, w b and w a b: 16 each, of 2 cells.
+
+    Column by column first: eight sums at once do not wait for each other.
+    """
     begin = cell - REACH * stride - REACH
     for lane in range(0, _PAIR, WIDTH):
-        plain = aside = down = splat(np.float32(0))
-        pair, w = begin >> 1, _TABLE * (begin & 1) + lane
-        for _row in range(2 * REACH + 1):
-            for k in range(REACH + 1):  # a pair without points adds the zeros of slot 0
-                around = load(sums, _PAIR * np.int64(slots[pair + k]) + lane)
-                plain = plus(plain, load(_PLAIN, w), around)
-                aside = plus(aside, load(_ASIDE, w), around)
-                down = plus(down, load(_DOWN, w), around)
-                w += _PAIR
+        w0 = w1 = w2 = w3 = b0 = b1 = b2 = b3 = splat(np.float32(0))
+        pair = begin >> 1
+        for row in range(2 * REACH + 1):
+            at = 2 * _PAIR * row + lane
+            w, b = load(_ROWS, at), load(_ROWS, at + _PAIR)
+            # A pair without points adds the zeros of slot 0.
+            around = load(sums, _PAIR * np.int64(slots[pair]) + lane)
+            w0, b0 = plus(w0, w, around), plus(b0, b, around)
+            around = load(sums, _PAIR * np.int64(slots[pair + 1]) + lane)
+            w1, b1 = plus(w1, w, around), plus(b1, b, around)
+            around = load(sums, _PAIR * np.int64(slots[pair + 2]) + lane)
+            w2, b2 = plus(w2, w, around), plus(b2, b, around)
+            around = load(sums, _PAIR * np.int64(slots[pair + 3]) + lane)
+            w3, b3 = plus(w3, w, around), plus(b3, b, around)
             pair += stride >> 1
-        store(out, lane, plain)
-        store(out, lane + _PAIR, aside)
-        store(out, lane + 2 * _PAIR, down)
+        for k in range(lane, lane + 2 * _PAIR, _PAIR):
+            at = 8 * _PAIR * (begin & 1) + k
+            c0, c1 = load(_COLUMNS, at), load(_COLUMNS, at + 2 * _PAIR)
+            c2, c3 = load(_COLUMNS, at + 4 * _PAIR), load(_COLUMNS, at + 6 * _PAIR)
+            store(out, k, plus(plus(plus(c0 * w0, c1, w1), c2, w2), c3, w3))
+            store(out, k + 2 * _PAIR, plus(plus(plus(c0 * b0, c1, b1), c2, b2), c3, b3))
 
 
-@njit(cache=True, nogil=True)
-def _fit(sums, slots, lines, s, cell, stride, cell_px):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fit(sums, slots, line, s, cell, stride, size_px):
     """Makes the line of a cell from the points around it, weighted by a Gaussian; `s`: scratch."""
-    lines[cell, 0] = 0
+    line[0] = 0
     _add_around(sums, slots, cell, stride, s)
     for k in range(SUMS):
         s[k] += s[k + 8]
         s[k + 16] += s[k + 24]
         s[k + 32] += s[k + 40]
-    mass = np.float64(s[0])
-    if mass < LEAST * cell_px:
+    s[48] += s[56]
+    mass, cell_px = s[0], np.float32(size_px)
+    if mass < np.float32(LEAST) * cell_px:
         return
     # Of the cell, in cells: in px it is as many times larger as the cell is.
-    to_px, to_square = cell_px / mass, cell_px * cell_px / mass
+    per_mass = _ONE / mass
+    to_px = cell_px * per_mass
+    to_square = cell_px * to_px
     a, b = (s[1] + s[16]) * to_px, (s[2] + s[32]) * to_px
-    var_a = (s[3] + 2 * s[17] + s[23]) * to_square - a * a
-    var_ab = (s[4] + s[18] + s[33] + s[7]) * to_square - a * b
-    var_b = (s[5] + 2 * s[34] + s[39]) * to_square - b * b
-    half, mean = 0.5 * (var_a - var_b), 0.5 * (var_a + var_b)
+    var_a = (s[3] + s[17] + s[17] + s[23]) * to_square - a * a
+    var_ab = (s[4] + s[18] + s[33] + s[48]) * to_square - a * b
+    var_b = (s[5] + s[34] + s[34] + s[39]) * to_square - b * b
+    half, mean = _HALF * (var_a - var_b), _HALF * (var_a + var_b)
     length = np.sqrt(half * half + var_ab * var_ab)
-    if length < 1e-6:
+    if length < np.float32(1e-6):
         return
     # The line runs along the major axis, at half the angle of (half, var_ab).
-    along_u = np.sqrt(max(0.5 * (1 + half / length), 0.0))
-    along_v = 1.0 if along_u < 1e-6 else 0.5 * var_ab / length / along_u
-    lines[cell, 0] = (length / (mean + 0.05)) ** 2
-    lines[cell, 1], lines[cell, 2] = -along_v, along_u
-    mean_q = s[6] / mass
-    lines[cell, 3], lines[cell, 4] = along_u * b - along_v * a, mean_q
+    per_length = _HALF / length
+    long = np.sqrt(_HALF + abs(half) * per_length)
+    short = var_ab * per_length / long
+    along_u = long if half > 0 else short
+    along_v = short if half > 0 else long
+    straight = length / (mean + np.float32(0.05))
+    line[0] = straight * straight
+    line[1], line[2] = -along_v, along_u
+    mean_q = s[6] * per_mass
+    line[3], line[4] = along_u * b - along_v * a, mean_q
     by_a, by_b = (s[22] - s[16] * mean_q) * to_px, (s[38] - s[32] * mean_q) * to_px
-    lines[cell, 5] = (along_u * by_b - along_v * by_a) / np.sqrt(mean - length + _PIXEL)
+    across = max(mean - length, np.float32(0)) + np.float32(_PIXEL)
+    line[5] = (along_u * by_b - along_v * by_a) / np.sqrt(across)
 
 
 @njit(cache=True, nogil=True, forceinline=True)
-def line_at(place, drawing, sums, slots, made, lines, scratch, u, v):
+def line_at(place, sums, slots, made, lines, cells, scratch, u, v):
     """The line near a place: weight, n_u, n_v, distance of the place from it, q, and its drift.
 
     The place less the distance times the normal n lies on the line; the weight is 0 where there is
@@ -209,12 +231,15 @@ def line_at(place, drawing, sums, slots, made, lines, scratch, u, v):
     if not (u >= 0 and v >= 0 and i < columns and j < rows):
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     cell = first + j * (columns + MARGIN) + i
-    if made[cell] != drawing:
-        made[cell] = drawing
-        _fit(sums, slots, lines, scratch, cell, columns + MARGIN, float(cell_px))
-    n_u, n_v = float(lines[cell, 1]), float(lines[cell, 2])
-    off = n_u * (u - i * cell_px) + n_v * (v - j * cell_px) - lines[cell, 3]
-    return float(lines[cell, 0]), n_u, n_v, off, float(lines[cell, 4]), float(lines[cell, 5])
+    k = np.int64(made[cell])
+    if k > cells[0] or cells[k] != cell:
+        cells[0] += 1
+        k = np.int64(cells[0])
+        made[cell], cells[k] = k, cell
+        _fit(sums, slots, lines[k], scratch, cell, columns + MARGIN, float(cell_px))
+    n_u, n_v = float(lines[k, 1]), float(lines[k, 2])
+    off = n_u * (u - i * cell_px) + n_v * (v - j * cell_px) - lines[k, 3]
+    return float(lines[k, 0]), n_u, n_v, off, float(lines[k, 4]), float(lines[k, 5])
 
 
 @njit(cache=True, nogil=True)
@@ -229,15 +254,15 @@ def add_inverse_depth(points, count, cell_px, total, number):
 
 
 @njit(cache=True, nogil=True)
-def point_normals(points, T_cam_world, intrinsics, place, drawing, field, out):
+def point_normals(points, T_cam_world, intrinsics, place, field, out):
     """Fills rows (n_u, n_v) of `out` with the normal of the line that each point lies on, or 0."""
-    sums, _, slots, made, lines, scratch = field
+    sums, _, slots, made, lines, cells, scratch = field
     for k in range(len(points)):
         x, y, z = moved(T_cam_world, points[k, 0], points[k, 1], points[k, 2])
         out[k] = 0
         if z < NEAREST_M:
             continue
         u, v = intrinsics[0] * x / z + intrinsics[2], intrinsics[1] * y / z + intrinsics[3]
-        weight, n_u, n_v, _, _, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
+        weight, n_u, n_v, _, _, _ = line_at(place, sums, slots, made, lines, cells, scratch, u, v)
         if weight > 0:
             out[k, 0], out[k, 1] = n_u, n_v

@@ -57,17 +57,17 @@ def likeness(n_u, n_v, own_u, own_v):
 
 @njit(cache=True, nogil=True)
 def map_to_events(
-    points, normals, T_cam_world, intrinsics, size, place, drawing, field, width, gate, H, g
+    points, normals, T_cam_world, intrinsics, size, place, field, width, gate, H, g
 ):  # fmt: skip
     """`mls`: distances of projected map points from lines of motion-compensated events.
 
-    `normals` are (N, 2), of the lines of the map that the points lie on; `place`, `drawing` and
-    `field` are those of `lines_kernels`. Adds to the upper left (6, 6) of H and (6,) of g; returns
+    `normals` are (N, 2), of the lines of the map that the points lie on; `place` and `field`
+    are those of `lines_kernels`. Adds to the upper left (6, 6) of H and (6,) of g; returns
     points in view, those near a line, and the sum of their closeness, 1 / (1 + (r / width)²).
     """
     part = np.zeros((6, 6))
     fx, fy, cx, cy = intrinsics
-    sums, _, slots, made, lines, scratch = field
+    sums, _, slots, made, lines, cells, scratch = field
     seen, near, closeness, per_width = 0, 0, 0.0, 1 / width
     for k in range(len(points)):
         x, y, z = moved(T_cam_world, points[k, 0], points[k, 1], points[k, 2])
@@ -79,7 +79,7 @@ def map_to_events(
             continue
         seen += 1
         weight, n_u, n_v, r, _, drift = line_at(
-            place, drawing, sums, slots, made, lines, scratch, u, v
+            place, sums, slots, made, lines, cells, scratch, u, v
         )
         if weight < LEAST_WEIGHT or abs(r) > gate or abs(drift) > DRIFTS:
             continue
@@ -101,7 +101,7 @@ def map_to_events(
 
 @njit(cache=True, nogil=True)
 def depth_to_events(
-    points, normals, T_cam_body, T_body_world, intrinsics, size, place, drawing, field, width, gate,
+    points, normals, T_cam_body, T_body_world, intrinsics, size, place, field, width, gate,
     H, g, regions,
 ):  # fmt: skip
     """`mls` once more, by the body's pose and the logarithm of the map's scale about the body.
@@ -112,7 +112,7 @@ def depth_to_events(
     """
     fx, fy, cx, cy = intrinsics
     rows, columns = regions.shape[0] / size[1], regions.shape[1] / size[0]
-    sums, _, slots, made, lines, scratch = field
+    sums, _, slots, made, lines, cells, scratch = field
     J, per_width = np.empty(7), 1 / width
     for k in range(len(points)):
         X, Y, Z = moved(T_body_world, points[k, 0], points[k, 1], points[k, 2])
@@ -123,7 +123,7 @@ def depth_to_events(
         u, v = fx * x * inverse + cx, fy * y * inverse + cy
         if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
             continue
-        weight, n_u, n_v, r, _, _ = line_at(place, drawing, sums, slots, made, lines, scratch, u, v)
+        weight, n_u, n_v, r, _, _ = line_at(place, sums, slots, made, lines, cells, scratch, u, v)
         if weight < LEAST_WEIGHT or abs(r) > gate:
             continue
         close = 1 / (1 + (r * per_width) ** 2)
@@ -144,7 +144,7 @@ def depth_to_events(
 
 @njit(cache=True, nogil=True)
 def events_to_map(
-    events, count, place, drawing, field, T_now_drawn, twist, intrinsics, width, gate, H, g
+    events, count, place, field, T_now_drawn, twist, intrinsics, width, gate, H, g
 ):  # fmt: skip
     """`ev`: distances of events, each at its own time, from lines of the map.
 
@@ -160,7 +160,7 @@ def events_to_map(
     """
     fx, fy, cx, cy = intrinsics
     per_fx, per_fy, per_width = 1 / fx, 1 / fy, 1 / width
-    sums, _, slots, made, lines, scratch = field
+    sums, _, slots, made, lines, cells, scratch = field
     parts = np.zeros((6, 6, 4))
     seen, near, closeness = 0, 0, 0.0
     for k in range(count):
@@ -172,7 +172,7 @@ def events_to_map(
         inverse = 1 / z
         at_u, at_v = u - (fx * x * inverse + cx - u), v - (fy * y * inverse + cy - v)
         weight, n_u, n_v, off, inverse, _ = line_at(
-            place, drawing, sums, slots, made, lines, scratch, at_u, at_v
+            place, sums, slots, made, lines, cells, scratch, at_u, at_v
         )
         seen += 1
         if weight < LEAST_WEIGHT or abs(off) > gate:
@@ -214,8 +214,8 @@ def events_to_map(
 
 @njit(cache=True, nogil=True)
 def depths_to_events(
-    points, normals, middle, T_cam_body, T_body_world, intrinsics, size, place, drawing, field,
-    width, gate, H, g, a, b, c,
+    points, normals, middle, T_cam_body, T_body_world, intrinsics, size, place, field, width, gate,
+    H, g, a, b, c,
 ):  # fmt: skip
     """`mls` by the body's pose and the logarithm of each point's depth, seen from the `middle`.
 
@@ -223,7 +223,7 @@ def depths_to_events(
     the k-th point's depth and of both.
     """
     fx, fy, cx, cy = intrinsics
-    sums, _, slots, made, lines, scratch = field
+    sums, _, slots, made, lines, cells, scratch = field
     J, per_width = np.empty(6), 1 / width
     for k in range(len(points)):
         X, Y, Z = moved(T_body_world, points[k, 0], points[k, 1], points[k, 2])
@@ -235,7 +235,7 @@ def depths_to_events(
         if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
             continue
         weight, n_u, n_v, r, _, drift = line_at(
-            place, drawing, sums, slots, made, lines, scratch, u, v
+            place, sums, slots, made, lines, cells, scratch, u, v
         )
         if weight < LEAST_WEIGHT or abs(r) > gate or abs(drift) > DRIFTS:
             continue

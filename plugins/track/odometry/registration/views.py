@@ -18,7 +18,7 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.utils.vectors_kernels import aligned
-from eventsweep.plugins.track.odometry.registration.events_kernels import draw
+from eventsweep.plugins.track.odometry.registration.events_kernels import BLOCK, draw
 from eventsweep.plugins.track.odometry.registration.lines_kernels import (
     MARGIN,
     REACH,
@@ -41,7 +41,6 @@ class LineFields:
     Attributes:
         places: (C, L, 4) int64, where each image's cells lie at each scale.
         field: the arrays, see `lines_kernels`.
-        drawing: number of the last drawing.
     """
 
     def __init__(self, sizes_px: Sequence[tuple[int, int]], levels: int) -> None:
@@ -54,17 +53,15 @@ class LineFields:
                 before = REACH * (columns + MARGIN + 1)
                 self.places[k, level] = cells + before, rows, columns, 1 << level
                 cells += 2 * before + rows * (columns + MARGIN)
-        lines = aligned(_LINE * cells).reshape(cells, _LINE)
-        made = lines.view(np.int32)[:, -1]  # beside the line: one cache line for both
+        lines = aligned(_LINE * (cells + 1)).reshape(cells + 1, _LINE)
+        cells_of = lines.view(np.int32)[:, -1]  # beside the line: one cache line for both
         self.field = (
-            aligned(SUMS * (cells + 2)), *np.zeros((2, cells // 2 + 1), np.int32), made, lines,
-            aligned(6 * SUMS),
+            aligned(SUMS * (cells + 2)), *np.zeros((2, cells // 2 + 1), np.int32),
+            np.ones(cells, np.int32), lines, cells_of, aligned(8 * SUMS),
         )  # fmt: skip
-        self.drawing = 0
 
     def begin(self) -> None:
         """Begins a drawing: whatever was in the fields is gone."""
-        self.drawing += 1
         empty(self.field)
 
     def fill(self, image: int, points: Matrix, count: int, levels: int) -> None:
@@ -169,7 +166,7 @@ class DrawnMap:
         normals = np.zeros((len(self._views), len(points_world), 2))
         for k, view in enumerate(self._views):
             T_cam_world = view.T_cam_body @ T_body_world
-            lines = self.lines.places[k, 0], self.lines.drawing, self.lines.field
+            lines = self.lines.places[k, 0], self.lines.field
             point_normals(points_world, T_cam_world, view.intrinsics, *lines, normals[k])
         return normals
 
@@ -187,7 +184,7 @@ class DrawnEvents:
         self._views = tuple(views)
         self.lines = LineFields([view.size_px for view in views], levels)
         self.events, self.counts = np.zeros((len(views), most, 8)), np.full(len(views), -1)
-        self._scratch = np.empty((2, 0, 3))
+        self._placed, self._carried = np.empty((0, 3)), np.empty((BLOCK, 3))
 
     def draw(
         self, batches: Sequence[Events], t_mid_us: int, drawn: DrawnMap, twist: Matrix, levels: int,
@@ -204,12 +201,12 @@ class DrawnEvents:
             if not drawn.counts[k] or not len(batch):
                 continue
             per_spread = 1 / (1e-6 * max(float(batch.t_us.std()), 1.0)) if judged else 0.0
-            if len(batch) > self._scratch.shape[1]:  # fresh memory costs as much as filling it
-                self._scratch = np.empty((2, len(batch), 3))
-            lines, (placed, carried) = self.lines, self._scratch
+            if len(batch) > len(self._placed):  # fresh memory costs as much as filling it
+                self._placed = np.empty((len(batch), 3))
+            lines = self.lines
             self.counts[k] = draw(
                 batch.x, batch.y, batch.t_us, t_mid_us, view.table, drawn.depth.image(k),
                 float(drawn.depth.places[k, 3]), view.adjoint @ twist, view.intrinsics, view.size,
-                per_spread, lines.places[k, :levels], lines.drawing, lines.field, placed, carried,
-                self.events[k],
+                per_spread, lines.places[k, :levels], lines.field, self._placed,
+                self._carried, self.events[k],
             )  # fmt: skip

@@ -39,7 +39,7 @@ def test_equations_of_a_point_are_those_of_its_residual_by_pose_and_depth():
     H, g, a, b, c = np.zeros((6, 6)), np.zeros(6), np.zeros(1), np.zeros((1, 6)), np.zeros(1)
     depths_to_events(
         POINT[None], normal[None], MIDDLE_M, VIEW.T_cam_body, T_BODY_WORLD, VIEW.intrinsics,
-        VIEW.size, fields.places[0, 0], fields.drawing, fields.field, 1e9, 5.0, H, g, a, b, c,
+        VIEW.size, fields.places[0, 0], fields.field, 1e9, 5.0, H, g, a, b, c,
     )  # fmt: skip
     J = approx_fprime(np.zeros(7), lambda unknowns: pixel(unknowns) @ normal, 1e-7)
     weight = H[0, 0] / J[0] ** 2

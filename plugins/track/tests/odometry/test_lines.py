@@ -31,7 +31,7 @@ def field_of(points, levels=3):
 
 def line(fields, level, u, v, image=0):
     sums, _, *arrays = fields.field
-    return line_at(fields.places[image, level], fields.drawing, sums, *arrays, u, v)
+    return line_at(fields.places[image, level], sums, *arrays, u, v)
 
 
 @pytest.mark.parametrize("level", [0, 1, 2])

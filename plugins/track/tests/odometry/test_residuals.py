@@ -98,13 +98,13 @@ def test_what_a_camera_sees_says_the_same_of_the_body():
 
 
 def drawn_line(uv, normal, rho):
-    """A long straight line of points through a place: place of its image, drawing and field."""
+    """A long straight line of points through a place: place of its image, and the field."""
     along = np.array([normal[1], -normal[0]])
     points = uv + np.arange(-30, 30, 0.25)[:, None] * along
     fields = LineFields([VIEW.size_px], 1)
     fields.begin()
     fields.fill(0, np.c_[points, np.full(len(points), rho)], len(points), 1)
-    return fields.places[0, 0], fields.drawing, fields.field
+    return fields.places[0, 0], fields.field
 
 
 def test_normal_equations_of_a_map_point_are_those_of_its_residual():
