@@ -2,7 +2,8 @@
 
 Static stereo knows no motion, so some of its points are wrong. It is used from the middle of the
 first stretch of events, forwards and backwards in time; then the whole stretch is tracked and
-mapped in turns: forwards, smoothed, and mapped on those poses. Nothing of the stereo map remains.
+mapped in turns: forwards, smoothed, adjusted with the depths of what it saw (`bundle`), and mapped
+on those poses. Nothing of the stereo map remains.
 
 A stretch in which the rig has hardly moved has no parallax to map: it grows until it has, up to
 `LONGEST_START_US`, so that its poses are found in the end.
