@@ -35,7 +35,9 @@ def line(fields, level, u, v, image=0):
 
 
 @pytest.mark.parametrize("level", [0, 1, 2])
-@pytest.mark.parametrize("angle", [0.0, 0.3, np.pi / 4, np.pi / 2, 2.0, 3.0])
+@pytest.mark.parametrize(
+    "angle", [0.0, 1e-4, 0.3, np.pi / 4, np.pi / 2, np.pi / 2 + 1e-4, 2.0, 3.0]
+)
 def test_a_straight_line_of_points_returns_that_line(angle, level):
     points, normal = on_line(angle)
     fields = field_of(points)
