@@ -105,7 +105,7 @@ def _step(motions: Sequence[Motion], S: Matrix, s: Matrix) -> Matrix:
     _add_noise(motions, S, s)
     middle = len(motions) // 2
     S[middle, :, middle] += _HELD * np.eye(6)
-    step: Matrix = -np.linalg.solve(S.reshape(s.size, s.size), s.ravel())
+    step: Matrix = np.asarray(np.linalg.solve(S.reshape(s.size, s.size), -s.ravel()), np.float64)
     return step.reshape(s.shape)
 
 
