@@ -77,11 +77,10 @@ def place(x, y, t_us, t_mid_us, table, out):
 
 
 @njit(cache=True, nogil=True, forceinline=True, error_model="numpy")
-def _carried(u, v, dt_s, inverse, twist, per_fx, per_fy, cx, cy):
-    """The point that a pixel sees at an inverse depth, carried to dt 0, over its depth now."""
-    vx, vy, vz, wx, wy, wz = twist
-    slow = inverse * vx, inverse * vy, inverse * vz, wx, wy, wz
-    return later((u - cx) * per_fx, (v - cy) * per_fy, 1.0, slow, -dt_s)
+def _seen(u, v, rho, per_cell, per_fx, per_fy, cx, cy):
+    """The point that a pixel sees at the depth of `rho` there."""
+    z = 1 / rho[int(v * per_cell + 0.5), int(u * per_cell + 0.5)]
+    return (u - cx) * per_fx * z, (v - cy) * per_fy * z, z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -99,14 +98,14 @@ def compensate(
     right, bottom = size[0] - 1, size[1] - 1
     n = 0
     for k in range(count):
-        u, v, dt_s = float(placed[k, 0]), float(placed[k, 1]), float(placed[k, 2])
-        inverse = rho[int(v * per_cell + 0.5), int(u * per_cell + 0.5)]
-        x, y, z = _carried(u, v, dt_s, inverse, twist, per_fx, per_fy, cx, cy)
+        dt_s = placed[k, 2]
+        x, y, z = _seen(placed[k, 0], placed[k, 1], rho, per_cell, per_fx, per_fy, cx, cy)
+        x, y, z = later(x, y, z, twist, -dt_s)
         per_z = 1 / z
         u, v = fx * x * per_z + cx, fy * y * per_z + cy
         out[n, 0], out[n, 1], out[n, 2] = u, v, dt_s * per_spread
         is_inside = (u >= 0) & (v >= 0) & (u <= right) & (v <= bottom)
-        n += is_inside & (z >= NEAREST_M * inverse)
+        n += is_inside & (z >= NEAREST_M)
     return n
 
 
@@ -121,13 +120,11 @@ def event_normals(events, count, rho, rho_cell_px, twist, intrinsics, place, fie
     per_fx, per_fy, per_cell = 1 / fx, 1 / fy, 1 / rho_cell_px
     sums, _, slots, made, lines, cells, scratch = field
     for k in range(count):
-        u, v, dt_s = events[k, 0], events[k, 1], events[k, 2]
-        inverse = rho[int(v * per_cell + 0.5), int(u * per_cell + 0.5)]
-        z = 1 / inverse
-        events[k, 5], events[k, 6], events[k, 7] = (u - cx) * per_fx * z, (v - cy) * per_fy * z, z
-        x, y, z = _carried(u, v, dt_s, inverse, twist, per_fx, per_fy, cx, cy)
+        x, y, z = _seen(events[k, 0], events[k, 1], rho, per_cell, per_fx, per_fy, cx, cy)
+        events[k, 5], events[k, 6], events[k, 7] = x, y, z
+        x, y, z = later(x, y, z, twist, -events[k, 2])
         events[k, 3] = events[k, 4] = 0
-        if z < NEAREST_M * inverse:
+        if z < NEAREST_M:
             continue
         per_z = 1 / z
         u, v = fx * x * per_z + cx, fy * y * per_z + cy
