@@ -90,18 +90,27 @@ def moved(T, x, y, z):
     )
 
 
+@njit(cache=True, nogil=True, forceinline=True)
+def seen_at(x, y, z, intrinsics, size):
+    """Where a camera sees a point, px, and its inverse depth: 0 if that is out of the image."""
+    if z < NEAREST_M:
+        return 0.0, 0.0, 0.0
+    inverse = 1 / z
+    u = intrinsics[0] * x * inverse + intrinsics[2]
+    v = intrinsics[1] * y * inverse + intrinsics[3]
+    if u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1:
+        return u, v, inverse
+    return 0.0, 0.0, 0.0
+
+
 @njit(cache=True, nogil=True)
 def project(points, T_cam_world, intrinsics, size, out):
     """Fills rows (u, v, inverse depth) of `out` with the points in view; returns how many."""
     n = 0
     for k in range(len(points)):
         x, y, z = moved(T_cam_world, points[k, 0], points[k, 1], points[k, 2])
-        if z < NEAREST_M:
-            continue
-        inverse = 1 / z
-        u = intrinsics[0] * x * inverse + intrinsics[2]
-        v = intrinsics[1] * y * inverse + intrinsics[3]
-        if u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1:
+        u, v, inverse = seen_at(x, y, z, intrinsics, size)
+        if inverse > 0:
             out[n, 0], out[n, 1], out[n, 2] = u, v, inverse
             n += 1
     return n

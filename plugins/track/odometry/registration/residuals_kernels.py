@@ -13,7 +13,12 @@ import numpy as np
 from numba import njit
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from eventsweep.plugins.track.odometry.registration.lines_kernels import NEAREST_M, line_at, moved
+from eventsweep.plugins.track.odometry.registration.lines_kernels import (
+    NEAREST_M,
+    line_at,
+    moved,
+    seen_at,
+)
 
 LEAST_WEIGHT = 0.1  # of a line
 DRIFTS = 0.5
@@ -50,6 +55,17 @@ def slope(by_u, by_v, x, y, z, inverse):
 
 
 @njit(cache=True, nogil=True, forceinline=True)
+def by_body(T_cam_body, by_x, by_y, by_z, X, Y, Z, J):
+    """Fills `J[:6]` with the derivative by the body's xi, of one by a point in the camera's frame.
+
+    The point is (X, Y, Z) in that of the body.
+    """
+    for i in range(3):
+        J[i] = T_cam_body[0, i] * by_x + T_cam_body[1, i] * by_y + T_cam_body[2, i] * by_z
+    J[3], J[4], J[5] = Y * J[2] - Z * J[1], Z * J[0] - X * J[2], X * J[1] - Y * J[0]
+
+
+@njit(cache=True, nogil=True, forceinline=True)
 def likeness(n_u, n_v, own_u, own_v):
     """Weight of two lines with these normals: 1 where they are parallel, least where they cross."""
     return _CROSSING + (1 - _CROSSING) * (n_u * own_u + n_v * own_v) ** 2
@@ -66,16 +82,13 @@ def map_to_events(
     points in view, those near a line, and the sum of their closeness, 1 / (1 + (r / width)²).
     """
     part = np.zeros((6, 6))
-    fx, fy, cx, cy = intrinsics
+    fx, fy = intrinsics[0], intrinsics[1]
     sums, _, slots, made, lines, cells, scratch = field
     seen, near, closeness, per_width = 0, 0, 0.0, 1 / width
     for k in range(len(points)):
         x, y, z = moved(T_cam_world, points[k, 0], points[k, 1], points[k, 2])
-        if z < NEAREST_M:
-            continue
-        inverse = 1 / z
-        u, v = fx * x * inverse + cx, fy * y * inverse + cy
-        if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
+        u, v, inverse = seen_at(x, y, z, intrinsics, size)
+        if inverse == 0:
             continue
         seen += 1
         weight, n_u, n_v, r, _, drift = line_at(
@@ -110,18 +123,15 @@ def depth_to_events(
     see together, whatever the motion was. Adds to (7, 7) H and (7,) g of (xi, log scale), and to
     (rows, columns, 2) `regions` of the image the points near a line and their closeness.
     """
-    fx, fy, cx, cy = intrinsics
+    fx, fy = intrinsics[0], intrinsics[1]
     rows, columns = regions.shape[0] / size[1], regions.shape[1] / size[0]
     sums, _, slots, made, lines, cells, scratch = field
     J, per_width = np.empty(7), 1 / width
     for k in range(len(points)):
         X, Y, Z = moved(T_body_world, points[k, 0], points[k, 1], points[k, 2])
         x, y, z = moved(T_cam_body, X, Y, Z)
-        if z < NEAREST_M:
-            continue
-        inverse = 1 / z
-        u, v = fx * x * inverse + cx, fy * y * inverse + cy
-        if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
+        u, v, inverse = seen_at(x, y, z, intrinsics, size)
+        if inverse == 0:
             continue
         weight, n_u, n_v, r, _, _ = line_at(place, sums, slots, made, lines, cells, scratch, u, v)
         if weight < LEAST_WEIGHT or abs(r) > gate:
@@ -132,9 +142,7 @@ def depth_to_events(
         region[1] += close
         weight *= close * likeness(n_u, n_v, normals[k, 0], normals[k, 1])
         a, b, c, _, _, _ = slope(n_u * fx, n_v * fy, x, y, z, inverse)
-        for i in range(3):
-            J[i] = T_cam_body[0, i] * a + T_cam_body[1, i] * b + T_cam_body[2, i] * c
-        J[3], J[4], J[5] = Y * J[2] - Z * J[1], Z * J[0] - X * J[2], X * J[1] - Y * J[0]
+        by_body(T_cam_body, a, b, c, X, Y, Z, J)
         J[6] = J[0] * X + J[1] * Y + J[2] * Z
         for i in range(7):
             g[i] += weight * J[i] * r
@@ -222,17 +230,14 @@ def depths_to_events(
     Adds to (6, 6) H and (6,) g of the pose, and to row k of (N,) a and c and of (N, 6) b those of
     the k-th point's depth and of both.
     """
-    fx, fy, cx, cy = intrinsics
+    fx, fy = intrinsics[0], intrinsics[1]
     sums, _, slots, made, lines, cells, scratch = field
     J, per_width = np.empty(6), 1 / width
     for k in range(len(points)):
         X, Y, Z = moved(T_body_world, points[k, 0], points[k, 1], points[k, 2])
         x, y, z = moved(T_cam_body, X, Y, Z)
-        if z < NEAREST_M:
-            continue
-        inverse = 1 / z
-        u, v = fx * x * inverse + cx, fy * y * inverse + cy
-        if not (u >= 0 and v >= 0 and u <= size[0] - 1 and v <= size[1] - 1):
+        u, v, inverse = seen_at(x, y, z, intrinsics, size)
+        if inverse == 0:
             continue
         weight, n_u, n_v, r, _, drift = line_at(
             place, sums, slots, made, lines, cells, scratch, u, v
@@ -241,9 +246,7 @@ def depths_to_events(
             continue
         weight *= likeness(n_u, n_v, normals[k, 0], normals[k, 1]) / (1 + (r * per_width) ** 2)
         by_x, by_y, by_z, _, _, _ = slope(n_u * fx, n_v * fy, x, y, z, inverse)
-        for i in range(3):
-            J[i] = T_cam_body[0, i] * by_x + T_cam_body[1, i] * by_y + T_cam_body[2, i] * by_z
-        J[3], J[4], J[5] = Y * J[2] - Z * J[1], Z * J[0] - X * J[2], X * J[1] - Y * J[0]
+        by_body(T_cam_body, by_x, by_y, by_z, X, Y, Z, J)
         d = 0.0
         for i in range(3):
             for j in range(3):
