@@ -30,11 +30,6 @@ class TrackConfig(ParameterGroup):
     max_depth_m: Positive | None = Field(
         default=None, description="farthest depth, m; by default the recording's own, else 5"
     )
-    delay_s: float = Field(
-        default=0.002, ge=0, le=0.1,
-        description="how much later than the edge that it shows an event comes, s: poses belong to "
-        "so much earlier times; 0 where time stamps are corrected already",
-    )  # fmt: skip
     half_resolution: bool = Field(
         default=False,
         description="track images of half as many columns and rows: for sensors of a megapixel",

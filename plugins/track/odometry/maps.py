@@ -39,7 +39,7 @@ Matrix = NDArray[np.float64]
 _DELAY_US, _DELAY_OF_WINDOW = 120_000, 0.3
 _HANDED_OVER_US = 40_000  # at the latest: whoever tracks keeps events for twice as long
 _PLANES = 40, 100
-_MOST_VIEW_COLUMNS = 640
+_MOST_VIEW_COLUMNS = 960
 _FADE = 0.8  # weight of each older map among the points that are tracked
 _WINDOW_COLUMNS = 0.15  # of the image, by which it moves over a map's window
 _LEAST_PX = 2.0  # what has not moved by so much shows no map
@@ -296,7 +296,8 @@ def map_config(config: TrackConfig, arrived: Arrived) -> MapperConfig:
         min_depth_m=config.min_depth_m, max_depth_m=config.max_depth_m, threads=config.threads,
     )  # fmt: skip
     planes = config.planes or planes_for(rig, depth_range_m(arrived, settings))
-    return settings.model_copy(update={"planes": planes, **small_view(rig)})
+    most = _MOST_VIEW_COLUMNS // (1 + config.half_resolution)
+    return settings.model_copy(update={"planes": planes, **small_view(rig, most)})
 
 
 def planes_for(rig: Rig, range_m: tuple[float, float]) -> int:
@@ -309,14 +310,14 @@ def planes_for(rig: Rig, range_m: tuple[float, float]) -> int:
     return min(max(math.ceil(disparity_px), fewest), most)
 
 
-def small_view(rig: Rig) -> dict[str, float]:
-    """Settings of the view of maps, where camera 0 has more columns than lines are drawn from."""
+def small_view(rig: Rig, most_columns: int) -> dict[str, float]:
+    """Settings of the view of maps, where camera 0 has more columns than that."""
     camera = rig.cameras[0]
-    if camera.width_px <= _MOST_VIEW_COLUMNS:
+    if camera.width_px <= most_columns:
         return {}
-    scale = _MOST_VIEW_COLUMNS / camera.width_px
+    scale = most_columns / camera.width_px
     height_px = round(scale * camera.height_px)
     return {
-        "view_width_px": _MOST_VIEW_COLUMNS, "view_height_px": height_px,
+        "view_width_px": most_columns, "view_height_px": height_px,
         "view_focal_px": scale * camera.fx_px, "view_focal_y_px": scale * camera.fy_px,
     }  # fmt: skip

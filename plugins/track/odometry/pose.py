@@ -31,8 +31,8 @@ class Pose:
     """One pose of a tracker.
 
     Attributes:
-        t_us: the time that it belongs to, µs: the middle of the events that it is made of, less
-            their delay.
+        t_us: the time that it belongs to, µs, on the events' clock: the middle of those that it is
+            made of. Maps need this time. What events show was there a little earlier.
         T_world_body: (4, 4).
         twist: (6,) velocity and turn of the body in its own frame, m/s and rad/s.
         status: what it comes from.

@@ -107,7 +107,7 @@ def track(
     recording = opened(recording)
     settings = TrackConfig.or_default(config)
     imu = _imu(recording) if settings.gyroscope else None
-    done = _Done(round(1e6 * settings.delay_s), on_pose)
+    done = _Done(on_pose)
     cameras = range(len(recording.rig))
 
     def events(t0_us: int, t1_us: int) -> list[Events]:
@@ -168,8 +168,8 @@ class _Ahead:
 class _Done:
     """What was found up to a time; poses are smoothed once enough others came after them."""
 
-    def __init__(self, delay_us: int, on_pose: Callable[[Pose], None] | None = None) -> None:
-        self._delay_us, self._on_pose = delay_us, on_pose
+    def __init__(self, on_pose: Callable[[Pose], None] | None = None) -> None:
+        self._on_pose = on_pose
         self.poses: list[Pose] = []
         self.changes: list[Change] = []
         self.maps = self.until_us = 0
@@ -229,7 +229,7 @@ class _Done:
     def _believe(self, since_us: int, until_us: int) -> None:
         """Poses of this time that were uncertain are tracking."""
         for k, pose in enumerate(self.poses):
-            is_then = since_us <= pose.t_us + self._delay_us < until_us
+            is_then = since_us <= pose.t_us < until_us
             if is_then and pose.status is Status.UNCERTAIN:
                 self.poses[k] = replace(pose, status=Status.TRACKING)
 

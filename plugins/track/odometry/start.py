@@ -57,10 +57,11 @@ Found = tuple[Motion, Fit, Status]
 START_US, LONGEST_START_US = 200_000, 400_000
 LEAST_POINTS = 500
 _STEREO = "SGM/ts"
-_ROUNDS, _FAR_ROUNDS = 2, 4  # of mapping the stretch
+_ROUNDS, _DOUBTFUL_ROUNDS = 2, 4  # of mapping the stretch
 _EVERY = 2  # batches, one pose takes part in them
 _SETTLING = 3  # registrations of the first batch, whose twist nothing predicts
-_SLOW, _MOST_LESS = (0.1, 0.03), 0.97  # of the usual reach; of what agrees
+_SLOW, _SLOWEST, _MOST_LESS = 0.1, 0.03, 0.97  # of the usual reach; of what agrees
+_ALIKE = 0.5  # of a way, that another differs by
 _HEAD = 1.0  # reach of a body that begins slowly, and of all where something is near
 _LEAST_SHARE = 0.6  # of the batches, around the middle one
 _STRETCH_US = 400_000
@@ -97,17 +98,17 @@ def begin(
     if known is not None:
         found = _tracked(batches, k_start, 1, start, points, registration, sizes)
         return found if isinstance(found, str) else (*found, points)
-    found = _slow_or_fast(batches, k_start, _EVERY, start, points, registration, sizes)
-    if isinstance(found, str):
-        return found
-    is_far = reach > _HEAD
+    begun = _slow_or_fast(batches, k_start, _EVERY, start, points, registration, sizes)
+    if isinstance(begun, str):
+        return begun
+    found, is_plain = begun[:2], begun[2]
     if found[0][0].reach < reach:  # as fast as what passed may be, it would be followed after all
         reach = _HEAD
-    for _ in range(_FAR_ROUNDS if is_far else _ROUNDS):
+    for _ in range(_ROUNDS if is_plain else _DOUBTFUL_ROUNDS):
         found = _followed(batches[::_EVERY], found[0][0], reach, points, registration, sizes)
         if isinstance(found, str):
             return found
-        if not is_far:
+        if is_plain:
             found = _adjusted(batches, found[0], registration, arrived.rig), found[1]
         points = _mapped(arrived, found[0], config)
         if len(points) < LEAST_POINTS:
@@ -119,23 +120,51 @@ def begin(
 def _slow_or_fast(
     batches: Sequence[Batch], k_start: int, every: int, start: Motion, points: Matrix,
     registration: Registration, sizes: Sizes,
-) -> tuple[list[Motion], list[Fit]] | str:  # fmt: skip
+) -> tuple[list[Motion], list[Fit], bool] | str:  # fmt: skip
     """Tracks as `_tracked` does, by any expectation; as a slow body where that agrees as well.
 
     Before a far wall the rig's own way hardly shows: a body that passes nearby agrees with a turn
     and a way of its own, and would be followed as fast as it goes. Of motions that explain about as
     much a slower one is believed. If a slow one follows such a body, too, one nearly at rest may
     agree better.
+
+    Returns:
+        Motions, how well each fits, and whether all is near, or the way is about the same whatever
+        was expected: then it is what events show.
     """
-    fast = _tracked(batches, k_start, every, start, points, registration, sizes)
-    for share in _SLOW if start.reach > _HEAD else _SLOW[:1]:
-        slowly = Motion.unknown(start.t_us, start.T_world_body, share * start.reach)
-        slow = _tracked(batches, k_start, every, slowly, points, registration, sizes)
-        if isinstance(fast, str):
-            return slow
-        if not isinstance(slow, str) and _agreement(slow[1]) > _MOST_LESS * _agreement(fast[1]):
-            return slow
-    return fast
+
+    def by(share: float) -> tuple[list[Motion], list[Fit]] | str:
+        motion = Motion.unknown(start.t_us, start.T_world_body, share * start.reach)
+        return _tracked(batches, k_start, every, motion, points, registration, sizes)
+
+    is_near, fast, slow = start.reach <= _HEAD, by(1.0), by(_SLOW)
+    if isinstance(fast, str) or isinstance(slow, str):
+        found = slow if isinstance(fast, str) else fast
+        return found if isinstance(found, str) else (*found, is_near)
+    is_plain = is_near or _are_alike(_way(fast[0]), _way(slow[0]))
+    if not is_plain and not _agrees_as_well(slow, fast):
+        slowest = by(_SLOWEST)
+        slow = slow if isinstance(slowest, str) else slowest
+    return *(slow if _agrees_as_well(slow, fast) else fast), is_plain
+
+
+def _agrees_as_well(
+    found: tuple[list[Motion], list[Fit]], other: tuple[list[Motion], list[Fit]]
+) -> bool:
+    """Whether motions explain about as much as others."""
+    return _agreement(found[1]) > _MOST_LESS * _agreement(other[1])
+
+
+def _way(motions: Sequence[Motion]) -> Matrix:
+    """From the first motion to the last one, (3,) m."""
+    way: Matrix = motions[-1].T_world_body[:3, 3] - motions[0].T_world_body[:3, 3]
+    return way
+
+
+def _are_alike(way: Matrix, other: Matrix) -> bool:
+    """Whether two ways differ by less than half of the longer one."""
+    off_m, *lengths_m = (float(np.linalg.norm(each)) for each in (way - other, way, other))
+    return off_m < _ALIKE * max(lengths_m)
 
 
 def _agreement(fits: Sequence[Fit]) -> float:
@@ -212,7 +241,8 @@ def _adjusted(
 ) -> list[Motion]:
     """Motions on a map whose points may lie nearer or farther, seen from the middle motion.
 
-    Not where all is far: there depths are what stereo says, and bodies that pass would bend them.
+    Not where all is far and the way follows what was expected: something may pass there, and its
+    depths would bend so that it stands.
     """
     at = {batch.t_us: batch for batch in batches}
     middle = motions[len(motions) // 2].T_world_body @ rig.T_body_cam[0]

@@ -114,7 +114,6 @@ class Tracker:
         self._until_us: int | None = None
         self._begin_us: int | None = None
         self._step_us = round(1e6 / self._config.rate_hz)
-        self._delay_us = round(1e6 * self._config.delay_s)
         self._next_us = self._searched = 0
         self.status, self.reason, self.since_us = Status.STARTING, "no events yet", 0
 
@@ -344,9 +343,8 @@ class Tracker:
 
     def _found(self, motion: Motion, fit: Fit, status: Status, *, filtered: bool = False) -> Pose:
         belief = motion if filtered else None
-        t_us = motion.t_us - self._delay_us
         covariance = self._confidence.covariance(motion)
-        pose = Pose(t_us, motion.T_world_body, motion.twist, status, fit, covariance, belief)
+        pose = Pose(motion.t_us, motion.T_world_body, motion.twist, status, fit, covariance, belief)
         self._poses.append(pose)
         self._confidence.found(motion, status)
         self._motion = motion

@@ -13,7 +13,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.plugins.track.folder import write_covariances
-from track_scores import Row, Twin, claimed, measured, table, twins_of
+from track_scores import Row, Twin, at_its_clock, claimed, measured, table, twins_of
 
 
 def row(seed, percent, lost=0, failure="", ratio=1.05):
@@ -21,27 +21,40 @@ def row(seed, percent, lost=0, failure="", ratio=1.05):
     twin = Twin("rpg-boxes", "davis240", seed, 1.5)
     ratio = None if failure else ratio
     found = 97.0, percent == 0.4, None if failure else 90.0 + lost
-    return Row(twin, failure, ate_m, percent, 99.0, lost, 9.0, ratio, *found)
+    clock = (None, None) if failure else (-2.0, percent / 2)
+    return Row(twin, failure, ate_m, percent, 99.0, lost, 9.0, ratio, *found, *clock)
 
 
 def test_failures_count_and_opened_seeds_do_not():
     failed = row(1002, None, failure="no poses")
     text = table([row(0, 9.0), row(1000, 0.2), row(1001, 0.4, lost=1), failed])
     assert (
-        "| 1.5 | 1000, 1001, 1002 | 0.40 | no poses | 97 | 1 | 90.5 | 99.0 | 2 | 1.05 | 6.0 |"
-        in text
+        "| 1.5 | 1000, 1001, 1002 | 0.40 | no poses | 2.0 | 0.15 | 97 | 1 | 90.5 | 99.0 | 2 | 1.05 "
+        "| 6.0 |" in text
     )
-    assert "| 1.5 | 0 (seen) | 9.00 | 9.00 | 97 | 0 | 90.0 | 99.0 | 0 | 1.05 | 6.0 |" in text
+    assert "| 0 (seen) | 9.00 | 9.00 | 2.0 | 4.50 | 97 | 0 | 90.0 | 99.0 | 0 | 1.05 | 6.0 |" in text
     assert "depth errors 1.05 times those on true poses in the median, inf at worst" in text
-    assert "on 1; 90.5 % of true poses in the 95 % regions of those found." in text
-    assert "are said to be tracking" not in text  # as all are
-    assert "ATE 0.40 % of the way in the median, no poses at worst" in text
-    assert "on 1 of 3 sequences, silently wrong on 1" in text
+    assert "on 1; 90.5 % of true poses lie in the 95 % regions of those found." in text
+    assert "where most poses" not in text  # as all are
+    assert "ATE 0.40 % of the way in the median, no poses at worst, 0.15 % in the median" in text
+    assert "3 sequences" in text
+    assert "Never lost on 1, silently wrong on 1" in text
     assert "Held-out seeds" not in table([row(0, 1.0)])
     doubted = replace(row(1003, 30.0), claimed_percent=49.0)
     text = table([row(1000, 0.2), doubted])
-    assert "30.00 % at worst, depth errors 1.05" in text
-    assert "Where most poses are said to be tracking, on 1: ATE 0.20 % of the way" in text
+    assert "30.00 % at worst, 7.55 % in the median by the best clock; depth errors 1.05" in text
+    assert "On the 1 where most poses are `tracking`: ATE 0.20 % of the way" in text
+
+
+def test_a_clock_that_is_off_is_found():
+    rng = np.random.default_rng(1)
+    t_us = np.arange(0, 1_000_000, 5000)
+    places = np.cumsum(np.cumsum(rng.normal(size=(len(t_us), 3)), axis=0), axis=0) * 1e-4
+    truth = Trajectory(t_us, places, np.tile([0, 0, 0, 1.0], (len(t_us), 1)))
+    late = Trajectory(t_us + 4300, places, truth.quats_xyzw)
+    clock_ms, percent = at_its_clock(truth, late)
+    assert clock_ms == pytest.approx(-4.3, abs=0.1)
+    assert percent < 0.1
 
 
 @pytest.mark.parametrize(("factor", "least", "most"), [(1.0, 91, 98), (0.5, 5, 60)])

@@ -16,15 +16,14 @@ STARTING, TRACKING, UNCERTAIN, STILL = (
 )  # fmt: skip
 OFF = "the scale is off by 5.0 %, the cameras say"
 UNMEASURED = "the scale is known to 3.2 % only"
-DELAY_US = 2
 
 
 def noted(*changes):
     """The changes that are kept, and the status of a pose at each time, of changes 10 µs apart."""
-    done = _Done(DELAY_US)
+    done = _Done()
     done.changes = [Change(0, STARTING, "no events yet")]
     for k, (status, _) in enumerate(changes):
-        pose = Pose(10 * (k + 1) - DELAY_US, np.eye(4), np.zeros(6), status, Fit(), np.eye(6))
+        pose = Pose(10 * (k + 1), np.eye(4), np.zeros(6), status, Fit(), np.eye(6))
         done.add(pose)
         done.add(replace(pose, t_us=pose.t_us + 5))
     tracker = SimpleNamespace(changes=[(10 * (k + 1), *each) for k, each in enumerate(changes)])

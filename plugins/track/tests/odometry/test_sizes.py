@@ -34,7 +34,10 @@ def test_more_columns_need_more_events_and_levels():
 
 def test_maps_of_a_wide_sensor_are_made_in_a_smaller_view_of_the_same_angles():
     wide = world.stereo_rig(world.pinhole(width=1280, height=720, f=1050.0), 0.1, 2)
-    config = MapperConfig(**small_view(wide))
+    config = MapperConfig(**small_view(wide, 640))
     view = config.view_width_px, config.view_height_px, config.view_focal_px
     assert view == (640, 360, 525.0)
-    assert small_view(world.stereo_rig(world.pinhole(width=346, height=260, f=226.0), 0.1, 2)) == {}
+    assert (
+        small_view(world.stereo_rig(world.pinhole(width=346, height=260, f=226.0), 0.1, 2), 640)
+        == {}
+    )

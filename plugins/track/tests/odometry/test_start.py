@@ -1,5 +1,7 @@
 """The beginning expects a slow body or a fast one, and errors do not grow as it maps again."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,7 +37,7 @@ def test_a_fast_body_is_believed_only_where_it_agrees_better(monkeypatch, fast, 
     if isinstance(found, str):
         assert found == chosen
     else:
-        motions, agreement = found
+        motions, agreement, _ = found
         assert agreement == {"fast": fast, "slow": slow}[chosen]
         assert (motions[0].covariance[6, 6] < begun.covariance[6, 6]) == (chosen == "slow")
 
@@ -53,11 +55,33 @@ def test_before_a_far_wall_a_body_nearly_at_rest_is_tried_too(monkeypatch):
 
         monkeypatch.setattr(start, "_tracked", tracked)
         begun = Motion.unknown(0, np.eye(4), reach=reach)
-        (motion, *_), _ = start._slow_or_fast([], 0, 1, begun, np.empty((0, 3)), None, None)
+        (motion, *_), *_ = start._slow_or_fast([], 0, 1, begun, np.empty((0, 3)), None, None)
         return motion.reach / reach, len(tried)
 
     assert chosen(3.0) == (pytest.approx(0.03), 3)
     assert chosen(1.0) == (1.0, 2)
+
+
+@pytest.mark.parametrize(("reach", "slow_m", "is_plain", "tried"), [
+    (3.0, 0.08, True, 2),
+    (3.0, 0.02, False, 3),  # the way is what was expected: it may be that of what passes
+    (1.0, 0.02, True, 2),  # near things show the way
+])  # fmt: skip
+def test_a_way_is_plain_where_all_is_near_or_whatever_was_expected(
+    monkeypatch, reach, slow_m, is_plain, tried
+):
+    calls = []
+
+    def tracked(_batches, _k_start, _every, motion, *_rest):
+        calls.append(motion)
+        end = np.eye(4)
+        end[0, 3] = 0.1 if motion.reach == reach else slow_m
+        return [motion, replace(motion, T_world_body=end)], fits(500 if len(calls) == 1 else 300)
+
+    monkeypatch.setattr(start, "_tracked", tracked)
+    begun = Motion.unknown(0, np.eye(4), reach=reach)
+    found = start._slow_or_fast([], 0, 1, begun, np.empty((0, 3)), None, None)
+    assert (found[2], len(calls)) == (is_plain, tried)
 
 
 def test_mapping_the_stretch_again_makes_its_poses_no_worse(monkeypatch):
