@@ -101,14 +101,14 @@ def begin(
     begun = _slow_or_fast(batches, k_start, _EVERY, start, points, registration, sizes)
     if isinstance(begun, str):
         return begun
-    found, is_plain = begun[:2], begun[2]
+    found, is_observable = begun[:2], begun[2]
     if found[0][0].reach < reach:  # as fast as what passed may be, it would be followed after all
         reach = _HEAD
-    for _ in range(_ROUNDS if is_plain else _DOUBTFUL_ROUNDS):
+    for _ in range(_ROUNDS if is_observable else _DOUBTFUL_ROUNDS):
         found = _followed(batches[::_EVERY], found[0][0], reach, points, registration, sizes)
         if isinstance(found, str):
             return found
-        if is_plain:
+        if is_observable:
             found = _adjusted(batches, found[0], registration, arrived.rig), found[1]
         points = _mapped(arrived, found[0], config)
         if len(points) < LEAST_POINTS:
@@ -129,8 +129,8 @@ def _slow_or_fast(
     agree better.
 
     Returns:
-        Motions, how well each fits, and whether all is near, or the way is about the same whatever
-        was expected: then it is what events show.
+        Motions, how well each fits, and whether the way is observable: all is near, or it is about
+        the same whatever was expected.
     """
 
     def by(share: float) -> tuple[list[Motion], list[Fit]] | str:
@@ -141,11 +141,11 @@ def _slow_or_fast(
     if isinstance(fast, str) or isinstance(slow, str):
         found = slow if isinstance(fast, str) else fast
         return found if isinstance(found, str) else (*found, is_near)
-    is_plain = is_near or _are_alike(_way(fast[0]), _way(slow[0]))
-    if not is_plain and not _agrees_as_well(slow, fast):
+    is_observable = is_near or _are_alike(_way(fast[0]), _way(slow[0]))
+    if not is_observable and not _agrees_as_well(slow, fast):
         slowest = by(_SLOWEST)
         slow = slow if isinstance(slowest, str) else slowest
-    return *(slow if _agrees_as_well(slow, fast) else fast), is_plain
+    return *(slow if _agrees_as_well(slow, fast) else fast), is_observable
 
 
 def _agrees_as_well(

@@ -62,13 +62,13 @@ def test_before_a_far_wall_a_body_nearly_at_rest_is_tried_too(monkeypatch):
     assert chosen(1.0) == (1.0, 2)
 
 
-@pytest.mark.parametrize(("reach", "slow_m", "is_plain", "tried"), [
+@pytest.mark.parametrize(("reach", "slow_m", "is_observable", "tried"), [
     (3.0, 0.08, True, 2),
     (3.0, 0.02, False, 3),  # the way is what was expected: it may be that of what passes
     (1.0, 0.02, True, 2),  # near things show the way
 ])  # fmt: skip
-def test_a_way_is_plain_where_all_is_near_or_whatever_was_expected(
-    monkeypatch, reach, slow_m, is_plain, tried
+def test_a_way_is_observable_where_all_is_near_or_whatever_was_expected(
+    monkeypatch, reach, slow_m, is_observable, tried
 ):
     calls = []
 
@@ -81,7 +81,7 @@ def test_a_way_is_plain_where_all_is_near_or_whatever_was_expected(
     monkeypatch.setattr(start, "_tracked", tracked)
     begun = Motion.unknown(0, np.eye(4), reach=reach)
     found = start._slow_or_fast([], 0, 1, begun, np.empty((0, 3)), None, None)
-    assert (found[2], len(calls)) == (is_plain, tried)
+    assert (found[2], len(calls)) == (is_observable, tried)
 
 
 def test_mapping_the_stretch_again_makes_its_poses_no_worse(monkeypatch):
