@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
+import point_world as world
+from eventsweep.emvs.data.recording import no_poses
 from eventsweep.emvs.depth.point_cloud import PointCloud
+from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.eval.scoring.trajectories.sources import Source
 from eventsweep.plugins.track.odometry.pose import Status
 from eventsweep.plugins.track.odometry.recorded import Change, Tracked
 from eventsweep.plugins.track.odometry.trust import UNCONFIRMED
 from eventsweep.plugins.track.page import _COLOURS, _by_status, maps_words, track_page
-from eventsweep.plugins.track.scored import judged
+from eventsweep.plugins.track.scored import judged, true_poses
 from report_data import WellFormed
 
 
@@ -121,6 +124,23 @@ def test_true_poses_are_compared_where_there_are_any():
     assert "true poses" not in page_of()
     late = page_of(Posed(shift_us=60_000_000))
     assert "Not scored: " in late
+
+
+class Poseless:
+    """A recording that says how to have poses: by tracking it."""
+
+    name = "way"
+
+    @property
+    def trajectory(self):
+        raise no_poses("way", "no poses.txt", world.stereo_rig(world.pinhole(), 0.1, 2))
+
+
+def test_a_track_is_not_to_be_compared_with_itself():
+    with pytest.raises(InputError, match="eventsweep track"):
+        _ = Poseless().trajectory
+    said = true_poses(Poseless(), Path("way"), None)
+    assert said == "no true poses (the recording has none)"
 
 
 def test_the_path_has_the_colour_of_its_status_and_gaps_are_open():
