@@ -61,7 +61,12 @@ def read_truth(path: str | Path, config: TrajectoryConfig) -> Source:
     path = Path(path)
     if path.is_dir() or path.suffix in (".toml", ".bag", ".mcap", ".db3"):
         recording = open_recording(path)
-        return Source(recording.name, path, recording.trajectory)
+        try:
+            return Source(recording.name, path, recording.trajectory)
+        except InputError as error:  # its cure, poses that were found, are no true ones
+            raise InputError(
+                f"{path}: has no true poses: name a file of them, or a recording that has some"
+            ) from error
     try:
         poses = read_poses(path, _stated(config, "truth_unit"))
         return Source(plain(path.resolve().stem), path, poses)

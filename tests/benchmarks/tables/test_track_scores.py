@@ -46,6 +46,12 @@ def test_failures_count_and_opened_seeds_do_not():
     assert "On the 1 where most poses are `tracking`: ATE 0.20 % of the way" in text
 
 
+def test_a_clock_at_an_end_of_what_is_tried_is_none():
+    at_end, inside = (replace(row(1000, 0.2), clock_ms=ms) for ms in (-14.99, -2.0))
+    assert "| 0.20 | 0.20 | – | – | 97 |" in table([at_end])
+    assert "| 0.20 | 0.20 | 2.0 | 0.10 | 97 |" in table([at_end, inside])
+
+
 def test_a_clock_that_is_off_is_found():
     rng = np.random.default_rng(1)
     t_us = np.arange(0, 1_000_000, 5000)

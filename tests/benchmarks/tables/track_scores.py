@@ -94,7 +94,7 @@ _MOSTLY = 50.0  # %, of a sequence's poses
 _LIKELY = 12.592  # chi-squared of 6 degrees of freedom, 95 %
 _METHOD = "Focus/H"
 _HALF_US, _EVERY_US, _MOST_WINDOWS = 100_000, 300_000, 3  # of what is mapped on both poses
-_CLOCK_S = -0.015, 0.005  # what an events' clock may be off by
+_CLOCK_S, _END_MS = (-0.015, 0.005), 0.2  # what an events' clock may be off by; near its ends
 _TRACKED, _ENDED_LOST = 0, 1  # exit codes of the verb
 _NEVER_BEGAN = "tracking could not start"
 
@@ -141,8 +141,9 @@ class Row:
         claimed_percent: of the poses that are said to be `tracking`.
         is_wrong: whether those are off by over 2 % of their way, or 3 % of scale.
         within_percent: of all poses, in whose 95 % region the true one lies.
-        clock_ms: what added to the times of the poses makes `ate_percent` least.
-        clock_percent: the least; see `at_its_clock`.
+        clock_ms: what added to the times of the poses makes `ate_percent` least; at an end of what
+            `at_its_clock` tries it says nothing.
+        clock_percent: the least.
     """
 
     twin: Twin
@@ -191,10 +192,10 @@ def table(rows: Sequence[Row]) -> str:
         f"Depth: median error of `{_METHOD}` on these poses / on true ones. Tracking:",
         "least share of poses said to be; wrong: sequences in which those are off by 2 % of the",
         "way, or 3 % of scale. Likely: true poses in the 95 % regions of those found, on average.",
-        "Late: by so much events come later than what they show, if the clock is the one by which",
-        "the ATE is least, and that; medians.",
+        "Late: by how much events come later than what they show, if the clock that makes the ATE",
+        "least is right; fitted: the ATE by that clock. Both are medians.",
         "",
-        "| Scene | Sensor | s | Seeds | ATE, % of the way | At worst | Late, ms | ATE, % "
+        "| Scene | Sensor | s | Seeds | ATE, % of the way | At worst | Late, ms | Fitted, % "
         "| Tracking, % | Wrong | Likely, % | Covered, % | Lost | Depth | CPU s per s |",
         "|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
     ]
@@ -215,16 +216,21 @@ def _line(rows: Sequence[Row], is_opened: bool) -> str:
     twin, percent = rows[0].twin, _percent(rows)
     seeds = ", ".join(str(row.twin.seed) for row in rows) + " (seen)" * is_opened
     ratios = [row.ratio for row in rows if row.ratio is not None]
+    clocks = [
+        (row.clock_ms, row.clock_percent)
+        for row in rows
+        if row.clock_ms is not None and row.clock_percent is not None and _is_inside(row.clock_ms)
+    ]
     cells = (
         f"`{twin.drawn}`", f"`{twin.sensor}`", f"{twin.seconds:g}", seeds,
         _share(float(np.median(percent))), _share(max(percent)),
-        _median([None if r.clock_ms is None else -r.clock_ms for r in rows], 1),
-        _median([r.clock_percent for r in rows], 2),
+        _median([-clock_ms for clock_ms, _ in clocks], 1),
+        _median([percent for _, percent in clocks], 2),
         f"{min(row.claimed_percent for row in rows):.0f}", f"{sum(r.is_wrong for r in rows)}",
         _likely(rows),
         f"{min(row.covered_percent for row in rows):.1f}",
         f"{sum(bool(row.failure) or row.lost > 0 for row in rows)}",
-        f"{np.median(ratios):.2f}" if ratios else "–",
+        _median(ratios, 2),
         f"{np.median([row.cpu_s / row.twin.seconds for row in rows]):.1f}",
     )  # fmt: skip
     return f"| {' | '.join(cells)} |"
@@ -235,9 +241,14 @@ def _percent(rows: Sequence[Row]) -> list[float]:
     return [np.inf if row.ate_percent is None else row.ate_percent for row in rows]
 
 
-def _median(values: Sequence[float | None], decimals: int) -> str:
-    there = [value for value in values if value is not None]
-    return f"{np.median(there):.{decimals}f}" if there else "–"
+def _is_inside(clock_ms: float) -> bool:
+    """Whether a clock fits better than those a little before and after it."""
+    first_ms, last_ms = (1e3 * end_s for end_s in _CLOCK_S)
+    return first_ms + _END_MS < clock_ms < last_ms - _END_MS
+
+
+def _median(values: Sequence[float], decimals: int) -> str:
+    return f"{np.median(values):.{decimals}f}" if values else "–"
 
 
 def _share(percent: float) -> str:
@@ -264,11 +275,11 @@ def _errors(rows: Sequence[Row]) -> str:
         for value in (float(np.median(percent)), max(percent))
     )
     ratios = [np.inf if row.ratio is None else row.ratio for row in rows]
-    clock = _median([row.clock_percent for row in rows], 2)
+    fitted = [row.clock_percent for row in rows if row.clock_percent is not None]
     return (
-        f"ATE {median} of the way in the median, {worst} at worst, {clock} % in the median by "
-        f"the best clock; depth errors {np.median(ratios):.2f} times those on true poses in the "
-        f"median, {np.max(ratios):.2f} at worst"
+        f"ATE {median} of the way in the median, {worst} at worst, {_median(fitted, 2)} % in the "
+        f"median by the best clock; depth errors {np.median(ratios):.2f} times those on true poses "
+        f"in the median, {np.max(ratios):.2f} at worst"
     )
 
 

@@ -116,6 +116,17 @@ def test_poses_of_a_recording_are_a_truth(files):
     assert by_path == es.score_trajectory(es.read_poses("good.txt"), es.Sequence("seq")).values
 
 
+def test_poses_that_were_found_are_no_cure_for_a_truth_without_any(files, capsys):
+    rig = stereo_rig(pinhole(12, 9, 10.0), 0.1)
+    with SequenceWriter(files / "seq", name="world", rig=rig, trajectory=TRUTH, config={}):
+        pass
+    (files / "seq" / "poses.txt").unlink()
+    with untouched(files):
+        said = command_refused(capsys, "score", "good.txt", "--truth", "seq", "--out", "out")
+    assert "seq: has no true poses: name a file of them" in said
+    assert "eventsweep track" not in said
+
+
 @pytest.mark.parametrize(("words", "said"), [
     ("good.txt --truth gt.txt", "add --out"), ("good.txt --out out", "add --truth"),
     ("good.txt --align sim3", "add --truth"), ("good.txt tracked", "trajectories need --truth"),
